@@ -1,0 +1,59 @@
+"""Packaging; name, version and description come from package.xml, so that they stand once."""
+
+import xml.etree.ElementTree as ElementTree
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+package = ElementTree.parse(Path(__file__).with_name('package.xml')).getroot()
+name = package.findtext('name')
+
+setup(
+    name=name,
+    version=package.findtext('version'),
+    description=package.findtext('description'),
+    license=package.findtext('license'),
+    packages=find_packages(include=[name, f'{name}.*']),
+    package_data={name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{name}']),
+        (f'share/{name}', ['package.xml']),
+        (f'share/{name}/config', glob('config/*.yaml')),
+        (f'share/{name}/launch', glob('launch/*.launch.py')),
+    ],
+    python_requires='>=3.11',
+    install_requires=['setuptools', 'numpy>=1.26', 'PyYAML'],
+    extras_require={
+        # Compiled kernels: the same numbers, some hundred times faster.
+        'fast': ['numba>=0.59'],
+        # Bags: replay and simulate.
+        'offline': ['rosbags>=0.11,<0.12'],
+        # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
+        'jazzy': [
+            'ros-jazzy-rclpy==7.1.6',
+            'ros-jazzy-common-interfaces==5.3.6',
+            'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
+        ],
+        # The demo's figures.
+        'demo': ['matplotlib>=3.8'],
+        'test': [
+            'colcon-common-extensions>=0.3',
+            'colcon-ros>=0.5',
+            'hypothesis>=6.100',
+            'mcap>=1.2',
+            'mypy>=1.13',
+            'pytest>=8',
+            'ruff>=0.14',
+            'types-PyYAML',
+            'types-setuptools',
+        ],
+    },
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'gyro_drift = gyro_drift_filter.cli.main:main',
+            'gyro_drift_filter_node = gyro_drift_filter.ros.main:main',
+        ],
+    },
+)
