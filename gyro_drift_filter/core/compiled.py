@@ -1,0 +1,53 @@
+"""Compile the kernels where numba is installed; run the same functions as plain Python elsewhere."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+try:
+    import numba
+except ImportError:  # Slower, the same results: see test/test_compiled.py.
+    numba = None
+
+Function = TypeVar('Function', bound=Callable[..., Any])
+
+
+def _cache_directory() -> str | None:
+    """Return where compiled kernels are kept, or None where no directory can be written.
+
+    numba's own cache looks only at the file that a kernel stands in, so a kernel would keep the
+    old code of one that it calls from another file. Here the directory is named after the content
+    of all files in core: any edit starts a new cache. It also works where the package is installed
+    read-only, as by apt.
+    """
+    content = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob('*.py')):
+        content.update(path.read_bytes())
+    user_cache = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    root = os.environ.get('NUMBA_CACHE_DIR') or os.path.join(user_cache, 'gyro_drift_filter')
+    directory = os.path.join(root, content.hexdigest()[:16])
+    try:
+        os.makedirs(directory, exist_ok=True)
+    except OSError:
+        return None
+    return directory if os.access(directory, os.W_OK) else None
+
+
+_DIRECTORY = None if numba is None else _cache_directory()
+
+
+def compiled(function: Function) -> Function:
+    """Return `function` compiled by numba and cached on disk, or as it is where numba is missing."""
+    if numba is None:
+        return function
+    # numba picks a function's cache directory when it is decorated; other users of numba in this
+    # process keep theirs.
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _DIRECTORY or before
+    try:
+        decorated: Function = numba.njit(cache=_DIRECTORY is not None)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return decorated

@@ -1,0 +1,323 @@
+"""One step of the filter for all three axes, and the class that holds its state."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, start_clock
+from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.core.paper import (
+    PAPER_COEFFICIENTS,
+    PAPER_STATE,
+    derive_paper,
+    paper_noise,
+    paper_rate,
+    predict_paper,
+    start_paper,
+    update_paper,
+)
+from gyro_drift_filter.core.parameters import METHODS, Parameters
+
+KALMAN = METHODS.index('kalman')
+SAGE_HUSA = METHODS.index('sage_husa')
+
+# A rate beyond this is no rate: 50,000 times what the fastest gyroscopes measure, in rad/s.
+LARGEST_RATE = 1.0e6
+
+# 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
+RANGE = 35.0
+
+# What became of a sample.
+FILTERED = 0
+REPEATED = 1  # same stamp and same rates as the sample before: its result once more
+REFUSED = 2  # no usable rate yet on some axis, so there is no result
+
+_AXES = (3,)
+
+MODEL = np.dtype(
+    [('phi', np.float64), ('process_noise', np.float64), ('measurement_noise', np.float64)]
+)
+
+SETTINGS = np.dtype(
+    [
+        ('method', np.int64),
+        ('forgetting_factor', np.float64),
+        ('epsilon', np.float64),  # (rad/s)^2, infinite where the outlier step is off
+        ('sample_rate', np.float64),  # Hz
+        ('gap_limit', np.float64),  # s
+        ('model', MODEL, _AXES),
+    ],
+    align=True,
+)
+
+COEFFICIENTS = np.dtype(
+    [
+        ('period', np.float64),  # s, that the others were derived for; 0 before that
+        ('paper', PAPER_COEFFICIENTS, _AXES),
+    ],
+    align=True,
+)
+
+COUNTS = np.dtype(
+    [
+        ('samples', np.int64),
+        ('repeats', np.int64),
+        ('refused', np.int64),
+        ('beyond_range', np.int64),  # samples that no gyroscope measures: degrees, not radians?
+        ('unusable', np.int64, _AXES),
+        ('outliers', np.int64, _AXES),
+    ],
+    align=True,
+)
+
+RESULT = np.dtype(
+    [
+        ('status', np.int64),
+        ('angular_velocity', np.float64, _AXES),  # filtered, rad/s
+        ('angular_velocity_variance', np.float64, _AXES),  # (rad/s)^2
+        ('innovation', np.float64, _AXES),  # rad/s
+        ('innovation_variance', np.float64, _AXES),  # (rad/s)^2, fixed before the sample is seen
+        ('process_noise', np.float64, _AXES),  # Q, (rad/s)^2
+        ('measurement_noise', np.float64, _AXES),  # R, (rad/s)^2
+        ('outlier', np.float64, _AXES),  # 0 or 1
+        ('bias', np.float64, _AXES),  # subtracted from the rate, rad/s
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ('clock', CLOCK),
+        ('counts', COUNTS),
+        ('measured', np.float64, _AXES),  # angular velocity of the last sample as it came, rad/s
+        ('paper', PAPER_STATE, _AXES),
+        ('result', RESULT),  # of the last sample
+    ],
+    align=True,
+)
+
+
+@compiled
+def step(stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any) -> None:
+    """Take one sample in and leave its result in `state`.
+
+    Arguments: stamp in ns, rate (3,) in rad/s, acceleration (3,) in m/s^2 (NaN where unknown), and
+    records of SETTINGS, COEFFICIENTS and STATE. Live and offline both come through here.
+    """
+    counts, clock, result = state['counts'], state['clock'], state['result']
+    counts['samples'] += 1
+    if _is_repeat(stamp, rate, state):
+        counts['repeats'] += 1
+        if result['status'] == FILTERED:
+            result['status'] = REPEATED
+        return
+    missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
+    if coefficients['period'] != clock['period']:
+        _derive(settings, clock['period'], coefficients)
+    result['status'] = FILTERED
+    for axis in range(3):
+        state['measured'][axis] = rate[axis]
+        _step_axis(axis, rate[axis], missing, settings, coefficients, state)
+    if result['status'] == REFUSED:
+        counts['refused'] += 1
+    if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
+        counts['beyond_range'] += 1
+
+
+@compiled
+def _is_repeat(stamp: int, rate: Any, state: Any) -> bool:
+    clock, measured = state['clock'], state['measured']
+    return bool(
+        stamp != 0
+        and clock['started']
+        and stamp == clock['stamp']
+        and rate[0] == measured[0]
+        and rate[1] == measured[1]
+        and rate[2] == measured[2]
+    )
+
+
+@compiled
+def _derive(settings: Any, period: float, coefficients: Any) -> None:
+    for axis in range(3):
+        derive_paper(
+            settings['model'][axis], settings['sample_rate'], period, coefficients['paper'][axis]
+        )
+    coefficients['period'] = period
+
+
+@compiled
+def _step_axis(
+    axis: int, rate: float, missing: int, settings: Any, coefficients: Any, state: Any
+) -> None:
+    """Filter one axis; a rate that is no usable number is bridged by the prediction."""
+    adaptive = settings['method'] == SAGE_HUSA
+    paper, constants, result = state['paper'][axis], coefficients['paper'][axis], state['result']
+    usable = abs(rate) <= LARGEST_RATE  # False for NaN
+    if missing == RESTART:
+        paper['tracking'] = False
+    if not usable:
+        state['counts']['unusable'][axis] += 1
+        if not paper['tracking']:
+            result['status'] = REFUSED
+            return
+    starting = not paper['tracking']
+    if starting:
+        start_paper(paper, constants, rate)
+    else:
+        for _ in range(missing + 1):
+            predict_paper(paper, constants, adaptive)
+    process_noise, measurement_noise = paper_noise(paper, constants, adaptive)
+    result['process_noise'][axis] = process_noise
+    result['measurement_noise'][axis] = measurement_noise
+    result['innovation_variance'][axis] = paper['rate_variance'] + measurement_noise
+    innovation, outlier = 0.0, not usable
+    if usable and not starting:
+        innovation, outlier = update_paper(
+            paper, constants, adaptive, settings['forgetting_factor'], settings['epsilon'], rate
+        )
+    result['innovation'][axis] = innovation
+    result['outlier'][axis] = outlier
+    result['angular_velocity'][axis] = paper_rate(paper, adaptive)
+    result['angular_velocity_variance'][axis] = paper['rate_variance']
+    result['bias'][axis] = 0.0
+    if outlier:
+        state['counts']['outliers'][axis] += 1
+
+
+@compiled
+def _run(
+    stamps: Any,
+    rates: Any,
+    accelerations: Any,
+    settings: Any,
+    coefficients: Any,
+    state: Any,
+    results: Any,
+) -> None:
+    for i in range(len(stamps)):
+        step(stamps[i], rates[i], accelerations[i], settings, coefficients, state)
+        results[i] = state['result']
+
+
+class Filter:
+    """The filter of one gyroscope: three axes, one state.
+
+    Attributes:
+        parameters: What the filter was configured with.
+        state: A record of STATE; everything that `reset` clears and `snapshot` holds.
+    """
+
+    def __init__(self, parameters: Parameters | None = None) -> None:
+        self._settings = np.zeros(1, SETTINGS)
+        self._coefficients = np.zeros(1, COEFFICIENTS)
+        self._state = np.zeros(1, STATE)
+        self.configure(parameters or Parameters())
+        self.reset()
+
+    @property
+    def state(self) -> Any:
+        """The record of STATE, live: a view, not a copy."""
+        return self._state[0]
+
+    def configure(self, parameters: Parameters) -> None:
+        """Take new parameters between two samples; what was learned is kept."""
+        self.parameters = parameters
+        settings = self._settings[0]
+        settings['method'] = METHODS.index(parameters.method)
+        settings['forgetting_factor'] = parameters.forgetting_factor
+        settings['epsilon'] = parameters.epsilon if parameters.outlier_enabled else math.inf
+        settings['sample_rate'] = parameters.sample_rate
+        settings['gap_limit'] = parameters.gap_limit
+        settings['model']['phi'] = parameters.model_phi
+        settings['model']['process_noise'] = parameters.model_process_noise
+        settings['model']['measurement_noise'] = parameters.model_measurement_noise
+        self._coefficients['period'] = 0.0  # derived again at the next sample
+
+    def reset(self) -> None:
+        """Forget all samples, counts and what was learned of noise and time."""
+        self._state[:] = np.zeros(1, STATE)
+        start_clock(self.state['clock'], self.parameters.sample_rate)
+
+    def snapshot(self) -> bytes:
+        """Return the state; `restore` on a filter of the same parameters continues bit for bit."""
+        return self._state.tobytes()
+
+    def restore(self, snapshot: bytes) -> None:
+        """Continue from a snapshot.
+
+        Raises:
+            GyroDriftFilterError: The snapshot is not of this version's size.
+        """
+        if len(snapshot) != STATE.itemsize:
+            raise GyroDriftFilterError(
+                f'the snapshot has {len(snapshot)} bytes where {STATE.itemsize} are needed: '
+                'it was taken by another version'
+            )
+        self._state[:] = np.frombuffer(snapshot, STATE)
+        self._coefficients['period'] = 0.0
+
+    def step(self, stamp: int, rate: Sequence[float], acceleration: Sequence[float]) -> Any:
+        """Filter one sample.
+
+        Args:
+            stamp: Time of the sample in ns; 0 where the driver does not stamp.
+            rate: Angular velocity (3,) in rad/s. A NaN or infinity is bridged by the prediction.
+            acceleration: Linear acceleration (3,) in m/s^2; NaN where unknown.
+
+        Returns:
+            A record of RESULT, valid until the next step.
+        """
+        step(
+            stamp,
+            np.asarray(rate, np.float64),
+            np.asarray(acceleration, np.float64),
+            self._settings[0],
+            self._coefficients[0],
+            self.state,
+        )
+        return self.state['result']
+
+    def run(
+        self,
+        stamps: NDArray[np.int64],
+        rates: NDArray[np.float64],
+        accelerations: NDArray[np.float64],
+    ) -> NDArray[Any]:
+        """Filter many samples by a loop over `step`.
+
+        Args:
+            stamps: (n,) in ns.
+            rates: (n, 3) in rad/s.
+            accelerations: (n, 3) in m/s^2.
+
+        Returns:
+            An array (n,) of RESULT.
+
+        Raises:
+            GyroDriftFilterError: The shapes do not agree.
+        """
+        stamps = np.ascontiguousarray(stamps, np.int64)
+        rates = np.ascontiguousarray(rates, np.float64)
+        accelerations = np.ascontiguousarray(accelerations, np.float64)
+        n = len(stamps)
+        if stamps.shape != (n,) or rates.shape != (n, 3) or accelerations.shape != (n, 3):
+            raise GyroDriftFilterError(
+                'stamps, rates and accelerations must have shapes (n,), (n, 3), (n, 3), not '
+                f'{stamps.shape}, {rates.shape}, {accelerations.shape}'
+            )
+        results = np.zeros(n, RESULT)
+        _run(
+            stamps,
+            rates,
+            accelerations,
+            self._settings[0],
+            self._coefficients[0],
+            self.state,
+            results,
+        )
+        return results

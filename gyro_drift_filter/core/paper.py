@@ -1,0 +1,221 @@
+"""The filters of the paper, one axis at a time: `kalman` and `sage_husa`.
+
+X. Y. Wang and X. Y. Meng, "Research on Time-series Modeling and Filtering Methods for MEMS
+Gyroscope Random Drift Error", IOP Conf. Ser.: Mater. Sci. Eng. 187 (2017) 012005. Equation numbers
+are the paper's. State X = [r, x]: the angular rate and the autoregressive drift, both in rad/s;
+A = [1 1; 0 phi], Gamma = [0 1]', H = [1 0].
+
+Where the printed equations can't be run as they stand, or die of it, a safeguard departs from
+them. Each is named where it stands:
+
+- *first sample*: it sets X and counts as k = 1, so adaptation starts at k = 2. At k = 1
+  equation (13) gives d = 1, and one sample would replace r, q, R and Q altogether.
+- *transition once*: (17) has A P(k|k-1) A' in print, which applies the transition twice. As in
+  Sage and Husa it is A P(k-1) A' here.
+- *projection*: (17) gives a 2x2 matrix where (8) takes a scalar Q: Gamma' (...) Gamma.
+- *floor*: (16) and (17) subtract, and can go below zero. R and Q stay above `NOISE_FLOOR` times
+  their identified values.
+- *corrected innovation*: (20) replaces Z in (11) alone. An outlier would still reach r, R and Q
+  through (14), (16) and (17), so they take the same corrected innovation.
+- *Joseph form*: (12) loses symmetry and sign to rounding; (I - K H) P (I - K H)' + K R K' does not.
+- *offset*: r and the rate can't be told apart, only their sum H X + r is measured, and left alone
+  r takes up some of the bias (on a real MPU6050 1.6 standard deviations of the noise). The rate
+  that is reported is H X + r, so that the mean stays unchanged, as in the paper's Table 2.
+- *divergence*: r and q add up the same innovations and can drive each other. An estimate further
+  out than `DIVERGED` times the largest sample restarts from the sample at hand.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.core.compiled import compiled
+
+NOISE_FLOOR = 1e-3
+DIVERGED = 10.0
+
+# A period that differs by more than this share from the model's own rescales phi and Q.
+SAME_PERIOD = 0.1
+
+PAPER_COEFFICIENTS = np.dtype(
+    [
+        ('phi', np.float64),
+        ('process_noise', np.float64),  # (rad/s)^2
+        ('measurement_noise', np.float64),  # (rad/s)^2
+    ]
+)
+
+PAPER_STATE = np.dtype(
+    [
+        ('tracking', np.bool_),  # X and P are those of the sample before
+        ('rate', np.float64),  # X, rad/s
+        ('drift', np.float64),
+        ('rate_variance', np.float64),  # P, (rad/s)^2
+        ('covariance', np.float64),
+        ('drift_variance', np.float64),
+        ('carried_variance', np.float64),  # Gamma' A P(k-1) A' Gamma
+        ('samples', np.int64),  # k, 0 before the first
+        ('measurement_mean', np.float64),  # r, rad/s
+        ('rate_mean', np.float64),  # q, rad/s
+        ('drift_mean', np.float64),
+        ('measurement_noise', np.float64),  # R, (rad/s)^2
+        ('process_noise', np.float64),  # Q, (rad/s)^2
+        ('largest', np.float64),  # |Z| so far, rad/s
+        ('divergences', np.int64),
+    ],
+    align=True,
+)
+
+
+@compiled
+def derive_paper(model: Any, sample_rate: float, period: float, coefficients: Any) -> None:
+    """Fill the coefficients of one axis for a sample period in s.
+
+    phi and Q belong to the period that they were identified at. Where the gyroscope runs at another
+    one, the drift keeps its correlation time and its variance Q / (1 - phi^2). A negative or zero
+    phi has no correlation time and is used as it is.
+    """
+    phi = model['phi']
+    process_noise = model['process_noise']
+    periods = period * sample_rate
+    if phi > 0.0 and sample_rate > 0.0 and abs(periods - 1.0) > SAME_PERIOD:
+        scaled = phi**periods
+        process_noise *= (1.0 - scaled * scaled) / (1.0 - phi * phi)
+        phi = scaled
+    coefficients['phi'] = phi
+    coefficients['process_noise'] = process_noise
+    coefficients['measurement_noise'] = model['measurement_noise']
+
+
+@compiled
+def start_paper(state: Any, coefficients: Any, sample: float) -> None:
+    """Begin at a sample (rad/s). What was learned of the noise before, if anything, is kept."""
+    state['tracking'] = True
+    if state['samples'] == 0:
+        state['samples'] = 1  # safeguard: first sample
+        state['process_noise'] = coefficients['process_noise']
+        state['measurement_noise'] = coefficients['measurement_noise']
+        state['measurement_mean'] = 0.0
+        state['rate_mean'] = 0.0
+        state['drift_mean'] = 0.0
+    phi = coefficients['phi']
+    state['rate'] = sample
+    state['drift'] = 0.0
+    state['rate_variance'] = state['measurement_noise']
+    state['covariance'] = 0.0
+    state['drift_variance'] = state['process_noise'] / (1.0 - phi * phi)
+    state['largest'] = max(abs(sample), np.sqrt(coefficients['measurement_noise']))
+
+
+@compiled
+def paper_noise(state: Any, coefficients: Any, adaptive: bool) -> tuple[float, float]:
+    """Return Q and R in (rad/s)^2: the adapted ones, or the identified ones."""
+    if adaptive:
+        return state['process_noise'], state['measurement_noise']
+    return coefficients['process_noise'], coefficients['measurement_noise']
+
+
+@compiled
+def paper_rate(state: Any, adaptive: bool) -> float:
+    """Return the rate to report, in rad/s (safeguard: offset)."""
+    if adaptive:
+        return state['rate'] + state['measurement_mean']
+    return state['rate']
+
+
+@compiled
+def predict_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
+    """One sample period ahead: equations (7), without q for the conventional filter, and (8)."""
+    phi = coefficients['phi']
+    state['rate'] += state['drift']  # (7)
+    state['drift'] *= phi
+    if adaptive:
+        state['rate'] += state['rate_mean']
+        state['drift'] += state['drift_mean']
+    state['rate_variance'] += 2.0 * state['covariance'] + state['drift_variance']  # (8)
+    state['covariance'] = phi * (state['covariance'] + state['drift_variance'])
+    state['carried_variance'] = phi * phi * state['drift_variance']
+    process_noise, _ = paper_noise(state, coefficients, adaptive)
+    state['drift_variance'] = state['carried_variance'] + process_noise
+
+
+@compiled
+def update_paper(
+    state: Any,
+    coefficients: Any,
+    adaptive: bool,
+    forgetting_factor: float,
+    epsilon: float,
+    sample: float,
+) -> tuple[float, bool]:
+    """Take a sample (rad/s) in after `predict_paper`: equations (9) to (20).
+
+    `epsilon` is in (rad/s)^2, infinite where outliers are to be taken as they are. Returns the
+    innovation as it came, in rad/s, and whether the sample was flagged as an outlier.
+    """
+    predicted = state['rate']
+    p00, p01, p11 = state['rate_variance'], state['covariance'], state['drift_variance']
+    _, noise = paper_noise(state, coefficients, adaptive)
+    mean = state['measurement_mean'] if adaptive else 0.0
+    innovation_variance = p00 + noise
+    gain_rate = p00 / innovation_variance  # (9)
+    gain_drift = p01 / innovation_variance
+    innovation = sample - predicted  # (10)
+
+    expected_square = predicted * predicted + innovation_variance  # J of (18)
+    outlier = abs(sample * sample - expected_square) > epsilon
+    used = innovation
+    if outlier and abs(sample) > np.sqrt(expected_square):
+        used = sample * (np.sqrt(expected_square) / abs(sample)) - predicted  # (19)
+    state['rate'] = predicted + gain_rate * (used - mean)  # (11), (20)
+    state['drift'] += gain_drift * (used - mean)
+
+    # (12); safeguard: Joseph form. Rounding may still leave a difference of equals below zero.
+    kept = 1.0 - gain_rate
+    state['rate_variance'] = kept * kept * p00 + gain_rate * gain_rate * noise
+    state['drift_variance'] = max(
+        0.0, p11 - 2.0 * gain_drift * p01 + gain_drift * gain_drift * innovation_variance
+    )
+    covariance = kept * (p01 - gain_drift * p00) + gain_rate * gain_drift * noise
+    bound = np.sqrt(state['rate_variance'] * state['drift_variance'])
+    state['covariance'] = min(max(covariance, -bound), bound)
+
+    if adaptive:
+        _adapt(state, coefficients, forgetting_factor, used, gain_rate, gain_drift, p00)
+    state['largest'] = max(state['largest'], abs(sample))
+    if not abs(state['rate']) <= DIVERGED * state['largest']:  # safeguard: divergence
+        state['divergences'] += 1
+        state['samples'] = 0
+        start_paper(state, coefficients, sample)
+    return innovation, outlier
+
+
+@compiled
+def _adapt(
+    state: Any,
+    coefficients: Any,
+    forgetting_factor: float,
+    innovation: float,
+    gain_rate: float,
+    gain_drift: float,
+    rate_variance: float,
+) -> None:
+    """Sage and Husa's estimator of the noise statistics: equations (13) to (17).
+
+    `innovation` is the corrected one (safeguard: corrected innovation) and `rate_variance` is
+    H P(k|k-1) H'; the state holds P(k) already.
+    """
+    state['samples'] += 1
+    weight = (1.0 - forgetting_factor) / (1.0 - forgetting_factor ** state['samples'])  # (13)
+    unexpected = innovation - state['measurement_mean']
+    state['measurement_mean'] += weight * unexpected  # (14)
+    state['rate_mean'] += weight * gain_rate * unexpected  # (15): X(k) - A X(k-1) = q + K (e - r)
+    state['drift_mean'] += weight * gain_drift * unexpected
+    residual = innovation - state['measurement_mean']
+    measured = residual * residual - rate_variance
+    noise = state['measurement_noise'] + weight * (measured - state['measurement_noise'])  # (16)
+    state['measurement_noise'] = max(noise, NOISE_FLOOR * coefficients['measurement_noise'])
+    # (17); safeguards: projection, transition once
+    driving = (gain_drift * residual) ** 2 + state['drift_variance'] - state['carried_variance']
+    noise = state['process_noise'] + weight * (driving - state['process_noise'])
+    state['process_noise'] = max(noise, NOISE_FLOOR * coefficients['process_noise'])

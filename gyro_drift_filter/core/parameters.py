@@ -1,0 +1,237 @@
+"""The parameters that users set: names, units, ranges and what they mean, in one table."""
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gyro_drift_filter.core.errors import ParameterError
+
+METHODS = ('kalman', 'sage_husa')
+AXES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a user is told of one parameter.
+
+    Attributes:
+        name: ROS 2 name, with a dot between group and name.
+        kind: 'string', 'bool', 'double' or 'double_array' (one value per axis x, y, z).
+        text: What it does, with its unit.
+        low: Smallest value, itself allowed unless `low_excluded`.
+        high: Largest value, itself allowed unless `high_excluded`.
+        choices: The allowed strings.
+    """
+
+    name: str
+    kind: str
+    text: str
+    low: float = -math.inf
+    high: float = math.inf
+    low_excluded: bool = False
+    high_excluded: bool = False
+    choices: tuple[str, ...] = ()
+
+    @property
+    def limits(self) -> str:
+        """The allowed values in words, for descriptions and error messages."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        parts = []
+        if self.low > -math.inf:
+            parts.append(f'{"greater than" if self.low_excluded else "at least"} {self.low:g}')
+        if self.high < math.inf:
+            parts.append(f'{"less than" if self.high_excluded else "at most"} {self.high:g}')
+        return ' and '.join(parts)
+
+    def check(self, value: Any) -> Any:
+        """Return `value` in the parameter's own type.
+
+        An integer is taken where a double belongs; a sequence becomes a tuple.
+
+        Raises:
+            ParameterError: The type is wrong or the value lies outside the range.
+        """
+        if self.kind == 'string':
+            return self._check_choice(value)
+        if self.kind == 'bool':
+            if isinstance(value, bool):
+                return value
+            raise ParameterError(f"parameter '{self.name}' must be true or false, not {value!r}")
+        if self.kind == 'double':
+            return self._check_number(value, '')
+        if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != len(AXES):
+            raise ParameterError(
+                f"parameter '{self.name}' must be a list of three numbers, one per axis x, y, z, "
+                f'not {value!r}'
+            )
+        return tuple(
+            self._check_number(v, f' (axis {axis})') for v, axis in zip(value, AXES, strict=True)
+        )
+
+    def _check_choice(self, value: Any) -> str:
+        if isinstance(value, str) and value in self.choices:
+            return value
+        raise ParameterError(f"parameter '{self.name}' must be {self.limits}, not {value!r}")
+
+    def _check_number(self, value: Any, where: str) -> float:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number:
+            raise ParameterError(
+                f"parameter '{self.name}'{where} must be a number, not {value!r}"
+            )
+        inside = (self.low < value if self.low_excluded else self.low <= value) and (
+            value < self.high if self.high_excluded else value <= self.high
+        )
+        if not (inside and math.isfinite(value)):
+            raise ParameterError(
+                f"parameter '{self.name}'{where} must be {self.limits or 'finite'}, not {value!r}"
+            )
+        return float(value)
+
+
+def _parameter(default: Any, name: str, kind: str, text: str, **limits: Any) -> Any:
+    description = Description(name, kind, text, **limits)
+    return dataclasses.field(default=default, metadata={'description': description})
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All that a user can set, in SI units. Checked as a whole when it is made.
+
+    Raises:
+        ParameterError: A value has the wrong type or lies outside its range.
+    """
+
+    method: str = _parameter(
+        'sage_husa',
+        'method',
+        'string',
+        'Filter: kalman is the conventional Kalman filter of the paper, equations (5) to (12); '
+        'sage_husa adapts its noise statistics, equations (7) to (17).',
+        choices=METHODS,
+    )
+    forgetting_factor: float = _parameter(
+        0.98,
+        'forgetting_factor',
+        'double',
+        'How much weight the adapted noise statistics keep from one sample to the next (b of '
+        'equation (13)): 0.98 remembers about 50 samples, 0.99 about 100. The paper uses 0.95 to '
+        '0.99. Without unit.',
+        low=0.9,
+        high=0.9999,
+    )
+    epsilon: float = _parameter(
+        2.0e-2,
+        'epsilon',
+        'double',
+        'Half the width of the band in which the square of a sample may differ from its expected '
+        'value before it counts as an outlier (equation (18)), in (rad/s)^2. Raise it if motion '
+        'is flagged.',
+        low=0.0,
+        low_excluded=True,
+    )
+    outlier_enabled: bool = _parameter(
+        True,
+        'outlier.enabled',
+        'bool',
+        'Whether outliers are shortened (equations (18) to (20)) or taken as they are.',
+    )
+    sample_rate: float = _parameter(
+        0.0,
+        'sample_rate',
+        'double',
+        'Rate of the gyroscope in Hz, and the rate that the model below belongs to. '
+        '0 learns it from the stamps.',
+        low=0.0,
+        high=10_000.0,
+    )
+    gap_limit: float = _parameter(
+        1.0,
+        'gap_limit',
+        'double',
+        'Longest gap between two stamps, in s, that is bridged by prediction. After a longer one, '
+        'or a longer jump backward, the filter starts from the sample at hand.',
+        low=0.001,
+        high=3600.0,
+    )
+    model_phi: tuple[float, float, float] = _parameter(
+        (0.218, 0.218, 0.218),
+        'model.phi',
+        'double_array',
+        'Coefficient of the first-order autoregressive drift per axis (phi of equation (2)), '
+        'without unit.',
+        low=-1.0,
+        low_excluded=True,
+        high=1.0,
+        high_excluded=True,
+    )
+    model_process_noise: tuple[float, float, float] = _parameter(
+        (2.38e-5, 2.38e-5, 2.38e-5),
+        'model.process_noise',
+        'double_array',
+        'Variance of the noise that drives the drift per axis (Q; the paper takes the variance of '
+        'the residuals of the autoregressive model), in (rad/s)^2.',
+        low=0.0,
+        low_excluded=True,
+        high=1.0e6,
+    )
+    model_measurement_noise: tuple[float, float, float] = _parameter(
+        (2.5e-5, 2.5e-5, 2.5e-5),
+        'model.measurement_noise',
+        'double_array',
+        'Variance of the measurement per axis (R; the paper takes the variance of the motionless '
+        'recording), in (rad/s)^2.',
+        low=0.0,
+        low_excluded=True,
+        high=1.0e6,
+    )
+
+    def __post_init__(self) -> None:
+        for field, description in _FIELDS.items():
+            object.__setattr__(self, field, description.check(getattr(self, field)))
+
+    @classmethod
+    def from_names(cls, values: Mapping[str, Any]) -> 'Parameters':
+        """Return parameters from ROS 2 names such as 'model.phi'; the others keep their defaults.
+
+        Raises:
+            ParameterError: A name is unknown or a value is wrong.
+        """
+        by_name = {description.name: field for field, description in _FIELDS.items()}
+        for name in values:
+            if name not in by_name:
+                raise ParameterError(unknown_name(name))
+        return cls(**{by_name[name]: value for name, value in values.items()})
+
+    def with_names(self, values: Mapping[str, Any]) -> 'Parameters':
+        """Return these parameters with some replaced, by ROS 2 name.
+
+        Raises:
+            ParameterError: As from `from_names`.
+        """
+        return Parameters.from_names({**self.names(), **values})
+
+    def names(self) -> dict[str, Any]:
+        """Return the values by ROS 2 name."""
+        return {
+            description.name: getattr(self, field) for field, description in _FIELDS.items()
+        }
+
+
+_FIELDS: dict[str, Description] = {
+    field.name: field.metadata['description'] for field in dataclasses.fields(Parameters)
+}
+
+DESCRIPTIONS: tuple[Description, ...] = tuple(_FIELDS.values())
+
+
+def unknown_name(name: str) -> str:
+    """Return the message for a parameter that does not exist, with the nearest one that does."""
+    names = [description.name for description in DESCRIPTIONS]
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f'there are {", ".join(names)}'
+    return f"unknown parameter '{name}': {hint}"

@@ -1,0 +1,139 @@
+"""Simulated gyroscope data with truth: the two experiments of the paper's section 4."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+GRAVITY = 9.80665  # m/s^2
+START = 1_600_000_000_000_000_000  # ns
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A recording and its truth, n samples.
+
+    Attributes:
+        stamps: (n,) in ns.
+        angular_velocity: (n, 3) as the gyroscope measures it, in rad/s.
+        linear_acceleration: (n, 3) in m/s^2.
+        truth: (n, 3) true rate plus bias, in rad/s: what a filter that leaves the bias in can
+            reach.
+        outliers: (n, 3), True where an outlier was added.
+        moving: (n,), True in the dynamic part.
+        bias: (3,) in rad/s.
+    """
+
+    stamps: NDArray[np.int64]
+    angular_velocity: NDArray[np.float64]
+    linear_acceleration: NDArray[np.float64]
+    truth: NDArray[np.float64]
+    outliers: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+    bias: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """What is simulated; the defaults fit the filter's default model.
+
+    Attributes:
+        seed: Of the random numbers.
+        sample_rate: In Hz.
+        static_seconds: Length of the motionless part, which comes first.
+        dynamic_seconds: Length of the part with the sinusoid.
+        phi: Coefficient of the AR(1) drift, equation (2).
+        drift_deviation: Standard deviation of the noise that drives it, in rad/s.
+        white_deviation: Standard deviation of the white noise beside it, in rad/s.
+        bias: (3,) in rad/s.
+        amplitude: Of the sinusoid, in rad/s.
+        frequency: Of the sinusoid, in Hz.
+        isolated: Share of samples of the dynamic part, per axis, with an isolated outlier.
+        runs: Number of runs of consecutive outliers in the dynamic part, per axis.
+        run_length: Samples in a run.
+        outlier_size: Smallest and largest size of an outlier, in rad/s.
+    """
+
+    seed: int = 0
+    sample_rate: float = 100.0
+    static_seconds: float = 60.0
+    dynamic_seconds: float = 60.0
+    phi: float = 0.218
+    drift_deviation: float = 4.0e-3
+    white_deviation: float = 2.8e-3
+    bias: tuple[float, float, float] = (0.01, -0.02, 0.005)
+    amplitude: float = 0.1
+    frequency: float = 0.1
+    isolated: float = 0.005
+    runs: int = 5
+    run_length: int = 4
+    outlier_size: tuple[float, float] = (0.5, 5.0)
+
+
+def simulate(settings: SimulationSettings) -> Simulation:
+    """Return a static part followed by a sinusoid with isolated and consecutive outliers."""
+    random = np.random.default_rng(settings.seed)
+    static = round(settings.static_seconds * settings.sample_rate)
+    n = static + round(settings.dynamic_seconds * settings.sample_rate)
+    time = np.arange(n) / settings.sample_rate
+    moving = np.arange(n) >= static
+    bias = np.array(settings.bias)
+
+    phase = 2 * np.pi * settings.frequency * (time - time[static] if static < n else time)
+    truth = np.where(moving, settings.amplitude * np.sin(phase), 0.0)[:, None] + bias
+    drift = autoregressive(random, n, settings.phi, settings.drift_deviation)
+    white = settings.white_deviation * random.standard_normal((n, 3))
+    measured = truth + drift + white
+    outliers = np.zeros((n, 3), bool)
+    for axis in range(3):
+        outliers[:, axis] = _add_outliers(random, measured[:, axis], static, settings)
+    return Simulation(
+        stamps=START + np.round(np.arange(n) * (1e9 / settings.sample_rate)).astype(np.int64),
+        angular_velocity=measured,
+        linear_acceleration=np.tile([0.0, 0.0, GRAVITY], (n, 1))
+        + 0.02 * random.standard_normal((n, 3)),
+        truth=truth,
+        outliers=outliers,
+        moving=moving,
+        bias=bias,
+    )
+
+
+def autoregressive(
+    random: np.random.Generator, n: int, phi: float, deviation: float
+) -> NDArray[np.float64]:
+    """Return (n, 3) of the stationary process x(k) = phi x(k-1) + w(k), equation (2)."""
+    driving = deviation * random.standard_normal((n, 3))
+    if n:
+        driving[0] /= np.sqrt(1.0 - phi * phi)
+    drift = np.empty((n, 3))
+    last = np.zeros(3)
+    for k in range(n):
+        last = phi * last + driving[k]
+        drift[k] = last
+    return drift
+
+
+def _add_outliers(
+    random: np.random.Generator,
+    rate: NDArray[np.float64],
+    first: int,
+    settings: SimulationSettings,
+) -> NDArray[np.bool_]:
+    """Add outliers to one axis from sample `first` on, in place; return where."""
+    where = np.zeros(len(rate), bool)
+    count = len(rate) - first
+    low, high = settings.outlier_size
+
+    def size() -> float:
+        return float(random.choice([-1.0, 1.0]) * random.uniform(low, high))
+
+    for k in random.choice(count, round(settings.isolated * count), replace=False):
+        rate[first + k] += size()
+        where[first + k] = True
+    room = count - settings.run_length
+    for k in random.choice(room, settings.runs, replace=False) if room > settings.runs else ():
+        run = slice(first + k, first + k + settings.run_length)
+        rate[run] += size()
+        where[run] = True
+    return where
