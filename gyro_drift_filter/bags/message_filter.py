@@ -1,0 +1,120 @@
+"""Serialized Imu in, serialized Imu out: what the node and `replay` share."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gyro_drift_filter.bags.cdr import (
+    Imu,
+    MalformedMessageError,
+    frame_id,
+    patch_imu,
+    read_imu,
+    vector3_stamped,
+)
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.filter import REFUSED
+
+# Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
+SAMPLE_TOPICS = (
+    'innovation',
+    'innovation_variance',
+    'process_noise',
+    'measurement_noise',
+    'bias',
+    'outlier',
+)
+
+
+class Outcome(NamedTuple):
+    """What became of one message.
+
+    Attributes:
+        data: The serialized message to publish, or None where there is none.
+        imu: The fields read, or None where the message is malformed.
+        result: A record of RESULT, or None where the message did not go through the filter. From
+            `process` it is valid until the next call.
+    """
+
+    data: bytes | None
+    imu: Imu | None
+    result: Any
+
+
+class MessageFilter:
+    """Filter one Imu topic, and count what does not pass through the filter.
+
+    Attributes:
+        filter: The filter itself.
+        received: Messages taken in.
+        malformed: Messages that are no Imu; nothing is published for them.
+        last_malformed: Why the last of them was refused.
+        not_reported: Messages without angular velocity (covariance starts with -1); passed on.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.filter = Filter(parameters)
+        self.received = 0
+        self.malformed = 0
+        self.last_malformed = ''
+        self.not_reported = 0
+
+    def process(self, data: bytes) -> Outcome:
+        """Filter one message, at once: the live path."""
+        imu = self._read(data)
+        if imu is None or not imu.angular_velocity_reported:
+            return _unfiltered(data, imu)
+        result = self.filter.step(imu.stamp, imu.angular_velocity, imu.linear_acceleration)
+        return _filtered(data, imu, result)
+
+    def process_batch(self, messages: Sequence[bytes]) -> list[Outcome]:
+        """Filter messages in their order: the offline path, with the same outcome."""
+        imus = [self._read(data) for data in messages]
+        rows = [imu for imu in imus if imu is not None and imu.angular_velocity_reported]
+        results = iter(
+            self.filter.run(
+                np.array([imu.stamp for imu in rows], np.int64),
+                np.array([imu.angular_velocity for imu in rows], np.float64).reshape(-1, 3),
+                np.array([imu.linear_acceleration for imu in rows], np.float64).reshape(-1, 3),
+            )
+        )
+        return [
+            _unfiltered(data, imu)
+            if imu is None or not imu.angular_velocity_reported
+            else _filtered(data, imu, next(results))
+            for data, imu in zip(messages, imus, strict=True)
+        ]
+
+    def _read(self, data: bytes) -> Imu | None:
+        self.received += 1
+        try:
+            imu = read_imu(data)
+        except MalformedMessageError as error:
+            self.malformed += 1
+            self.last_malformed = str(error)
+            return None
+        if not imu.angular_velocity_reported:
+            self.not_reported += 1
+        return imu
+
+
+def _unfiltered(data: bytes, imu: Imu | None) -> Outcome:
+    return Outcome(None if imu is None else data, imu, None)
+
+
+def _filtered(data: bytes, imu: Imu, result: Any) -> Outcome:
+    if result['status'] == REFUSED:
+        return Outcome(None, imu, result)
+    patched = patch_imu(
+        data,
+        imu,
+        result['angular_velocity'].tolist(),
+        result['angular_velocity_variance'].tolist(),
+    )
+    return Outcome(patched, imu, result)
+
+
+def sample_message(data: bytes, imu: Imu, result: Any, topic: str) -> bytes:
+    """Return the serialized Vector3Stamped of one of `SAMPLE_TOPICS` for a filtered message."""
+    return vector3_stamped(imu.stamp, frame_id(data, imu), result[topic].tolist())

@@ -1,0 +1,83 @@
+"""Write simulated data as a bag, with its truth beside it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE
+from gyro_drift_filter.bags.recording import BagError, BagWriter, message_type, serialize
+from gyro_drift_filter.core.simulation import Simulation
+
+TOPIC = '/imu/data_raw'
+FRAME = 'imu_link'
+_NOT_REPORTED = np.array([-1.0] + 8 * [0.0])
+_UNKNOWN = np.zeros(9)
+
+
+def imu_message(
+    stamp: int,
+    angular_velocity: Any,
+    linear_acceleration: Any,
+    frame: str = FRAME,
+    covariance: Any = _UNKNOWN,
+) -> bytes:
+    """Return a serialized `sensor_msgs/msg/Imu` without orientation.
+
+    Args:
+        stamp: header.stamp in ns.
+        angular_velocity: (3,) in rad/s.
+        linear_acceleration: (3,) in m/s^2.
+        frame: header.frame_id.
+        covariance: angular_velocity_covariance (9,) in (rad/s)^2.
+    """
+    vector = message_type('geometry_msgs/msg/Vector3')
+    header = message_type('std_msgs/msg/Header')
+    time = message_type('builtin_interfaces/msg/Time')
+    message = message_type(IMU_TYPE)(
+        header(time(stamp // 10**9, stamp % 10**9), frame),
+        message_type('geometry_msgs/msg/Quaternion')(0.0, 0.0, 0.0, 1.0),
+        _NOT_REPORTED,
+        vector(*(float(v) for v in angular_velocity)),
+        np.asarray(covariance, np.float64),
+        vector(*(float(v) for v in linear_acceleration)),
+        _UNKNOWN,
+    )
+    return serialize(message, IMU_TYPE)
+
+
+def truth_path(bag: Path) -> Path:
+    """Return where the truth of a simulated bag stands: beside it."""
+    return bag.with_name(f'{bag.name}_truth.npz')
+
+
+def write_simulation(bag: Path, simulation: Simulation) -> Path:
+    """Write a bag with the Imu topic, and a numpy archive with the truth; return its path.
+
+    The archive holds the arrays of `Simulation` by name, n samples: stamps, truth, outliers,
+    moving, bias.
+
+    Raises:
+        BagError: The bag or the archive exists already or can't be written.
+    """
+    archive = truth_path(bag)
+    if archive.exists():
+        raise BagError(f'{archive} exists already: remove it or choose another name')
+    with BagWriter(bag) as writer:
+        connection = writer.add_connection(TOPIC, IMU_TYPE)
+        for stamp, rate, acceleration in zip(
+            simulation.stamps.tolist(),
+            simulation.angular_velocity,
+            simulation.linear_acceleration,
+            strict=True,
+        ):
+            writer.write(connection, stamp, imu_message(stamp, rate, acceleration))
+    np.savez_compressed(
+        archive,
+        stamps=simulation.stamps,
+        truth=simulation.truth,
+        outliers=simulation.outliers,
+        moving=simulation.moving,
+        bias=simulation.bias,
+    )
+    return archive

@@ -1,0 +1,1 @@
+"""The command `gyro_drift`: parsing of arguments and printing only."""

@@ -1,0 +1,49 @@
+"""Entry point of `gyro_drift`: choose the subcommand, and tell a known error in one line."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from gyro_drift_filter.bags.health import package_version
+from gyro_drift_filter.cli import replay, simulate
+from gyro_drift_filter.core import GyroDriftFilterError
+
+_SUBCOMMANDS = (replay, simulate)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command."""
+    command = argparse.ArgumentParser(
+        prog='gyro_drift',
+        description='Take the noise and the outliers out of a recorded gyroscope.',
+    )
+    command.add_argument('--version', action='version', version=package_version())
+    subcommands = command.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    for module in _SUBCOMMANDS:
+        module.add_parser(subcommands)
+    return command
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Returns:
+        0 done, 1 a known error told in one line on stderr, 130 interrupted. Bad usage exits with
+        2 from within argparse.
+    """
+    options = parser().parse_args(arguments)
+    try:
+        options.run(options)
+        sys.stdout.flush()
+    except GyroDriftFilterError as error:
+        print(f'gyro_drift {options.command}: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f'gyro_drift {options.command}: interrupted, nothing written', file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output has left, as `| head` does.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
