@@ -1,13 +1,19 @@
 """Packaging; name, version and description come from package.xml, so that they stand once."""
 
 import xml.etree.ElementTree as ElementTree
-from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
-package = ElementTree.parse(Path(__file__).with_name('package.xml')).getroot()
+root = Path(__file__).parent
+package = ElementTree.parse(root / 'package.xml').getroot()
 name = package.findtext('name')
+
+
+def files(pattern):
+    """Return the files of a pattern, relative to this folder as setuptools wants them."""
+    return [str(path.relative_to(root)) for path in sorted(root.glob(pattern))]
+
 
 setup(
     name=name,
@@ -19,8 +25,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
-        (f'share/{name}/config', glob('config/*.yaml')),
-        (f'share/{name}/launch', glob('launch/*.launch.py')),
+        (f'share/{name}/config', files('config/*.yaml')),
+        (f'share/{name}/launch', files('launch/*.launch.py')),
     ],
     python_requires='>=3.11',
     install_requires=['setuptools', 'numpy>=1.26', 'PyYAML'],

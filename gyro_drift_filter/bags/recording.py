@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
@@ -37,7 +37,7 @@ except ImportError as error:
 
 _JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
-_METADATA_VERSION = 9  # of rosbag2 in Jazzy
+_METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
 
 # Reliable, depth 10: what the node publishes with.
@@ -143,9 +143,11 @@ class BagWriter:
             raise BagError(f'{path} can not be written: {one_line(error)}') from error
 
     def __enter__(self) -> 'BagWriter':
+        """Return itself."""
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        """Give the bag its name, or remove it where writing failed."""
         if kind is None:
             self._writer.close()
             (self._partial / self._path.name).rename(self._path)

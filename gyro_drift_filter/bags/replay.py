@@ -269,9 +269,7 @@ def _batches(stream: Iterable[Message]) -> Iterator[list[Message]]:
     """Cut a stream of messages into pieces of at most a second and of bounded length."""
     batch: list[Message] = []
     for message in stream:
-        if batch and (
-            len(batch) == _LARGEST_BATCH or message[1] - batch[0][1] >= _REPORT_PERIOD
-        ):
+        if batch and (len(batch) == _LARGEST_BATCH or message[1] - batch[0][1] >= _REPORT_PERIOD):
             yield batch
             batch = []
         batch.append(message)

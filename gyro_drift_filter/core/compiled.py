@@ -1,4 +1,4 @@
-"""Compile the kernels where numba is installed; run the same functions as plain Python elsewhere."""
+"""Compile the kernels where numba is installed; elsewhere the same functions are plain Python."""
 
 import hashlib
 import os
@@ -25,21 +25,21 @@ def _cache_directory() -> str | None:
     content = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob('*.py')):
         content.update(path.read_bytes())
-    user_cache = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
-    root = os.environ.get('NUMBA_CACHE_DIR') or os.path.join(user_cache, 'gyro_drift_filter')
-    directory = os.path.join(root, content.hexdigest()[:16])
     try:
-        os.makedirs(directory, exist_ok=True)
-    except OSError:
+        user_cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+        root = Path(os.environ.get('NUMBA_CACHE_DIR') or user_cache / 'gyro_drift_filter')
+        directory = root / content.hexdigest()[:16]
+        directory.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # read-only, or a user without a home
         return None
-    return directory if os.access(directory, os.W_OK) else None
+    return str(directory) if os.access(directory, os.W_OK) else None
 
 
 _DIRECTORY = None if numba is None else _cache_directory()
 
 
 def compiled(function: Function) -> Function:
-    """Return `function` compiled by numba and cached on disk, or as it is where numba is missing."""
+    """Return `function` compiled and cached on disk, or as it is where numba is missing."""
     if numba is None:
         return function
     # numba picks a function's cache directory when it is decorated; other users of numba in this
@@ -51,3 +51,8 @@ def compiled(function: Function) -> Function:
     finally:
         numba.config.CACHE_DIR = before
     return decorated
+
+
+def is_compiled() -> bool:
+    """Tell whether kernels are compiled in this process."""
+    return numba is not None and not numba.config.DISABLE_JIT

@@ -102,7 +102,9 @@ STATE = np.dtype(
 
 
 @compiled
-def step(stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any) -> None:
+def step(
+    stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any
+) -> None:
     """Take one sample in and leave its result in `state`.
 
     Arguments: stamp in ns, rate (3,) in rad/s, acceleration (3,) in m/s^2 (NaN where unknown), and

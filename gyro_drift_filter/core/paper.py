@@ -118,9 +118,8 @@ def paper_noise(state: Any, coefficients: Any, adaptive: bool) -> tuple[float, f
 @compiled
 def paper_rate(state: Any, adaptive: bool) -> float:
     """Return the rate to report, in rad/s (safeguard: offset)."""
-    if adaptive:
-        return state['rate'] + state['measurement_mean']
-    return state['rate']
+    rate: float = state['rate'] + (state['measurement_mean'] if adaptive else 0.0)
+    return rate
 
 
 @compiled

@@ -80,9 +80,7 @@ class Description:
     def _check_number(self, value: Any, where: str) -> float:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number:
-            raise ParameterError(
-                f"parameter '{self.name}'{where} must be a number, not {value!r}"
-            )
+            raise ParameterError(f"parameter '{self.name}'{where} must be a number, not {value!r}")
         inside = (self.low < value if self.low_excluded else self.low <= value) and (
             value < self.high if self.high_excluded else value <= self.high
         )
@@ -191,6 +189,7 @@ class Parameters:
     )
 
     def __post_init__(self) -> None:
+        """Check all values and bring them into their own types."""
         for field, description in _FIELDS.items():
             object.__setattr__(self, field, description.check(getattr(self, field)))
 
@@ -217,9 +216,7 @@ class Parameters:
 
     def names(self) -> dict[str, Any]:
         """Return the values by ROS 2 name."""
-        return {
-            description.name: getattr(self, field) for field, description in _FIELDS.items()
-        }
+        return {description.name: getattr(self, field) for field, description in _FIELDS.items()}
 
 
 _FIELDS: dict[str, Description] = {

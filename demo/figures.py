@@ -1,0 +1,69 @@
+"""The paper's figures 2 and 3, axis x."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core.simulation import Simulation
+
+mpl.use('Agg')
+from matplotlib import pyplot as plt
+
+Rates = Mapping[str, NDArray[np.float64]]
+_COLOURS = {'raw': '#b8c0cc', 'kalman': '#d1722b', 'sage_husa': '#1f5fa8'}
+
+
+def draw_static(path: Path, simulation: Simulation, rates: Rates) -> None:
+    """Draw figure 2: the motionless part before and after each filter, one panel each."""
+    time, still = _seconds(simulation), ~simulation.moving
+    figure, panels = plt.subplots(
+        len(rates), 1, sharex=True, sharey=True, figsize=(9, 6.5), layout='constrained'
+    )
+    for panel, (name, rate) in zip(panels, rates.items(), strict=True):
+        panel.plot(time[still], rate[still, 0], linewidth=0.6, color=_COLOURS.get(name))
+        panel.axhline(simulation.bias[0], color='black', linewidth=0.8, linestyle='--')
+        panel.set_title(
+            f'{name}: std {rate[still, 0].std():.5f} rad/s, mean {rate[still, 0].mean():.5f} rad/s',
+            fontsize=10,
+            loc='left',
+        )
+        panel.set_ylabel('rad/s')
+    panels[-1].set_xlabel('time (s)')
+    figure.suptitle('Static experiment, axis x (dashed: the bias, which stays)')
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
+    """Draw figure 3: the sinusoid with outliers before and after, then the error of each filter."""
+    time, moving = _seconds(simulation)[simulation.moving], simulation.moving
+    truth = simulation.truth[moving, 0]
+    filtered = {name: rate for name, rate in rates.items() if name != 'raw'}
+    figure, (above, *below) = plt.subplots(
+        1 + len(filtered), 1, sharex=True, figsize=(9, 7), layout='constrained'
+    )
+    for name, rate in rates.items():
+        colour = _COLOURS.get(name)
+        above.plot(time, rate[moving, 0], linewidth=0.8, color=colour, label=name)
+    above.plot(time, truth, 'k--', linewidth=0.8, label='truth and bias')
+    limit = 4 * np.abs(truth).max()
+    above.set_ylim(-limit, limit)
+    above.set_ylabel('rate (rad/s)')
+    above.legend(loc='upper right', ncols=4, fontsize=9)
+    for panel, (name, rate) in zip(below, filtered.items(), strict=True):
+        error = rate[moving, 0] - truth
+        panel.plot(time, error, linewidth=0.8, color=_COLOURS.get(name))
+        panel.set_ylim(-limit / 2, limit / 2)
+        panel.set_ylabel('error (rad/s)')
+        panel.set_title(f'{name}: rms error {np.sqrt((error**2).mean()):.5f} rad/s', loc='left')
+    below[-1].set_xlabel('time (s)')
+    figure.suptitle('Dynamic experiment, axis x: raw outliers reach beyond the frame')
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _seconds(simulation: Simulation) -> NDArray[np.float64]:
+    return np.asarray((simulation.stamps - simulation.stamps[0]) * 1e-9)

@@ -1,0 +1,131 @@
+"""Run the real node as a process, play messages into it over ROS 2 and record what it publishes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Imu
+
+NODE = Path(sys.executable).parent / 'gyro_drift_filter_node'
+# Nothing may get lost between player and node, however busy the machine is.
+RELIABLE_INPUT = ('-p', 'qos_overrides./imu/data_raw.subscription.reliability:=reliable')
+_IN_FLIGHT = 100
+_PATIENCE = 60.0
+
+
+def own_domain() -> int:
+    """Return the ROS domain of this process: the one set, or one that others hardly have."""
+    return int(os.environ.get('ROS_DOMAIN_ID') or 1 + os.getpid() % 100)
+
+
+def environment(domain: int) -> dict[str, str]:
+    """Return the environment of a node that stays on this machine, in a domain of its own."""
+    return {
+        **os.environ,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': str(domain),
+    }
+
+
+class LiveNode:
+    """A running node and a player beside it, in a domain of their own.
+
+    Use as a context manager; leaving it interrupts the node as Ctrl-C does.
+
+    Attributes:
+        node: The player's own rclpy node, for further subscriptions.
+        process: The node's process.
+        returncode: The node's exit status after the end.
+    """
+
+    def __init__(self, arguments: Sequence[str] = RELIABLE_INPUT, node: Path = NODE) -> None:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        domain = own_domain()
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = rclpy.create_node('player', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        qos = QoSProfile(depth=10 * _IN_FLIGHT)
+        self._player = self.node.create_publisher(Imu, 'imu/data_raw', qos)
+        self.received: list[bytes] = []
+        self.node.create_subscription(Imu, 'imu/data_filtered', self.received.append, qos, raw=True)
+        self.process = subprocess.Popen(
+            [str(node), '--ros-args', *arguments],
+            env=environment(domain),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.returncode: int | None = None
+        self.log = ''
+
+    def __enter__(self) -> 'LiveNode':
+        """Wait until player and node have found each other."""
+        try:
+            self.wait(
+                lambda: (
+                    self._player.get_subscription_count() > 0
+                    and self.node.count_publishers('imu/data_filtered') > 0
+                ),
+                'the node to appear',
+            )
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        """Interrupt the node and wait for its end; `log` has what it wrote to stderr."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            _, self.log = self.process.communicate(timeout=_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            _, self.log = self.process.communicate()
+        self.returncode = self.process.returncode
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def wait(self, condition: Callable[[], object], what: str) -> None:
+        """Run callbacks until a condition holds.
+
+        Raises:
+            TimeoutError: It does not come to hold.
+            RuntimeError: The node has ended.
+        """
+        end = time.monotonic() + _PATIENCE
+        while not condition():
+            if self.process.poll() is not None:
+                raise RuntimeError(f'the node has ended with status {self.process.returncode}')
+            if time.monotonic() > end:
+                raise TimeoutError(f'waited {_PATIENCE:g} s for {what}')
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def publish(self, message: bytes) -> None:
+        """Publish one serialized Imu."""
+        self._player.publish(message)
+
+    def play(self, messages: Sequence[bytes]) -> list[bytes]:
+        """Publish messages as fast as the node takes them; return what it published for them.
+
+        Each message must give one output.
+        """
+        first = len(self.received)
+        for sent, message in enumerate(messages, 1):
+            self.publish(message)
+            self.wait(
+                lambda least=first + sent - _IN_FLIGHT: len(self.received) >= least,
+                'the node to keep up',
+            )
+        self.wait(lambda: len(self.received) >= first + len(messages), 'the last message')
+        return self.received[first:]

@@ -1,0 +1,171 @@
+"""The main job end to end: simulate, filter live, filter offline, compare, and draw.
+
+    python -m demo.main OUTPUT_FOLDER
+
+Both experiments of the paper (its section 4): a motionless gyroscope, and a sinusoid with isolated
+and consecutive outliers.
+"""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+
+from demo.figures import draw_dynamic, draw_static
+from demo.live import RELIABLE_INPUT, LiveNode
+from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
+from gyro_drift_filter.bags.replay import Topics, replay
+from gyro_drift_filter.bags.simulated import TOPIC, truth_path, write_simulation
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core.parameters import AXES, METHODS
+from gyro_drift_filter.core.simulation import Simulation, SimulationSettings, simulate
+
+SHIPPED = Path(__file__).parent.parent / 'config' / 'gyro_drift_filter.yaml'
+_TOPICS = Topics.of(TOPIC)
+
+Rates = NDArray[np.float64]
+
+
+def main() -> int:
+    """Run the demo; return 0 where live and offline agree."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('output', type=Path, help='folder to be made anew')
+    parser.add_argument('--seed', type=int, default=0)
+    options = parser.parse_args()
+    output: Path = options.output
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True)
+
+    simulation = simulate(SimulationSettings(seed=options.seed))
+    bag = output / 'simulated'
+    write_simulation(bag, simulation)
+    print(f'simulated {len(simulation.stamps)} samples at 100 Hz: {bag}')
+
+    live = output / 'live'
+    print('playing them into the node over ROS 2 ...')
+    filter_live(bag, live)
+    parameters = read_parameters(SHIPPED)
+    flags = {}
+    rates = {'raw': read_rates(bag, TOPIC)}
+    for method in METHODS:
+        replayed = output / f'replayed_{method}'
+        replay(
+            bag, replayed, parameters=parameters.with_names({'method': method}), diagnostics=True
+        )
+        rates[method] = read_rates(replayed, _TOPICS.filtered)
+        flags[method] = read_flags(replayed)
+    same = read_messages(live, _TOPICS.filtered) == read_messages(
+        output / f'replayed_{parameters.method}', _TOPICS.filtered
+    )
+    count = len(simulation.stamps)
+    print(
+        f'live and offline agree in every bit of {count} messages\n'
+        if same
+        else 'LIVE AND OFFLINE DIFFER\n'
+    )
+    print(static_table(simulation, rates), end='\n\n')
+    print(dynamic_table(simulation, rates, flags), end='\n\n')
+    figures = [output / 'static.png', output / 'dynamic.png']
+    draw_static(figures[0], simulation, rates)
+    draw_dynamic(figures[1], simulation, rates)
+    written = [bag, truth_path(bag), live]
+    written += [output / f'replayed_{method}' for method in METHODS] + figures
+    print('wrote ' + '\n      '.join(str(path) for path in written))
+    return 0 if same else 1
+
+
+def filter_live(bag: Path, destination: Path) -> None:
+    """Play the Imu messages of a bag into the real node and record what it publishes."""
+    with open_bag(bag) as reader:
+        played = [
+            (time, data) for connection, time, data in messages(reader) if connection.topic == TOPIC
+        ]
+    with LiveNode(['--params-file', str(SHIPPED), *RELIABLE_INPUT]) as node:
+        published = node.play([data for _, data in played])
+    with BagWriter(destination) as writer:
+        connection = writer.add_connection(_TOPICS.filtered, IMU_TYPE)
+        for (time, _), data in zip(played, published, strict=True):
+            writer.write(connection, time, data)
+
+
+def read_messages(bag: Path, topic: str) -> list[bytes]:
+    """Return the serialized messages of a topic."""
+    with open_bag(bag) as reader:
+        return [data for connection, _, data in messages(reader) if connection.topic == topic]
+
+
+def read_rates(bag: Path, topic: str) -> Rates:
+    """Return the angular velocity (n, 3) in rad/s of an Imu topic."""
+    return np.array([read_imu(data).angular_velocity for data in read_messages(bag, topic)])
+
+
+def read_flags(bag: Path) -> NDArray[np.bool_]:
+    """Return the outlier flags (n, 3) that a replay with diagnostics has written."""
+    topic = _TOPICS.sample('outlier')
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        vectors = [
+            reader.deserialize(data, connection.msgtype).vector
+            for connection, _, data in reader.messages(connections)
+        ]
+    return np.array([(v.x, v.y, v.z) for v in vectors]) > 0
+
+
+def static_table(simulation: Simulation, rates: Mapping[str, Rates]) -> str:
+    """Return the paper's Table 2: mean and standard deviation on the motionless part."""
+    still = ~simulation.moving
+    raw = rates['raw'][still]
+    error = standard_error(raw)
+    rows = [['', 'mean (rad/s)', 'shift (standard errors)', 'std (rad/s)', 'std / raw']]
+    for name, rate in rates.items():
+        for i, axis in enumerate(AXES):
+            mean, deviation = rate[still, i].mean(), rate[still, i].std()
+            rows.append(
+                [
+                    f'{name} {axis}',
+                    f'{mean:.6f}',
+                    f'{(mean - raw[:, i].mean()) / error[i]:.2f}',
+                    f'{deviation:.6f}',
+                    f'{deviation / raw[:, i].std():.3f}',
+                ]
+            )
+    return 'Static experiment: the mean stays, the deviation falls\n' + table(rows)
+
+
+def standard_error(rate: Rates) -> Rates:
+    """Return the standard error of the mean (3,), from means of blocks, as noise is correlated."""
+    blocks = np.array([block.mean(axis=0) for block in np.array_split(rate, 30)])
+    return np.asarray(blocks.std(axis=0, ddof=1) / np.sqrt(len(blocks)))
+
+
+def dynamic_table(
+    simulation: Simulation,
+    rates: Mapping[str, Rates],
+    flags: Mapping[str, NDArray[np.bool_]],
+) -> str:
+    """Return error against truth, and what became of the outliers, on the sinusoid."""
+    moving, outliers = simulation.moving, simulation.outliers
+    injected = int(outliers.sum())
+    rows = [['', 'rms error', 'largest error', 'injected', 'flagged', 'missed', 'false flags']]
+    for name, rate in rates.items():
+        error = (rate - simulation.truth)[moving]
+        row = [name, f'{np.sqrt((error**2).mean()):.6f}', f'{np.abs(error).max():.6f}']
+        if name in flags:
+            caught = int(flags[name][outliers].sum())
+            false = int(flags[name][~outliers & moving[:, None]].sum())
+            row += [str(injected), str(caught), str(injected - caught), str(false)]
+        else:
+            row += [str(injected), '', '', '']
+        rows.append(row)
+    return 'Dynamic experiment: sinusoid with outliers, error in rad/s, all axes\n' + table(rows)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The live node: the only place with rclpy."""

@@ -1,0 +1,54 @@
+"""Start and end of the node's process."""
+
+import sys
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.ros.node import GyroDriftFilterNode
+
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:
+    EventsExecutor = None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted.
+
+    Returns:
+        0 after an interrupt, 1 after a known error told in one line on stderr.
+    """
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+        node = GyroDriftFilterNode()
+    except GyroDriftFilterError as error:
+        print(f'gyro_drift_filter_node: {error}', file=sys.stderr)
+        return 1
+    try:
+        spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def spin(node: GyroDriftFilterNode) -> None:
+    """Run the node's callbacks until shutdown."""
+    if EventsExecutor is None:
+        node.get_logger().warning(
+            'this rclpy has no EventsExecutor: falling back to SingleThreadedExecutor, at several '
+            'times the processor load'
+        )
+    executor = (EventsExecutor or SingleThreadedExecutor)()
+    executor.add_node(node)
+    # EventsExecutor.spin() of rclpy 7.1 turns without running a callback; spin_once does not.
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=1.0)
+    finally:
+        executor.shutdown()

@@ -1,0 +1,109 @@
+"""The filter's parameters as ROS 2 parameters: declared with descriptions, checked as a whole."""
+
+import sys
+from collections.abc import Callable
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from gyro_drift_filter.core import ParameterError, Parameters
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, Description, unknown_name
+
+_NAMES = {description.name: description for description in DESCRIPTIONS}
+_OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+
+
+class LiveParameters:
+    """Hold the parameters of a node; the node takes each valid change at once."""
+
+    def __init__(self, node: Node, changed: Callable[[Parameters], None]) -> None:
+        """Declare the parameters.
+
+        Args:
+            node: Made with `automatically_declare_parameters_from_overrides`, so that what the
+                user gave is there as it was typed: an integer where a double belongs, a name that
+                does not exist.
+            changed: Called with the new parameters after each change.
+
+        Raises:
+            ParameterError: A value is wrong.
+        """
+        self._node = node
+        self._changed = changed
+        given = {
+            name: parameter.value
+            for name, parameter in node.get_parameters_by_prefix('').items()
+            if name.split('.')[0] not in _OF_EVERY_NODE
+        }
+        for name in given:
+            if name not in _NAMES:
+                # Not an error: a section for all nodes (/**) may hold what is meant for others.
+                node.get_logger().error(unknown_name(name))
+        ours = {name: value for name, value in given.items() if name in _NAMES}
+        self.current = Parameters.from_names(ours)
+        for name in ours:
+            node.undeclare_parameter(name)
+        for name, value in self.current.names().items():
+            value = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(name, value, _descriptor(_NAMES[name]), ignore_override=True)
+        node.add_pre_set_parameters_callback(self._with_doubles)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def _with_doubles(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Turn integers into doubles where doubles belong: `ros2 param set` types 1 as integer."""
+        return [
+            Parameter(parameter.name, value=_as_double(_NAMES[parameter.name], parameter.value))
+            if parameter.name in _NAMES and parameter.value is not None
+            else parameter
+            for parameter in parameters
+        ]
+
+    def _candidate(self, parameters: list[Parameter]) -> Parameters:
+        changes = {p.name: p.value for p in parameters if p.name in _NAMES}
+        return self.current.with_names(changes)
+
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._candidate(parameters)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: list[Parameter]) -> None:
+        candidate = self._candidate(parameters)
+        if candidate != self.current:
+            self.current = candidate
+            self._changed(candidate)
+
+
+def _as_double(description: Description, value: object) -> object:
+    if description.kind == 'double' and type(value) is int:
+        return float(value)
+    if description.kind == 'double_array' and not isinstance(value, str) and value is not None:
+        items = list(value) if hasattr(value, '__iter__') else value
+        if isinstance(items, list) and all(type(item) is int for item in items):
+            return [float(item) for item in items]
+    return value
+
+
+def _descriptor(description: Description) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=description.text,
+        additional_constraints=description.limits,
+    )
+    if description.kind == 'double':
+        largest = sys.float_info.max
+        descriptor.floating_point_range = [
+            FloatingPointRange(
+                from_value=max(description.low, -largest),
+                to_value=min(description.high, largest),
+                step=0.0,
+            )
+        ]
+    return descriptor

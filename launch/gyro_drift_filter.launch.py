@@ -1,0 +1,57 @@
+"""Start the filter with its shipped parameters.
+
+ros2 launch gyro_drift_filter gyro_drift_filter.launch.py input:=camera/imu namespace:=robot1
+"""
+
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description: one node, and arguments for what users change."""
+    shipped = PathJoinSubstitution(
+        [FindPackageShare('gyro_drift_filter'), 'config', 'gyro_drift_filter.yaml']
+    )
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'params_file', default_value=shipped, description='ROS 2 parameter file'
+            ),
+            DeclareLaunchArgument('namespace', default_value='', description='of the node'),
+            DeclareLaunchArgument(
+                'input',
+                default_value='imu/data_raw',
+                description='sensor_msgs/Imu topic to filter',
+            ),
+            DeclareLaunchArgument(
+                'output', default_value='imu/data_filtered', description='filtered topic'
+            ),
+            DeclareLaunchArgument(
+                'use_sim_time', default_value='false', description='take the time from /clock'
+            ),
+            Node(
+                package='gyro_drift_filter',
+                executable='gyro_drift_filter_node',
+                name='gyro_drift_filter',
+                namespace=LaunchConfiguration('namespace'),
+                parameters=[
+                    LaunchConfiguration('params_file'),
+                    {
+                        'use_sim_time': ParameterValue(
+                            LaunchConfiguration('use_sim_time'), value_type=bool
+                        )
+                    },
+                ],
+                remappings=[
+                    ('imu/data_raw', LaunchConfiguration('input')),
+                    ('imu/data_filtered', LaunchConfiguration('output')),
+                ],
+                output='screen',
+            ),
+        ]
+    )
