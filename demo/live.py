@@ -1,5 +1,6 @@
 """Run the real node as a process, play messages into it over ROS 2 and record what it publishes."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -16,14 +17,20 @@ from sensor_msgs.msg import Imu
 
 NODE = Path(sys.executable).parent / 'gyro_drift_filter_node'
 # Nothing may get lost between player and node, however busy the machine is.
-RELIABLE_INPUT = ('-p', 'qos_overrides./imu/data_raw.subscription.reliability:=reliable')
+LOSSLESS = (
+    *('-p', 'qos_overrides./imu/data_raw.subscription.reliability:=reliable'),
+    *('-p', 'qos_overrides./imu/data_filtered.publisher.depth:=1000'),
+)
 _IN_FLIGHT = 100
-_PATIENCE = 60.0
+_PATIENCE = 30.0
+
+
+_domains = itertools.count(int(os.environ.get('ROS_DOMAIN_ID') or os.getpid()))
 
 
 def own_domain() -> int:
-    """Return the ROS domain of this process: the one set, or one that others hardly have."""
-    return int(os.environ.get('ROS_DOMAIN_ID') or 1 + os.getpid() % 100)
+    """Return a ROS domain that no other node of this process has, and others hardly."""
+    return 1 + next(_domains) % 100
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -46,7 +53,7 @@ class LiveNode:
         returncode: The node's exit status after the end.
     """
 
-    def __init__(self, arguments: Sequence[str] = RELIABLE_INPUT, node: Path = NODE) -> None:
+    def __init__(self, arguments: Sequence[str] = LOSSLESS, node: Path = NODE) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         domain = own_domain()
         self._context = rclpy.Context()
@@ -115,16 +122,16 @@ class LiveNode:
         """Publish one serialized Imu."""
         self._player.publish(message)
 
-    def play(self, messages: Sequence[bytes]) -> list[bytes]:
+    def play(self, messages: Sequence[bytes], in_flight: int = _IN_FLIGHT) -> list[bytes]:
         """Publish messages as fast as the node takes them; return what it published for them.
 
-        Each message must give one output.
+        Each message must give one output; no more than `in_flight` are on their way at a time.
         """
         first = len(self.received)
         for sent, message in enumerate(messages, 1):
             self.publish(message)
             self.wait(
-                lambda least=first + sent - _IN_FLIGHT: len(self.received) >= least,
+                lambda least=first + sent - in_flight: len(self.received) >= least,
                 'the node to keep up',
             )
         self.wait(lambda: len(self.received) >= first + len(messages), 'the last message')

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_static
-from demo.live import RELIABLE_INPUT, LiveNode
+from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
 from gyro_drift_filter.bags.replay import Topics, replay
@@ -87,7 +87,7 @@ def filter_live(bag: Path, destination: Path) -> None:
         played = [
             (time, data) for connection, time, data in messages(reader) if connection.topic == TOPIC
         ]
-    with LiveNode(['--params-file', str(SHIPPED), *RELIABLE_INPUT]) as node:
+    with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
         published = node.play([data for _, data in played])
     with BagWriter(destination) as writer:
         connection = writer.add_connection(_TOPICS.filtered, IMU_TYPE)

@@ -44,7 +44,7 @@ MEMORY_STEPS = 100
 LARGEST_DEVIATION = 2.0
 
 # A new period within these shares of the old one, or of the rate that was given, is the same.
-SAME_PERIOD = 0.05
+SAME_PERIOD = 0.01
 SAME_RATE = 0.1
 
 RESTART = -1
@@ -156,8 +156,11 @@ def _learn_period(clock: Any, sample_rate: float) -> None:
     power_of_two = samples & (samples - 1) == 0
     if not full and (clock['blocks'] > 0 or not power_of_two):
         return
-    # Gaps in a third of the steps are no gaps: the driver has changed its rate.
-    missing = clock['block_missing'] if 3 * clock['block_gaps'] < samples else 0
+    missing = clock['block_missing']
+    # More missing than received, or a gap in every third step: these are no gaps, the driver has
+    # changed its rate or delivers in long bursts.
+    if missing >= samples or 3 * clock['block_gaps'] >= samples:
+        missing = 0
     period = min(max(span / (samples + missing), SHORTEST_PERIOD), LONGEST_PERIOD)
     if full:
         clock['block_periods'][clock['blocks'] % BLOCKS] = period

@@ -89,15 +89,15 @@ def derive_paper(model: Any, sample_rate: float, period: float, coefficients: An
 
 @compiled
 def start_paper(state: Any, coefficients: Any, sample: float) -> None:
-    """Begin at a sample (rad/s). What was learned of the noise before, if anything, is kept."""
+    """Begin at a sample (rad/s). Q and R, if learned before, are kept."""
     state['tracking'] = True
     if state['samples'] == 0:
         state['samples'] = 1  # safeguard: first sample
         state['process_noise'] = coefficients['process_noise']
         state['measurement_noise'] = coefficients['measurement_noise']
-        state['measurement_mean'] = 0.0
-        state['rate_mean'] = 0.0
-        state['drift_mean'] = 0.0
+    state['measurement_mean'] = 0.0
+    state['rate_mean'] = 0.0
+    state['drift_mean'] = 0.0
     phi = coefficients['phi']
     state['rate'] = sample
     state['drift'] = 0.0

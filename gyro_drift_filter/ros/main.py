@@ -22,10 +22,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 after an interrupt, 1 after a known error told in one line on stderr.
     """
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
-        node = GyroDriftFilterNode()
+        node = _start(arguments)
     except GyroDriftFilterError as error:
         print(f'gyro_drift_filter_node: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
         return 1
     try:
         spin(node)
@@ -35,6 +35,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _start(arguments: Sequence[str] | None) -> GyroDriftFilterNode:
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except RuntimeError as error:  # rcl could not read the arguments or the parameter file
+        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        raise GyroDriftFilterError(reason) from error
+    return GyroDriftFilterNode()
 
 
 def spin(node: GyroDriftFilterNode) -> None:

@@ -1,5 +1,7 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
+from dataclasses import replace
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.clock import Clock
@@ -12,7 +14,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.bags.health import NODE_NAME, OK, Health, Status
+from gyro_drift_filter.bags.cdr import IMU_TYPE
+from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, Health, Status
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.core.compiled import is_compiled
 from gyro_drift_filter.ros.parameters import LiveParameters
@@ -102,6 +105,8 @@ class GyroDriftFilterNode(Node):
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
         for status in self._health.report(seconds):
+            if status.level == STALE:
+                status = replace(status, message=self._explain_silence())
             self._log_change(status)
             array.status.append(
                 DiagnosticStatus(
@@ -112,6 +117,28 @@ class GyroDriftFilterNode(Node):
                 )
             )
         self._diagnostics.publish(array)
+
+    def _explain_silence(self) -> str:
+        """Return why no message comes in, as far as the graph of publishers tells."""
+        topic = self._input.topic_name
+        publishers = self.get_publishers_info_by_topic(topic)
+        wrong = [p for p in publishers if p.topic_type != IMU_TYPE]
+        if wrong:
+            return (
+                f'{wrong[0].node_name} publishes {wrong[0].topic_type} on {topic}, '
+                f'not {IMU_TYPE}: remap imu/data_raw to an Imu topic'
+            )
+        if publishers:
+            return f'no message, though {publishers[0].node_name} publishes {topic}'
+        others = sorted(
+            name
+            for name, types in self.get_topic_names_and_types()
+            if IMU_TYPE in types and name not in (topic, self._output.topic_name)
+        )
+        hint = f'; Imu topics there are: {", ".join(others)}' if others else ''
+        return (
+            f'nobody publishes {topic}: is the driver running, and is imu/data_raw remapped?{hint}'
+        )
 
     def _log_change(self, status: Status) -> None:
         """Log a status that is not as it was at the last report."""

@@ -1,0 +1,147 @@
+"""The command as a person meets it: what it prints, and how it ends."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.cli.main import main
+from test.test_replay import IMU_TYPE, TEXT, TOPIC, simulated, text, write
+
+COMMAND = Path(sys.executable).parent / 'gyro_drift'
+
+
+def run(*arguments, **environment):
+    return subprocess.run(
+        [COMMAND, *map(str, arguments)],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+def test_simulate_then_replay(tmp_path):
+    bag, out = tmp_path / 'bag', tmp_path / 'out'
+    done = run('simulate', '-o', bag, '--seed', 5, '--static', 5, '--dynamic', 10)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r'1500 samples, \d+ outliers on three axes', done.stdout)
+    assert f'truth in {tmp_path}/bag_truth.npz' in done.stdout
+    done = run('replay', bag, '-o', out, '--method', 'kalman')
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    lines = done.stdout.splitlines()
+    assert lines[0] == ('/imu/data_raw -> /imu/data_filtered: 1500 messages, 1500 filtered, 100 Hz')
+    assert lines[1].split()[:4] == ['rad/s', 'mean', 'raw', 'kalman']
+    assert [line.split()[0] for line in lines[2:5]] == ['x', 'y', 'z']
+    assert lines[5] == f'wrote {out}'
+    assert (out / 'metadata.yaml').exists()
+
+
+def test_simulate_is_reproducible(tmp_path):
+    for name in 'ab':
+        output = tmp_path / name / 'bag'
+        assert main(['simulate', '-o', str(output), '--static', '2', '--dynamic', '2']) == 0
+    a, b = (np.load(tmp_path / name / 'bag_truth.npz') for name in 'ab')
+    assert all((a[name] == b[name]).all() for name in a.files)
+    bags = [(tmp_path / name / 'bag' / 'bag.mcap').read_bytes() for name in 'ab']
+    assert bags[0] == bags[1]
+
+
+def test_replay_takes_a_parameter_file(tmp_path, capsys):
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
+    parameters = tmp_path / 'p.yaml'
+    parameters.write_text('/**:\n  ros__parameters: {method: kalman, epsilon: 1}\n')
+    arguments = ['replay', str(bag), '-o', str(tmp_path / 'out'), '--params', str(parameters)]
+    assert main(arguments) == 0
+    assert 'kalman' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['replay', 'none', '-o', 'out'], 'no such bag: none'),
+        (['replay', 'words', '-o', 'out'], 'no topic of type sensor_msgs/msg/Imu in the bag'),
+        (['replay', 'in', '-o', 'in'], 'in exists already: remove it or choose another name'),
+        (['replay', 'in', '-o', 'out', '--params', 'none.yaml'], 'none.yaml: No such file'),
+        (['replay', 'in', '-o', 'out', '--params', 'bad.yaml'], "did you mean 'epsilon'?"),
+        (['replay', 'in', '-o', 'out', '--params', 'text.yaml'], "'epsilon' must be a number"),
+        (['simulate', '-o', 'out', '--rate', '0'], '--rate must be 1 to 10000 Hz'),
+        (['simulate', '-o', 'out', '--static', '-1'], '--static and --dynamic must not be'),
+        (['simulate', '-o', 'out', '--seed', '-1'], '--seed must not be negative'),
+        (['simulate', '-o', 'in'], 'in exists already'),
+    ],
+)
+def test_a_known_error_is_one_line_and_status_1(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    write(tmp_path / 'words', {('/words', TEXT): [(1, text('a'))]})
+    (tmp_path / 'bad.yaml').write_text('/**: {ros__parameters: {epsilonn: 1.0}}')
+    (tmp_path / 'text.yaml').write_text('/**: {ros__parameters: {epsilon: wide}}')
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ''
+    assert printed.err.startswith(f'gyro_drift {arguments[0]}: ')
+    assert message in printed.err
+    assert printed.err.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('arguments', [[], ['replay'], ['replay', 'bag'], ['frobnicate']])
+def test_bad_usage_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as error:
+        main(arguments)
+    assert error.value.code == 2
+    assert 'usage: gyro_drift' in capsys.readouterr().err
+
+
+def test_warns_of_rates_in_degrees(tmp_path, capsys):
+    from gyro_drift_filter.bags.simulated import imu_message
+
+    imu = [
+        (10**18 + k * 10**7, imu_message(10**18 + k * 10**7, (90.0 + k, 0, 0), (0, 0, 9.8)))
+        for k in range(200)
+    ]
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    assert main(['replay', str(bag), '-o', str(tmp_path / 'out')]) == 0
+    assert 'warning: rates stay above 35 rad/s' in capsys.readouterr().err
+
+
+WITHOUT = """
+import sys
+for name in sys.argv[1].split(','):
+    sys.modules[name] = None
+from gyro_drift_filter.cli.main import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def test_a_missing_library_is_named_in_one_sentence(tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT, 'rosbags', 'replay', 'x', '-o', str(tmp_path / 'out')],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    assert "install it with 'pip install rosbags'" in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+def test_the_offline_tools_run_without_ros(tmp_path):
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
+    without = 'rclpy,sensor_msgs,std_msgs,geometry_msgs,diagnostic_msgs'
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT, without, 'replay', str(bag), '-o', str(tmp_path / 'out')],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr

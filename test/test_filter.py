@@ -1,0 +1,134 @@
+"""The step and the class around it: live against batch, snapshots, unusable rates."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
+from gyro_drift_filter.core.filter import FILTERED, REFUSED, RESULT
+from gyro_drift_filter.core.parameters import METHODS
+from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+def recording(n=2000):
+    return simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
+
+
+def same(a, b):
+    return all(np.array_equal(a[name], b[name]) for name in RESULT.names)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_batch_is_the_live_step_bit_for_bit(method):
+    data = recording()
+    stamps = data.stamps.copy()
+    stamps[500:] += 200_000_000
+    stamps[700] = stamps[699]
+    rates = data.angular_velocity.copy()
+    rates[900, 1] = np.nan
+    batch = Filter(Parameters(method=method)).run(stamps, rates, data.linear_acceleration)
+    live = Filter(Parameters(method=method))
+    for k in range(len(stamps)):
+        result = live.step(int(stamps[k]), rates[k], data.linear_acceleration[k])
+        assert same(result, batch[k])
+
+
+@settings(max_examples=20, deadline=None)
+@given(cuts=st.lists(st.integers(0, 2000), min_size=1, max_size=5), method=st.sampled_from(METHODS))
+def test_restore_continues_bit_for_bit(cuts, method):
+    data = recording()
+    whole = Filter(Parameters(method=method)).run(
+        data.stamps, data.angular_velocity, data.linear_acceleration
+    )
+    filter_ = Filter(Parameters(method=method))
+    parts = []
+    for begin, end in zip([0, *sorted(cuts)], [*sorted(cuts), 2000], strict=True):
+        span = slice(begin, end)
+        parts.append(
+            filter_.run(
+                data.stamps[span], data.angular_velocity[span], data.linear_acceleration[span]
+            )
+        )
+        snapshot = filter_.snapshot()
+        filter_ = Filter(Parameters(method=method))
+        filter_.restore(snapshot)
+    assert same(np.concatenate(parts), whole)
+
+
+def test_restore_refuses_another_version():
+    with pytest.raises(GyroDriftFilterError, match='another version'):
+        Filter().restore(b'short')
+
+
+def test_reset_starts_afresh():
+    data = recording()
+    filter_ = Filter()
+    first = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    filter_.reset()
+    again = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    assert same(first, again)
+
+
+def test_configure_keeps_the_state():
+    data = recording()
+    filter_ = Filter()
+    filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    before = filter_.snapshot()
+    filter_.configure(Parameters(forgetting_factor=0.99, method='kalman'))
+    assert filter_.snapshot() == before
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e300, -2e6])
+@pytest.mark.parametrize('method', METHODS)
+def test_an_unusable_rate_is_bridged_by_the_prediction(bad, method):
+    data = recording()
+    filter_ = Filter(Parameters(method=method))
+    filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    kept = data.angular_velocity[-1, 0]
+    stamp = int(data.stamps[-1])
+    for k in range(1, 20):
+        result = filter_.step(stamp + k * 10_000_000, (kept, bad, kept), ZERO)
+        assert result['status'] == FILTERED
+        for name in RESULT.names:
+            assert np.isfinite(result[name]).all()
+        assert result['outlier'].tolist()[1] == 1.0
+        assert abs(result['angular_velocity'][1]) < 1.0
+    assert filter_.state['counts']['unusable'].tolist() == [0, 19, 0]
+
+
+def test_nothing_is_published_before_every_axis_had_a_usable_rate():
+    filter_ = Filter()
+    stamp = 10**18
+    assert filter_.step(stamp, (np.nan, 0.0, 0.0), ZERO)['status'] == REFUSED
+    assert filter_.step(stamp + 10**7, (np.nan, 0.0, 0.0), ZERO)['status'] == REFUSED
+    result = filter_.step(stamp + 2 * 10**7, (0.5, 0.0, 0.0), ZERO)
+    assert result['status'] == FILTERED
+    assert result['angular_velocity'][0] == 0.5
+    assert filter_.state['counts']['refused'] == 2
+
+
+def test_an_unusable_rate_after_a_restart_is_refused():
+    """A rate from before an hour's pause is no prediction."""
+    filter_ = Filter()
+    filter_.step(10**18, (0.1, 0.1, 0.1), ZERO)
+    result = filter_.step(10**18 + 3600 * 10**9, (np.nan, 0.1, 0.1), ZERO)
+    assert result['status'] == REFUSED
+
+
+def test_run_refuses_shapes_that_do_not_agree():
+    with pytest.raises(GyroDriftFilterError, match='shapes'):
+        Filter().run(np.zeros(3, np.int64), np.zeros((4, 3)), np.zeros((3, 3)))
+
+
+def test_unknown_acceleration_changes_nothing_in_the_papers_filters():
+    data = recording()
+    unknown = np.full_like(data.linear_acceleration, np.nan)
+    for method in ('kalman', 'sage_husa'):
+        a, b = (
+            Filter(Parameters(method=method)).run(data.stamps, data.angular_velocity, acceleration)
+            for acceleration in (data.linear_acceleration, unknown)
+        )
+        assert same(a, b)

@@ -1,0 +1,68 @@
+"""The layers stay apart: imports go one way, and the core needs no ROS and no files."""
+
+import ast
+import subprocess
+import sys
+
+from test.conftest import REPOSITORY
+
+PACKAGE = REPOSITORY / 'gyro_drift_filter'
+# What each layer may import of the others.
+ALLOWED = {
+    'core': set(),
+    'bags': {'core'},
+    'ros': {'bags', 'core'},
+    'cli': {'bags', 'core'},
+}
+ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module
+
+
+def test_imports_go_one_way():
+    seen = set()
+    for path in PACKAGE.glob('*/*.py'):
+        layer = path.parent.name
+        for name in imports(path):
+            parts = name.split('.')
+            if parts[0] == 'gyro_drift_filter' and len(parts) > 1 and parts[1] != layer:
+                assert parts[1] in ALLOWED[layer], f'{path} imports {name}'
+                seen.add((layer, parts[1]))
+            if layer != 'ros':
+                assert parts[0] not in ROS, f'{path} imports {name}'
+            if layer == 'core':
+                assert parts[0] not in {'rosbags', 'mcap', 'yaml'}, f'{path} imports {name}'
+    assert ('ros', 'core') in seen
+
+
+def test_the_core_is_importable_with_numpy_alone():
+    code = """
+import sys
+for name in ('numba', 'rclpy', 'rosbags', 'mcap', 'yaml', 'matplotlib'):
+    sys.modules[name] = None
+from gyro_drift_filter.core import Filter
+print(Filter().step(1, (1.0, 2.0, 3.0), (0.0, 0.0, 9.8))['angular_velocity'])
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.stdout.strip() == '[1. 2. 3.]', done.stderr
+
+
+def test_the_node_needs_the_apt_packages_alone():
+    code = """
+import sys
+for name in ('numba', 'rosbags', 'mcap', 'matplotlib', 'scipy'):
+    sys.modules[name] = None
+import gyro_drift_filter.ros.main
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr

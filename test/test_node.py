@@ -1,0 +1,354 @@
+"""The real node as a process, over ROS 2."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, MagneticField
+from std_srvs.srv import Trigger
+
+from demo.live import LOSSLESS, NODE, LiveNode, environment, own_domain
+from gyro_drift_filter.bags.cdr import read_imu
+from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.bags.recording import messages, open_bag
+from gyro_drift_filter.bags.simulated import imu_message
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, METHODS
+from test.conftest import REPOSITORY
+from test.test_message_filter import simulated
+
+SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
+
+
+@pytest.fixture(scope='module')
+def live():
+    """A node with the shipped parameters; tests set it back to its start by `fresh`."""
+    with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
+        yield node
+
+
+def call(live, kind, name, request):
+    client = live.node.create_client(kind, f'/gyro_drift_filter/{name}')
+    live.wait(client.service_is_ready, f'service {name}')
+    future = client.call_async(request)
+    live.wait(future.done, f'an answer of {name}')
+    live.node.destroy_client(client)
+    return future.result()
+
+
+def set_parameters(live, **values):
+    request = SetParameters.Request(
+        parameters=[
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+    )
+    return call(live, SetParameters, 'set_parameters', request).results
+
+
+def get_parameter(live, name):
+    values = call(live, GetParameters, 'get_parameters', GetParameters.Request(names=[name])).values
+    return values[0]
+
+
+@pytest.fixture
+def fresh(live):
+    """The node as it is after its start."""
+    for name, value in Parameters().names().items():
+        value = list(value) if isinstance(value, tuple) else value
+        assert set_parameters(live, **{name.replace('.', '__'): value})[0].successful
+    assert call(live, Trigger, 'reset', Trigger.Request()).success
+    return live
+
+
+def offline(data, **parameters):
+    return [o.data for o in MessageFilter(Parameters(**parameters)).process_batch(data)]
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_publishes_the_same_bits_as_replay(fresh, method):
+    set_parameters(fresh, method=method)
+    data = simulated(3000)
+    assert fresh.play(data) == offline(data, method=method)
+
+
+def test_real_recordings_give_the_same_bits_as_replay(fresh, recording):
+    with open_bag(recording) as reader:
+        data = [d for c, _, d in messages(reader) if c.msgtype == 'sensor_msgs/msg/Imu'][:5000]
+    assert fresh.play(data) == offline(data)
+
+
+def test_sample_topics_only_while_somebody_listens(fresh):
+    data = simulated(200)
+    received = {name: [] for name in SAMPLE_TOPICS}
+    subscriptions = [
+        fresh.node.create_subscription(
+            Vector3Stamped, f'/gyro_drift_filter/{name}', received[name].append, 1000, raw=True
+        )
+        for name in SAMPLE_TOPICS
+    ]
+    fresh.wait(
+        lambda: all(
+            fresh.node.count_publishers(f'/gyro_drift_filter/{name}') for name in SAMPLE_TOPICS
+        ),
+        'the sample topics',
+    )
+    # Matched on the node's side, too, only when a message arrives.
+    probe = MessageFilter(Parameters())
+    sent = 0
+    while not all(received.values()):
+        published = fresh.play(data[sent : sent + 1])
+        probe.process(data[sent])
+        sent += 1
+        assert published
+        assert sent < len(data) - 50
+        end = time.monotonic() + 0.1
+        fresh.wait(lambda end=end: all(received.values()) or time.monotonic() > end, 'samples')
+    counts = {name: len(messages_) for name, messages_ in received.items()}
+    fresh.play(data[sent:], in_flight=5)
+    expected = len(data) - sent
+    fresh.wait(
+        lambda: all(len(received[n]) >= counts[n] + expected for n in SAMPLE_TOPICS), 'samples'
+    )
+    for message in data[sent:]:
+        outcome = probe.process(message)
+        for name in SAMPLE_TOPICS:
+            wanted = sample_message(message, outcome.imu, outcome.result, name)
+            assert received[name][counts[name]] == wanted
+            counts[name] += 1
+    for subscription in subscriptions:
+        fresh.node.destroy_subscription(subscription)
+
+
+def test_bad_messages_do_no_harm(fresh):
+    """Truncated and foreign bytes, NaN, covariance -1; then all is as before."""
+    data = simulated(400)
+    stamp = read_imu(data[200]).stamp
+    bad = [
+        data[200][:50],
+        imu_message(stamp, (np.nan, 0.1, np.inf), (0, 0, 9.8)),
+        imu_message(stamp + 1000, (1.0, 2.0, 3.0), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0]),
+    ]
+    sequence = data[:200] + bad + data[201:]
+    expected = [out for out in offline(sequence) if out is not None]
+    first = len(fresh.received)
+    for message in sequence[:200]:
+        fresh.play([message])
+    for message in bad:
+        fresh.publish(message)
+    fresh.wait(lambda: len(fresh.received) == first + 202, 'the messages that pass')
+    fresh.play(data[201:])
+    assert fresh.received[first:] == expected
+    for message in fresh.received[first : first + 201]:
+        assert np.isfinite(read_imu(message).angular_velocity).all()
+
+
+def diagnostics(live, condition):
+    """Return {name: status} of the first /diagnostics that meets a condition."""
+    found = []
+
+    def take(array):
+        statuses = {status.name: status for status in array.status}
+        if condition(statuses):
+            found.append(statuses)
+
+    subscription = live.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
+    live.wait(lambda: found, 'diagnostics')
+    live.node.destroy_subscription(subscription)
+    return found[0]
+
+
+def values(status):
+    return {pair.key: pair.value for pair in status.values}
+
+
+def test_diagnostics_count_what_comes_in(fresh):
+    data = simulated(300)
+    fresh.play(data)
+    statuses = diagnostics(
+        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '300'
+    )
+    filter_ = values(statuses['gyro_drift_filter: filter'])
+    assert filter_['Method'] == Parameters().method
+    flagged = [int(filter_[f'Outliers {axis}']) for axis in 'xyz']
+    probe = MessageFilter(Parameters())
+    probe.process_batch(data)
+    assert flagged == probe.filter.state['counts']['outliers'].tolist()
+
+
+def test_degrees_draw_a_warning(fresh):
+    stamp = 10**18
+
+    def warned(statuses):
+        nonlocal stamp
+        stamp += 10**7
+        fresh.publish(imu_message(stamp, (90.0, 0.1, 0.1), (0, 0, 9.8)))
+        return statuses['gyro_drift_filter: input'].level == b'\x01'
+
+    for _ in range(100):
+        stamp += 10**7
+        fresh.play([imu_message(stamp, (90.0, 0.1, 0.1), (0, 0, 9.8))])
+    status = diagnostics(fresh, warned)['gyro_drift_filter: input']
+    assert 'degrees' in status.message
+
+
+def test_parameters_are_described(live):
+    names = [description.name for description in DESCRIPTIONS]
+    request = DescribeParameters.Request(names=names)
+    for descriptor, description in zip(
+        call(live, DescribeParameters, 'describe_parameters', request).descriptors,
+        DESCRIPTIONS,
+        strict=True,
+    ):
+        assert descriptor.description == description.text
+        assert descriptor.additional_constraints == description.limits
+        if description.kind == 'double':
+            assert descriptor.type == ParameterType.PARAMETER_DOUBLE
+            assert descriptor.floating_point_range
+
+
+def test_a_valid_set_takes_effect(fresh):
+    data = simulated(1000)
+    fresh.play(data[:500])
+    assert set_parameters(fresh, forgetting_factor=0.95)[0].successful
+    assert set_parameters(fresh, gap_limit=2)[0].successful
+    assert get_parameter(fresh, 'gap_limit').double_value == 2.0
+    assert set_parameters(fresh, model__phi=[0, 0, 0])[0].successful
+    live = fresh.play(data[500:])
+    filter_ = MessageFilter(Parameters())
+    filter_.process_batch(data[:500])
+    filter_.filter.configure(
+        Parameters(forgetting_factor=0.95, gap_limit=2.0, model_phi=(0.0, 0.0, 0.0))
+    )
+    assert live == [outcome.data for outcome in filter_.process_batch(data[500:])]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('forgetting_factor', 0.5, '0.9'),
+        ('epsilon', 0.0, 'must be greater than 0'),
+        ('epsilon', 'wide', ''),
+        ('method', 'magic', 'must be one of kalman, sage_husa'),
+        ('model__phi', [0.1, 0.1], 'must be a list of three numbers'),
+        ('model__measurement_noise', [1.0, -1.0, 1.0], r'(axis y) must be greater than 0'),
+    ],
+)
+def test_an_invalid_set_is_refused_with_a_reason(fresh, name, value, reason):
+    before = get_parameter(fresh, name.replace('__', '.'))
+    result = set_parameters(fresh, **{name: value})[0]
+    assert not result.successful
+    assert result.reason
+    assert reason in result.reason
+    assert get_parameter(fresh, name.replace('__', '.')) == before
+
+
+def start(*arguments, seconds=30, expect_end=True, domain=None):
+    """Run the node until it ends by itself, or for a while; return status and stderr."""
+    process = subprocess.Popen(
+        [NODE, '--ros-args', *arguments],
+        env=environment(domain or own_domain()),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        _, log = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.terminate()
+        _, log = process.communicate(timeout=30)
+        assert not expect_end, f'the node did not end:\n{log}'
+    return process.returncode, log
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        ('epsilon: wide', "parameter 'epsilon' must be a number, not 'wide'"),
+        ('forgetting_factor: 0.5', "'forgetting_factor' must be at least 0.9"),
+        ('method: magic', "'method' must be one of"),
+        ('model: {phi: [0.1, 0.2]}', "'model.phi' must be a list of three numbers"),
+    ],
+)
+def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text(f'gyro_drift_filter:\n  ros__parameters:\n    {content}\n')
+    status, log = start('--params-file', str(path))
+    assert status == 1
+    assert message in log
+    assert 'Traceback' not in log
+
+
+def test_an_unknown_key_is_named_in_the_log(tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    forgeting_factor: 0.98\n    epsilon: 1\n')
+    status, log = start('--params-file', str(path), seconds=8, expect_end=False)
+    assert status == 0
+    assert "unknown parameter 'forgeting_factor': did you mean 'forgetting_factor'?" in log
+    assert 'filtering /imu/data_raw into /imu/data_filtered' in log
+
+
+def test_a_missing_parameter_file_ends_the_node_with_one_line(tmp_path):
+    status, log = start('--params-file', str(tmp_path / 'none.yaml'))
+    assert status == 1
+    assert 'none.yaml' in log
+    assert 'Traceback' not in log
+
+
+def test_wrong_type_on_the_topic_is_reported():
+    import rclpy
+
+    context, domain = rclpy.Context(), own_domain()
+    rclpy.init(context=context, domain_id=domain)
+    other = rclpy.create_node('magnetometer', context=context)
+    other.create_publisher(MagneticField, '/imu/wrong_type', 10)
+    try:
+        status, log = start(
+            '-r', 'imu/data_raw:=imu/wrong_type', seconds=8, expect_end=False, domain=domain
+        )
+    finally:
+        other.destroy_node()
+        context.try_shutdown()
+    assert status == 0
+    assert 'sensor_msgs/msg/MagneticField' in log
+    assert 'not sensor_msgs/msg/Imu' in log
+
+
+def test_runs_in_plain_python_without_an_events_executor(tmp_path):
+    """The parts that a robot may lack: numba, and EventsExecutor in rclpy.experimental."""
+    program = tmp_path / 'node'
+    program.write_text(
+        f'#!{sys.executable}\n'
+        'import sys\n'
+        "sys.modules['numba'] = None\n"
+        "sys.modules['rclpy.experimental'] = None\n"
+        'from gyro_drift_filter.ros.main import main\n'
+        'sys.exit(main())\n'
+    )
+    program.chmod(0o755)
+    data = simulated(200)
+    with LiveNode([*LOSSLESS, '-r', '__ns:=/', '-p', 'method:=kalman'], node=program) as node:
+        out = node.play(data)
+    wanted = offline(data, method='kalman')
+    for got, expected in zip(out, wanted, strict=True):
+        a, b = (np.array(read_imu(message).angular_velocity) for message in (got, expected))
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+    assert node.returncode == 0
+    assert 'no EventsExecutor: falling back' in node.log
+    assert 'in plain Python: install numba' in node.log
+
+
+@pytest.mark.skipif('RMW_IMPLEMENTATION' in os.environ, reason='the test chooses no middleware')
+def test_the_output_is_a_message_that_ros_reads(fresh):
+    out = fresh.play(simulated(100))
+    message = deserialize_message(out[-1], Imu)
+    assert message.header.frame_id == 'imu_link'
+    assert message.angular_velocity_covariance[0] > 0

@@ -1,0 +1,146 @@
+"""The package as others meet it: metadata, the launch file, a colcon workspace, the demo."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from demo.live import LOSSLESS, LiveNode
+from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.core import Parameters
+from test.conftest import REPOSITORY
+from test.test_message_filter import simulated
+
+BIN = Path(sys.executable).parent
+
+
+def test_the_version_stands_once():
+    package = ElementTree.parse(REPOSITORY / 'package.xml').getroot()
+    assert package.get('format') == '3'
+    assert version('gyro_drift_filter') == package.findtext('version')
+    assert (REPOSITORY / 'resource' / package.findtext('name')).exists()
+
+
+def test_package_xml_names_what_is_imported():
+    package = ElementTree.parse(REPOSITORY / 'package.xml').getroot()
+    declared = {element.text for element in package.findall('exec_depend')}
+    imported = set()
+    for path in (REPOSITORY / 'gyro_drift_filter' / 'ros').glob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                imported.add(node.module.split('.')[0])
+    standard = set(sys.stdlib_module_names) | {'gyro_drift_filter'}
+    assert imported - standard <= declared
+
+
+def test_the_launch_file_names_what_is_there():
+    """Its structure, read as text; `launch` itself comes with ROS 2 from apt alone."""
+    text = (REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py').read_text()
+    ast.parse(text)
+    for argument in ('params_file', 'namespace', 'input', 'output', 'use_sim_time'):
+        assert f"LaunchConfiguration('{argument}')" in text
+        assert f"'{argument}'" in text
+    assert "executable='gyro_drift_filter_node'" in text
+    assert (REPOSITORY / 'config' / 'gyro_drift_filter.yaml').exists()
+
+
+def test_the_launch_file_loads_where_launch_is_installed():
+    pytest.importorskip('launch_ros', reason='launch comes with ROS 2 from apt, not from PyPI')
+    import runpy
+
+    path = REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py'
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    assert len(description.entities) == 6
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """A clean workspace with the package, built by colcon."""
+    root = tmp_path_factory.mktemp('workspace')
+    listed = subprocess.run(
+        ['git', 'ls-files', '--cached', '--others', '--exclude-standard'],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    for name in listed:
+        if (REPOSITORY / name).is_file():
+            target = root / 'src' / 'gyro_drift_filter' / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(REPOSITORY / name, target)
+    environment = os.environ | {'PATH': f'{BIN}:{os.environ["PATH"]}', 'COLCON_HOME': str(root)}
+    done = subprocess.run(
+        ['colcon', 'build', '--event-handlers', 'console_direct+'],
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '1 package finished' in done.stdout
+    return root / 'install' / 'gyro_drift_filter'
+
+
+def test_colcon_installs_what_ros_looks_for(workspace):
+    for name in (
+        'lib/gyro_drift_filter/gyro_drift_filter_node',
+        'lib/gyro_drift_filter/gyro_drift',
+        'share/gyro_drift_filter/package.xml',
+        'share/gyro_drift_filter/config/gyro_drift_filter.yaml',
+        'share/gyro_drift_filter/launch/gyro_drift_filter.launch.py',
+        'share/ament_index/resource_index/packages/gyro_drift_filter',
+    ):
+        assert (workspace / name).exists(), name
+    modules = {p.name for p in workspace.rglob('site-packages/gyro_drift_filter/*') if p.is_dir()}
+    assert {'core', 'bags', 'ros', 'cli'} <= modules
+
+
+def test_the_built_node_filters(workspace, monkeypatch):
+    site = next(workspace.rglob('site-packages'))
+    monkeypatch.setenv('PYTHONPATH', str(site))
+    shipped = workspace / 'share' / 'gyro_drift_filter' / 'config' / 'gyro_drift_filter.yaml'
+    data = simulated(400)
+    executable = workspace / 'lib' / 'gyro_drift_filter' / 'gyro_drift_filter_node'
+    with LiveNode(['--params-file', str(shipped), *LOSSLESS], node=executable) as node:
+        maps = Path(f'/proc/{node.process.pid}/environ').read_bytes()
+        assert str(site).encode() in maps
+        published = node.play(data)
+    assert node.returncode == 0
+    outcomes = MessageFilter(Parameters()).process_batch(data)
+    assert published == [outcome.data for outcome in outcomes]
+
+
+def test_the_demo(tmp_path):
+    done = subprocess.run(
+        [sys.executable, '-m', 'demo.main', str(tmp_path / 'output')],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'live and offline agree in every bit of 12000 messages' in done.stdout
+    shifts = {}
+    for line in done.stdout.splitlines():
+        row = re.fullmatch(r'(\w+) ([xyz]) +(\S+) +(\S+) +(\S+) +(\S+)', line)
+        if row:
+            shifts[row[1], row[2]] = (float(row[4]), float(row[6]))
+    assert len(shifts) >= 9
+    for (name, _), (shift, ratio) in shifts.items():
+        assert abs(shift) < 3
+        assert ratio < 1 or name == 'raw'
+    for path in done.stdout.partition('wrote ')[2].split():
+        assert Path(path).exists()
+    for name in ('static.png', 'dynamic.png'):
+        assert (tmp_path / 'output' / name).read_bytes().startswith(b'\x89PNG')

@@ -1,0 +1,119 @@
+"""Parameters: ranges, names and the messages that users read."""
+
+import pytest
+import yaml
+
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.core import ParameterError, Parameters
+from gyro_drift_filter.core.parameters import DESCRIPTIONS
+from test.conftest import REPOSITORY
+
+SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
+
+
+def write(tmp_path, text):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(text)
+    return path
+
+
+def section(**parameters):
+    return yaml.safe_dump({'gyro_drift_filter': {'ros__parameters': parameters}})
+
+
+def test_the_shipped_file_holds_every_parameter_at_its_default():
+    assert read_parameters(SHIPPED) == Parameters()
+    text = SHIPPED.read_text()
+    for description in DESCRIPTIONS:
+        assert f'{description.name.rpartition(".")[2]}:' in text
+
+
+def test_every_parameter_is_described():
+    for description in DESCRIPTIONS:
+        assert len(description.text) > 30
+        assert description.limits or description.kind == 'bool'
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('forgetting_factor', 0.8, "'forgetting_factor' must be at least 0.9 and at most 0.9999"),
+        ('forgetting_factor', 1.0, 'at most 0.9999'),
+        ('epsilon', 0.0, "'epsilon' must be greater than 0"),
+        ('epsilon', float('nan'), 'greater than 0'),
+        ('epsilon', float('inf'), 'greater than 0'),
+        ('method', 'kalmann', "'method' must be one of kalman, sage_husa"),
+        ('method', 3, "'method' must be one of"),
+        ('outlier.enabled', 1, "'outlier.enabled' must be true or false"),
+        ('sample_rate', 'fast', "'sample_rate' must be a number, not 'fast'"),
+        ('sample_rate', True, "'sample_rate' must be a number"),
+        ('model.phi', 0.2, "'model.phi' must be a list of three numbers"),
+        ('model.phi', [0.1, 0.2], "'model.phi' must be a list of three numbers"),
+        ('model.phi', [0.1, 0.2, 1.0], r"'model.phi' \(axis z\) must be greater than -1 and less"),
+        ('model.process_noise', [1, 'x', 1], r"'model.process_noise' \(axis y\) must be a number"),
+        ('forgeting_factor', 0.98, "did you mean 'forgetting_factor'"),
+        ('zzz', 0.98, "unknown parameter 'zzz': there are method, "),
+    ],
+)
+def test_wrong_values_are_refused_with_the_limit(name, value, message, tmp_path):
+    with pytest.raises(ParameterError, match=message):
+        Parameters.from_names({name: value})
+    path = write(tmp_path, section(**{name: value}))
+    with pytest.raises(ParameterError, match=message):
+        read_parameters(path)
+
+
+def test_an_integer_is_taken_where_a_double_belongs():
+    parameters = Parameters.from_names({'sample_rate': 100, 'model.phi': [0, 0, 0]})
+    assert parameters.sample_rate == 100.0
+    assert isinstance(parameters.sample_rate, float)
+    assert parameters.model_phi == (0.0, 0.0, 0.0)
+
+
+def test_names_round_trip():
+    parameters = Parameters(epsilon=3.0, model_phi=(0.1, 0.2, 0.3))
+    assert Parameters.from_names(parameters.names()) == parameters
+    assert parameters.with_names({'method': 'kalman'}).epsilon == 3.0
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['gyro_drift_filter', '/gyro_drift_filter', '/robot1/gyro_drift_filter', '/**', '**', '*'],
+)
+def test_the_section_is_found_under_every_name_that_ros_matches(name, tmp_path):
+    text = yaml.safe_dump({name: {'ros__parameters': {'epsilon': 7}}})
+    assert read_parameters(write(tmp_path, text)).epsilon == 7.0
+
+
+def test_nested_and_dotted_names_are_the_same(tmp_path):
+    for content in ({'model': {'phi': [0.1, 0.2, 0.3]}}, {'model.phi': [0.1, 0.2, 0.3]}):
+        path = write(tmp_path, section(**content))
+        assert read_parameters(path).model_phi == (0.1, 0.2, 0.3)
+
+
+def test_what_belongs_to_every_node_is_passed_over(tmp_path):
+    content = {'use_sim_time': True, 'qos_overrides': {'/imu/data_raw': {'depth': 1}}}
+    assert read_parameters(write(tmp_path, section(**content))) == Parameters()
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('other:\n  ros__parameters: {epsilon: 1.0}', "no section 'gyro_drift_filter'"),
+        ('epsilon: 1.0', "no section 'gyro_drift_filter'"),
+        ('- 1', 'holds no node names'),
+        ('', 'holds no node names'),
+        ('a: [1, 2', 'is no YAML'),
+        ('\x00', 'is no YAML'),
+        ('[' * 5000, 'is no YAML'),
+    ],
+)
+def test_a_file_that_is_no_parameter_file(text, message, tmp_path):
+    with pytest.raises(ParameterError, match=message) as error:
+        read_parameters(write(tmp_path, text))
+    assert '\n' not in str(error.value)
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(ParameterError, match='No such file'):
+        read_parameters(tmp_path / 'none.yaml')

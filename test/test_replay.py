@@ -1,0 +1,351 @@
+"""Bags in, bags out."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter
+from gyro_drift_filter.bags.recording import BagError, BagWriter
+from gyro_drift_filter.bags.replay import Topics, replay
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TEXT = 'std_msgs/msg/String'
+OTHER_QOS = Qos(
+    QosHistory.KEEP_ALL,
+    7,
+    QosReliability.BEST_EFFORT,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(1, 2),
+    QosTime(3, 4),
+    QosLiveliness.AUTOMATIC,
+    QosTime(5, 6),
+    avoid_ros_namespace_conventions=False,
+)
+
+
+def text(value):
+    return bytes(STORE.serialize_cdr(STORE.types[TEXT](value), TEXT))
+
+
+def simulated(n=300):
+    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
+    return [
+        (stamp, imu_message(stamp, rate, acceleration))
+        for stamp, rate, acceleration in zip(
+            data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
+        )
+    ]
+
+
+def write(path, topics, plugin=StoragePlugin.MCAP, mode=None, version=9):
+    """Write a bag; topics is {(topic, type): [(log time, data), ...]}, in order of log time."""
+    writer = Writer(path, version=version, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        rows = []
+        for (topic, kind), messages in topics.items():
+            connection = writer.add_connection(
+                topic, kind, typestore=STORE, offered_qos_profiles=[OTHER_QOS]
+            )
+            rows += [(time, connection, data) for time, data in messages]
+        for time, connection, data in sorted(rows, key=lambda row: row[0]):
+            writer.write(connection, time, data)
+    return path
+
+
+def read(path):
+    """Return {topic: [(log time, data), ...]} and the order of all messages."""
+    topics, order = {}, []
+    with AnyReader([path], default_typestore=STORE) as reader:
+        for connection in reader.connections:
+            topics[connection.topic] = []
+        for connection, time, data in reader.messages():
+            topics[connection.topic].append((time, bytes(data)))
+            order.append((connection.topic, time))
+    return topics, order
+
+
+def expected(messages, parameters=None):
+    outcomes = MessageFilter(parameters or Parameters()).process_batch([d for _, d in messages])
+    return [
+        (time, outcome.data)
+        for (time, _), outcome in zip(messages, outcomes, strict=True)
+        if outcome.data is not None
+    ]
+
+
+def run(source, destination, **options):
+    return replay(source, destination, parameters=Parameters(), **options)
+
+
+def check_unchanged_but_rate(before, after):
+    """Compare Imu messages by bytes, outside the twelve doubles that the filter writes."""
+    assert len(before) == len(after)
+    for (time, old), (new_time, new) in zip(before, after, strict=True):
+        assert time == new_time
+        begin = read_imu(old).offset + 13 * 8
+        assert old[:begin] == new[:begin]
+        assert old[begin + 96 :] == new[begin + 96 :]
+
+
+def test_topics_times_and_fields_are_kept(tmp_path):
+    imu = simulated()
+    words = [(imu[0][0] + 5 * k, text(f'word {k}')) for k in range(20)]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
+    summary = run(source, tmp_path / 'out', diagnostics=True)
+    topics, _ = read(tmp_path / 'out')
+    assert topics[TOPIC] == imu
+    assert topics['/words'] == words
+    assert topics['/imu/data_filtered'] == expected(imu)
+    check_unchanged_but_rate(imu, topics['/imu/data_filtered'])
+    for name in SAMPLE_TOPICS:
+        assert [t for t, _ in topics[f'/gyro_drift_filter/{name}']] == [t for t, _ in imu]
+    assert len(topics['/diagnostics']) >= 2
+    assert summary.received == summary.written == len(imu)
+    raw = np.array([read_imu(data).angular_velocity for _, data in imu])
+    np.testing.assert_allclose(summary.raw.mean, raw.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(summary.raw.deviation, raw.std(axis=0), rtol=1e-12)
+
+
+def test_qos_and_definitions_are_kept(tmp_path):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(10)})
+    run(source, tmp_path / 'out')
+    with AnyReader([source]) as before, AnyReader([tmp_path / 'out']) as after:
+        old = before.connections[0]
+        new = next(c for c in after.connections if c.topic == TOPIC)
+        assert old.ext.offered_qos_profiles == new.ext.offered_qos_profiles == [OTHER_QOS]
+        assert (old.digest, old.msgdef) == (new.digest, new.msgdef)
+        ours = next(c for c in after.connections if c.topic == '/imu/data_filtered')
+        assert ours.ext.offered_qos_profiles[0].reliability == QosReliability.RELIABLE
+
+
+def test_output_opens_with_the_mcap_reader(tmp_path):
+    imu = simulated()
+    run(write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu}), tmp_path / 'out')
+    with (tmp_path / 'out' / 'out.mcap').open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        counts = {
+            channel.topic: reader.get_summary().statistics.channel_message_counts[channel.id]
+            for channel in reader.get_summary().channels.values()
+        }
+        assert counts[TOPIC] == counts['/imu/data_filtered'] == len(imu)
+        filtered = [
+            (message.log_time, message.data)
+            for _, _, message in reader.iter_messages(topics=['/imu/data_filtered'])
+        ]
+    assert filtered == expected(imu)
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+@pytest.mark.parametrize('mode', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_storage_and_compression(plugin, mode, tmp_path):
+    imu = simulated()
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu}, plugin, mode)
+    run(source, tmp_path / 'out')
+    assert read(tmp_path / 'out')[0]['/imu/data_filtered'] == expected(imu)
+
+
+def test_compressed_chunks_and_a_bare_file(tmp_path):
+    imu = simulated()
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu}, mode=CompressionMode.STORAGE)
+    run(tmp_path / 'in' / 'in.mcap', tmp_path / 'out')
+    assert read(tmp_path / 'out')[0]['/imu/data_filtered'] == expected(imu)
+
+
+def test_a_split_bag(tmp_path):
+    """Two files under one metadata.yaml, as `ros2 bag record --max-bag-duration` leaves them."""
+    imu = simulated()
+    first = write(tmp_path / 'first', {(TOPIC, IMU_TYPE): imu[:200]})
+    second = write(tmp_path / 'second', {(TOPIC, IMU_TYPE): imu[200:]})
+    shutil.copy(second / 'second.mcap', first)
+    metadata = (first / 'metadata.yaml').read_text()
+    metadata = metadata.replace('  - first.mcap\n', '  - first.mcap\n  - second.mcap\n')
+    metadata = metadata.replace('message_count: 200', f'message_count: {len(imu)}')
+    (first / 'metadata.yaml').write_text(metadata)
+    run(first, tmp_path / 'out')
+    assert read(tmp_path / 'out')[0]['/imu/data_filtered'] == expected(imu)
+
+
+def test_overlapping_chunks_come_in_the_order_of_log_times(tmp_path):
+    """A writer that flushes late: log times go back by a second, across the chunk's border."""
+    imu = simulated(6000)
+    times = [time for time, _ in imu]
+    shuffled = imu[:2500] + imu[2600:2700] + imu[2500:2600] + imu[2700:]
+    with Writer(tmp_path / 'in', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(TOPIC, IMU_TYPE, typestore=STORE)
+        for time, data in shuffled:
+            writer.write(connection, time, data)
+    run(tmp_path / 'in', tmp_path / 'out')
+    filtered = read(tmp_path / 'out')[0]['/imu/data_filtered']
+    assert [time for time, _ in filtered] == times
+    assert filtered == expected(imu)
+
+
+def test_bad_messages_in_a_bag(tmp_path):
+    imu = simulated()
+    imu[100] = (imu[100][0], imu[100][1][:60])
+    imu[101] = (imu[101][0], imu_message(imu[101][0], (np.nan, 0.0, 0.0), (0, 0, 9.8)))
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    summary = run(source, tmp_path / 'out')
+    topics, _ = read(tmp_path / 'out')
+    assert topics[TOPIC] == imu
+    assert len(topics['/imu/data_filtered']) == len(imu) - 1
+    assert summary.written == len(imu) - 1
+    for _, data in topics['/imu/data_filtered']:
+        assert np.isfinite(read_imu(data).angular_velocity).all()
+
+
+def test_the_choice_among_several_imu_topics(tmp_path):
+    imu = simulated(20)
+    source = write(tmp_path / 'in', {('/left/imu', IMU_TYPE): imu, ('/right/imu', IMU_TYPE): imu})
+    with pytest.raises(BagError, match=r'several Imu topics.*--topic: /left/imu, /right/imu'):
+        run(source, tmp_path / 'out')
+    summary = run(source, tmp_path / 'out', topic='right/imu')
+    assert summary.output_topic == '/right/imu_filtered'
+    assert read(tmp_path / 'out')[0]['/right/imu_filtered'] == expected(imu)
+
+
+def test_a_bag_that_holds_our_own_output_is_filtered_anew(tmp_path):
+    imu = simulated(300)
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    run(source, tmp_path / 'once')
+    summary = run(tmp_path / 'once', tmp_path / 'twice')
+    assert summary.topic == TOPIC
+    assert summary.left_out == len(imu)
+    topics, _ = read(tmp_path / 'twice')
+    assert topics['/imu/data_filtered'] == expected(imu)
+    assert len(topics['/diagnostics']) >= 4
+
+
+@pytest.mark.parametrize(
+    ('topics', 'topic', 'message'),
+    [
+        ({('/words', TEXT): [(1, text('a'))]}, None, r'no topic of type .*Imu.*/words \(std_msgs'),
+        ({('/words', TEXT): [(1, text('a'))]}, '/words', 'is of type std_msgs/msg/String, not'),
+        ({(TOPIC, IMU_TYPE): simulated(9)}, '/none', 'no topic /none in the bag; Imu topics: /imu'),
+        ({(TOPIC, IMU_TYPE): []}, None, 'topic /imu/data_raw has no messages'),
+        ({}, None, 'the bag is empty'),
+    ],
+)
+def test_bags_without_what_is_needed(topics, topic, message, tmp_path):
+    source = write(tmp_path / 'in', topics)
+    with pytest.raises(BagError, match=message):
+        run(source, tmp_path / 'out', topic=topic)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
+
+
+def test_paths_that_are_no_bag(tmp_path):
+    with pytest.raises(BagError, match='no such bag'):
+        run(tmp_path / 'none', tmp_path / 'out')
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(BagError, match=r'no metadata\.yaml'):
+        run(tmp_path / 'folder', tmp_path / 'out')
+    for name in ('junk.mcap', 'junk.db3', 'junk.txt'):
+        (tmp_path / name).write_bytes(b'not a bag' * 100)
+        with pytest.raises(BagError, match='can not be read as a bag'):
+            run(tmp_path / name, tmp_path / 'out')
+    (tmp_path / 'empty.mcap').touch()
+    with pytest.raises(BagError, match='can not be read as a bag'):
+        run(tmp_path / 'empty.mcap', tmp_path / 'out')
+    (tmp_path / 'old.bag').touch()
+    with pytest.raises(BagError, match='rosbags-convert'):
+        run(tmp_path / 'old.bag', tmp_path / 'out')
+
+
+def test_an_output_that_exists_is_left_alone(tmp_path):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    (tmp_path / 'out').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        run(source, tmp_path / 'out')
+    assert list((tmp_path / 'out').iterdir()) == []
+
+
+def test_an_output_that_can_not_be_written(tmp_path):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    (tmp_path / 'file').touch()
+    with pytest.raises(BagError, match='can not be written'):
+        run(source, tmp_path / 'file' / 'out')
+
+
+def test_a_failure_leaves_nothing_that_looks_like_a_bag(tmp_path):
+    def fail():
+        with BagWriter(tmp_path / 'out') as writer:
+            connection = writer.add_connection(TOPIC, IMU_TYPE)
+            writer.write(connection, 1, simulated(9)[0][1])
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('topic', 'filtered', 'node'),
+    [
+        ('/imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter'),
+        ('imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter'),
+        ('/robot1/imu/data_raw', '/robot1/imu/data_filtered', '/robot1/gyro_drift_filter'),
+        ('/camera/imu', '/camera/imu_filtered', '/camera/gyro_drift_filter'),
+        (
+            '/os_cloud_node/data_raw',
+            '/os_cloud_node/data_filtered',
+            '/os_cloud_node/gyro_drift_filter',
+        ),
+        ('/imu', '/imu_filtered', '/gyro_drift_filter'),
+    ],
+)
+def test_names_of_the_outputs(topic, filtered, node):
+    assert Topics.of(topic) == Topics(filtered, node)
+
+
+def test_simulated_bag_and_truth(tmp_path):
+    data = simulate(SimulationSettings(seed=3, static_seconds=2, dynamic_seconds=20))
+    archive = np.load(write_simulation(tmp_path / 'bag', data))
+    topics, _ = read(tmp_path / 'bag')
+    rates = np.array([read_imu(message).angular_velocity for _, message in topics[TOPIC]])
+    assert (rates == data.angular_velocity).all()
+    assert (archive['truth'] == data.truth).all()
+    assert (archive['outliers'] == data.outliers).all()
+    error = np.abs(rates - archive['truth'])
+    assert error[archive['outliers']].min() > 0.4
+    assert error[~archive['outliers']].max() < 0.05
+    assert not archive['outliers'][: 2 * 100].any()
+    runs = np.diff(np.flatnonzero(archive['outliers'][:, 0]))
+    assert (runs == 1).sum() >= 3 * 4
+    again = simulate(SimulationSettings(seed=3, static_seconds=2, dynamic_seconds=20))
+    assert (again.angular_velocity == data.angular_velocity).all()
+
+
+def test_real_recordings(recording, tmp_path):
+    before, order = read(recording)
+    summary = run(recording, tmp_path / 'out')
+    after, new_order = read(tmp_path / 'out')
+    for topic, messages in before.items():
+        assert after[topic] == messages
+    check_unchanged_but_rate(before[TOPIC], after['/imu/data_filtered'])
+    assert summary.written == len(before[TOPIC])
+    assert [row for row in new_order if row[0] in before] == order
+    for _, data in after['/imu/data_filtered']:
+        assert np.isfinite(read_imu(data).angular_velocity).all()
+    with next(Path(tmp_path / 'out').glob('*.mcap')).open('rb') as stream:
+        statistics = make_reader(stream).get_summary().statistics
+        assert statistics.message_count == len(new_order)
