@@ -1,0 +1,190 @@
+"""Simulated gyroscopes with truth: rests, slow turns, hand-like motion, taps and outliers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+GRAVITY = 9.80665
+START = 1_600_000_000_000_000_000
+
+# Motion is made at this rate in Hz and sampled from it, so that all sample rates see the same.
+_FINE = 4000.0
+# A body that is moved by hand or motor has little above this; so the truth is known at any rate.
+_MOTION_BAND = 25.0
+_STILL = 1e-3  # rad/s
+_STILL_SECONDS = 0.2
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A motion without noise.
+
+    Attributes:
+        truth: (n, 3) in rad/s.
+        acceleration: (n, 3) in m/s^2.
+        rest: (n,), True where the body has stood still for a while, and will.
+    """
+
+    truth: Array
+    acceleration: Array
+    rest: Mask
+
+
+def stamps(n: int, rate: float) -> NDArray[np.int64]:
+    """Return (n,) even stamps in ns."""
+    return START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+
+
+def bursty_stamps(n: int, rate: float, random: np.random.Generator) -> NDArray[np.int64]:
+    """Return (n,) stamps as a driver gives that hands over up to 40 samples at a time."""
+    sizes = random.integers(1, 40, n)
+    ends = np.cumsum(sizes)
+    block = np.searchsorted(ends, np.arange(n), side='right')
+    last = ends[block]
+    place = np.arange(n) - (last - sizes[block])
+    return START + np.round(last * 1e9 / rate + place * 0.2e9 / rate).astype(np.int64)
+
+
+def noise(n: int, rate: float, deviation: float, kind: str, random: np.random.Generator) -> Array:
+    """Return (n, 3) of sensor noise in rad/s, with a slow wander of the bias.
+
+    Args:
+        n: Samples.
+        rate: In Hz.
+        deviation: Standard deviation in rad/s.
+        kind: 'white', 'autoregressive' (phi 0.218, as in the paper) or 'quantised' (white, in
+            steps of 0.15 standard deviations).
+        random: Source of random numbers.
+    """
+    values = random.standard_normal((n + 100, 3))
+    if kind == 'autoregressive':
+        values = signal.lfilter([1.0], [1.0, -0.218], values, axis=0)
+    values = values[100:] * (deviation / values[100:].std(axis=0))
+    wander = np.cumsum(random.standard_normal((n, 3)), axis=0)
+    values += deviation * 1e-4 * np.sqrt(100.0 / rate) * wander
+    if kind == 'quantised':
+        step = 0.15 * deviation
+        values = np.round(values / step) * step
+    return np.asarray(values)
+
+
+def motion(seconds: float, rate: float, random: np.random.Generator, speed: float = 1.0) -> Trial:
+    """Return a trial: 20 s of rest, then spells of motion with rests between them.
+
+    Args:
+        seconds: Length.
+        rate: Sample rate in Hz.
+        random: Source of random numbers.
+        speed: Scale of the rates.
+    """
+    n = int(seconds * _FINE)
+    truth = np.zeros((n, 3))
+    spells = (_by_hand, _by_hand, _fast, _turn, _turn, _tap, _wobble)
+    at = 20.0 + random.uniform(0.0, 2.0)
+    while at < seconds - 6.0:
+        length = min(random.uniform(3.0, 9.0), seconds - at - 2.0)
+        first, m = int(at * _FINE), int(length * _FINE)
+        spell = spells[random.integers(len(spells))]
+        truth[first : first + m] += speed * spell(np.arange(m) / _FINE, random)
+        at += length + random.uniform(2.0, 8.0)
+    truth = _low_pass(truth, min(_MOTION_BAND, rate / 4), order=6)
+    truth = truth[np.round(np.arange(int(seconds * rate)) * _FINE / rate).astype(int)]
+    gravity = np.tile([0.0, 0.0, GRAVITY], (len(truth), 1))
+    acceleration = gravity + 0.05 * np.gradient(truth, 1 / rate, axis=0)[:, [1, 2, 0]]
+    acceleration += 0.02 * random.standard_normal(truth.shape)
+    margin = int(_STILL_SECONDS * rate)
+    still = np.pad((np.abs(truth) < _STILL).all(axis=1), margin, mode='edge').astype(float)
+    rest = np.convolve(still, np.ones(2 * margin + 1), 'valid') > 2 * margin + 0.5
+    return Trial(truth, acceleration, rest)
+
+
+def _low_pass(values: Array, hertz: float, order: int = 3) -> Array:
+    sections = signal.butter(order, hertz, fs=_FINE, output='sos')
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+def _edges(time: Array, seconds: float) -> Array:
+    """Return a smooth rise and fall within `seconds` of either end."""
+    share = np.clip(np.minimum(time, time[-1] - time) / seconds, 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * share))
+
+
+def _by_hand(
+    time: Array, random: np.random.Generator, hertz: float = 2.0, size: float = 2.0
+) -> Array:
+    rates = _low_pass(random.standard_normal((len(time), 3)), random.uniform(0.5, 1.5) * hertz)
+    tremor = _low_pass(random.standard_normal((len(time), 3)), 12.0)
+    rates = rates / rates.std() + 0.02 * tremor / tremor.std()
+    window = _edges(time, random.uniform(0.05, 0.3))[:, None]
+    return np.asarray(
+        size * random.uniform(0.2, 1.5) * random.uniform(0.3, 1.0, 3) * window * rates
+    )
+
+
+def _fast(time: Array, random: np.random.Generator) -> Array:
+    return _by_hand(time, random, hertz=3.5, size=4.0)
+
+
+def _turn(time: Array, random: np.random.Generator) -> Array:
+    """A steady turn, as wheels make it, between 0.02 and 1.5 rad/s."""
+    window = _edges(time, random.uniform(0.05, 0.5))[:, None]
+    size = random.choice([0.02, 0.1, 0.5, 1.5])
+    return np.asarray(size * window * random.standard_normal(3))
+
+
+def _wobble(time: Array, random: np.random.Generator) -> Array:
+    wave = np.sin(2 * np.pi * random.uniform(1.0, 6.0) * time) * _edges(time, 0.1)
+    return np.asarray(random.uniform(0.2, 3.0) * wave[:, None] * random.standard_normal(3))
+
+
+def _tap(time: Array, random: np.random.Generator) -> Array:
+    """Knocks, each a ringing that dies away within a few hundredths of a second."""
+    rates = np.zeros((len(time), 3))
+    for begin in random.uniform(0.0, time[-1] - 0.8, max(1, int(time[-1]))):
+        since = np.clip(time - begin, 0.0, None)
+        for axis in range(3):
+            ring = np.exp(-since / random.uniform(0.03, 0.1))
+            wave = np.sin(2 * np.pi * random.uniform(6.0, 16.0) * since)
+            rates[:, axis] += random.normal(0.0, 1.2) * ring * wave
+    return rates
+
+
+def add_outliers(rates: Array, random: np.random.Generator) -> tuple[Array, Mask]:
+    """Return rates with outliers as gyro drivers produce them, and where, (n, 3) each.
+
+    Per axis 0.5 % isolated spikes of 2 to 35 rad/s and 0.05 % bursts of three equal ones; and
+    0.05 % drop-outs of two samples to exactly zero on all axes.
+    """
+    out, mask, n = rates.copy(), np.zeros(rates.shape, bool), len(rates)
+
+    def size() -> float:
+        return float(random.choice([-1.0, 1.0]) * random.uniform(2.0, 35.0))
+
+    for axis in range(3):
+        for k in random.choice(np.arange(200, n), n // 200, replace=False):
+            out[k, axis] += size()
+            mask[k, axis] = True
+        for k in random.choice(np.arange(200, n - 4), n // 2000, replace=False):
+            out[k : k + 3, axis] += size()
+            mask[k : k + 3, axis] = True
+    for k in random.choice(np.arange(200, n - 3), n // 2000, replace=False):
+        out[k : k + 2] = 0.0
+        mask[k : k + 2] = True
+    return out, mask
+
+
+def bridge(rates: Array, mask: Mask) -> Array:
+    """Return rates with the marked samples extrapolated from the two before, damped by 0.8.
+
+    This is what someone can do who is told which samples are outliers.
+    """
+    out = rates.copy()
+    for axis in range(3):
+        for k in np.flatnonzero(mask[:, axis]):
+            out[k, axis] = out[k - 1, axis] + 0.8 * (out[k - 1, axis] - out[k - 2, axis])
+    return out
