@@ -7,6 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.core.adaptive import (
+    ADAPTIVE_COEFFICIENTS,
+    ADAPTIVE_STATE,
+    derive_adaptive,
+    estimate_adaptive,
+    miss_adaptive,
+    predict_adaptive,
+    start_adaptive,
+    surprises,
+    update_adaptive,
+)
 from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, start_clock
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.errors import GyroDriftFilterError
@@ -22,8 +33,8 @@ from gyro_drift_filter.core.paper import (
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
 
-KALMAN = METHODS.index('kalman')
 SAGE_HUSA = METHODS.index('sage_husa')
+ADAPTIVE = METHODS.index('adaptive')
 
 # A rate beyond this is no rate: 50,000 times what the fastest gyroscopes measure, in rad/s.
 LARGEST_RATE = 1.0e6
@@ -39,14 +50,23 @@ REFUSED = 2  # no usable rate yet on some axis, so there is no result
 _AXES = (3,)
 
 MODEL = np.dtype(
-    [('phi', np.float64), ('process_noise', np.float64), ('measurement_noise', np.float64)]
+    [
+        ('phi', np.float64),
+        ('process_noise', np.float64),  # (rad/s)^2
+        ('measurement_noise', np.float64),  # (rad/s)^2
+        ('noise_deviation', np.float64),  # rad/s, 0 where it is to be learned
+    ]
 )
 
 SETTINGS = np.dtype(
     [
         ('method', np.int64),
         ('forgetting_factor', np.float64),
-        ('epsilon', np.float64),  # (rad/s)^2, infinite where the outlier step is off
+        ('outlier_enabled', np.bool_),
+        ('epsilon', np.float64),  # (rad/s)^2
+        ('outlier_threshold', np.float64),  # predicted standard deviations
+        ('outlier_acceleration', np.float64),  # rad/s^2
+        ('outlier_run', np.int64),  # samples
         ('sample_rate', np.float64),  # Hz
         ('gap_limit', np.float64),  # s
         ('model', MODEL, _AXES),
@@ -58,6 +78,7 @@ COEFFICIENTS = np.dtype(
     [
         ('period', np.float64),  # s, that the others were derived for; 0 before that
         ('paper', PAPER_COEFFICIENTS, _AXES),
+        ('adaptive', ADAPTIVE_COEFFICIENTS),
     ],
     align=True,
 )
@@ -95,6 +116,7 @@ STATE = np.dtype(
         ('counts', COUNTS),
         ('measured', np.float64, _AXES),  # angular velocity of the last sample as it came, rad/s
         ('paper', PAPER_STATE, _AXES),
+        ('adaptive', ADAPTIVE_STATE, _AXES),
         ('result', RESULT),  # of the last sample
     ],
     align=True,
@@ -121,13 +143,25 @@ def step(
     if coefficients['period'] != clock['period']:
         _derive(settings, clock['period'], coefficients)
     result['status'] = FILTERED
+    if settings['method'] == ADAPTIVE:
+        _step_adaptive(rate, missing, settings, coefficients['adaptive'], state)
+    else:
+        _step_paper(rate, missing, settings, coefficients['paper'], state)
     for axis in range(3):
         state['measured'][axis] = rate[axis]
-        _step_axis(axis, rate[axis], missing, settings, coefficients, state)
+        if not _usable(rate[axis]):
+            counts['unusable'][axis] += 1
+        if result['status'] != REFUSED and result['outlier'][axis] > 0.0:
+            counts['outliers'][axis] += 1
     if result['status'] == REFUSED:
         counts['refused'] += 1
     if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
         counts['beyond_range'] += 1
+
+
+@compiled
+def _usable(rate: float) -> bool:
+    return abs(rate) <= LARGEST_RATE  # False for NaN
 
 
 @compiled
@@ -149,46 +183,95 @@ def _derive(settings: Any, period: float, coefficients: Any) -> None:
         derive_paper(
             settings['model'][axis], settings['sample_rate'], period, coefficients['paper'][axis]
         )
+    derive_adaptive(
+        settings['outlier_threshold'],
+        settings['outlier_acceleration'],
+        settings['outlier_run'],
+        period,
+        coefficients['adaptive'],
+    )
     coefficients['period'] = period
 
 
 @compiled
-def _step_axis(
-    axis: int, rate: float, missing: int, settings: Any, coefficients: Any, state: Any
-) -> None:
-    """Filter one axis; a rate that is no usable number is bridged by the prediction."""
+def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
+    """Filter with `kalman` or `sage_husa`; a rate that is no usable number is bridged."""
     adaptive = settings['method'] == SAGE_HUSA
-    paper, constants, result = state['paper'][axis], coefficients['paper'][axis], state['result']
-    usable = abs(rate) <= LARGEST_RATE  # False for NaN
-    if missing == RESTART:
-        paper['tracking'] = False
-    if not usable:
-        state['counts']['unusable'][axis] += 1
-        if not paper['tracking']:
+    epsilon = settings['epsilon'] if settings['outlier_enabled'] else np.inf
+    result = state['result']
+    for axis in range(3):
+        paper, constants = state['paper'][axis], coefficients[axis]
+        usable = _usable(rate[axis])
+        if missing == RESTART:
+            paper['tracking'] = False
+        starting = not paper['tracking']
+        if starting and not usable:
             result['status'] = REFUSED
-            return
-    starting = not paper['tracking']
-    if starting:
-        start_paper(paper, constants, rate)
-    else:
-        for _ in range(missing + 1):
-            predict_paper(paper, constants, adaptive)
-    process_noise, measurement_noise = paper_noise(paper, constants, adaptive)
-    result['process_noise'][axis] = process_noise
-    result['measurement_noise'][axis] = measurement_noise
-    result['innovation_variance'][axis] = paper['rate_variance'] + measurement_noise
-    innovation, outlier = 0.0, not usable
-    if usable and not starting:
-        innovation, outlier = update_paper(
-            paper, constants, adaptive, settings['forgetting_factor'], settings['epsilon'], rate
-        )
-    result['innovation'][axis] = innovation
-    result['outlier'][axis] = outlier
-    result['angular_velocity'][axis] = paper_rate(paper, adaptive)
-    result['angular_velocity_variance'][axis] = paper['rate_variance']
-    result['bias'][axis] = 0.0
-    if outlier:
-        state['counts']['outliers'][axis] += 1
+            continue
+        if starting:
+            start_paper(paper, constants, rate[axis])
+        else:
+            for _ in range(missing + 1):
+                predict_paper(paper, constants, adaptive)
+        process_noise, measurement_noise = paper_noise(paper, constants, adaptive)
+        result['process_noise'][axis] = process_noise
+        result['measurement_noise'][axis] = measurement_noise
+        result['innovation_variance'][axis] = paper['rate_variance'] + measurement_noise
+        innovation, outlier = 0.0, not usable
+        if usable and not starting:
+            innovation, outlier = update_paper(
+                paper, constants, adaptive, settings['forgetting_factor'], epsilon, rate[axis]
+            )
+        result['innovation'][axis] = innovation
+        result['outlier'][axis] = outlier
+        result['angular_velocity'][axis] = paper_rate(paper, adaptive)
+        result['angular_velocity_variance'][axis] = paper['rate_variance']
+        result['bias'][axis] = 0.0
+
+
+@compiled
+def _step_adaptive(rate: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
+    """Filter with `adaptive`: predict all axes, then take in what the sample is on all of them."""
+    result, ladder = state['result'], coefficients['ladder']
+    all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
+    surprised = False
+    for axis in range(3):
+        adaptive, usable = state['adaptive'][axis], _usable(rate[axis])
+        if missing == RESTART:
+            adaptive['tracking'] = False
+        if not adaptive['tracking']:
+            if not usable:
+                result['status'] = REFUSED
+                continue
+            start_adaptive(adaptive, rate[axis], settings['model'][axis]['noise_deviation'])
+        else:
+            for _ in range(missing):
+                predict_adaptive(adaptive, ladder)
+                miss_adaptive(adaptive)
+        predict_adaptive(adaptive, ladder)
+        if usable and surprises(adaptive, rate[axis]):
+            surprised = True
+    dropout = all_zero and surprised and settings['outlier_enabled']
+    for axis in range(3):
+        adaptive = state['adaptive'][axis]
+        if not adaptive['tracking']:
+            continue
+        result['innovation_variance'][axis] = adaptive['prediction_variance']
+        if _usable(rate[axis]):
+            result['innovation'][axis] = rate[axis] - adaptive['prediction']
+            result['outlier'][axis] = update_adaptive(
+                adaptive, rate[axis], dropout, settings['forgetting_factor'], coefficients
+            )
+        else:
+            result['innovation'][axis] = 0.0
+            result['outlier'][axis] = 1.0
+            miss_adaptive(adaptive)
+        mean, variance, process_noise = estimate_adaptive(adaptive, ladder)
+        result['angular_velocity'][axis] = mean
+        result['angular_velocity_variance'][axis] = variance
+        result['process_noise'][axis] = process_noise
+        result['measurement_noise'][axis] = adaptive['noise']['variance']
+        result['bias'][axis] = 0.0
 
 
 @compiled
@@ -232,12 +315,19 @@ class Filter:
         settings = self._settings[0]
         settings['method'] = METHODS.index(parameters.method)
         settings['forgetting_factor'] = parameters.forgetting_factor
-        settings['epsilon'] = parameters.epsilon if parameters.outlier_enabled else math.inf
+        settings['outlier_enabled'] = parameters.outlier_enabled
+        settings['epsilon'] = parameters.epsilon
+        settings['outlier_threshold'] = (
+            parameters.outlier_threshold if parameters.outlier_enabled else math.inf
+        )
+        settings['outlier_acceleration'] = parameters.outlier_acceleration
+        settings['outlier_run'] = parameters.outlier_run
         settings['sample_rate'] = parameters.sample_rate
         settings['gap_limit'] = parameters.gap_limit
         settings['model']['phi'] = parameters.model_phi
         settings['model']['process_noise'] = parameters.model_process_noise
         settings['model']['measurement_noise'] = parameters.model_measurement_noise
+        settings['model']['noise_deviation'] = parameters.model_noise_deviation
         self._coefficients['period'] = 0.0  # derived again at the next sample
 
     def reset(self) -> None:

@@ -205,7 +205,9 @@ def _adapt(
     H P(k|k-1) H'; the state holds P(k) already.
     """
     state['samples'] += 1
-    weight = (1.0 - forgetting_factor) / (1.0 - forgetting_factor ** state['samples'])  # (13)
+    weight = (1.0 - forgetting_factor) / (
+        1.0 - forgetting_factor ** float(state['samples'])
+    )  # (13)
     unexpected = innovation - state['measurement_mean']
     state['measurement_mean'] += weight * unexpected  # (14)
     state['rate_mean'] += weight * gain_rate * unexpected  # (15): X(k) - A X(k-1) = q + K (e - r)
@@ -215,6 +217,7 @@ def _adapt(
     noise = state['measurement_noise'] + weight * (measured - state['measurement_noise'])  # (16)
     state['measurement_noise'] = max(noise, NOISE_FLOOR * coefficients['measurement_noise'])
     # (17); safeguards: projection, transition once
-    driving = (gain_drift * residual) ** 2 + state['drift_variance'] - state['carried_variance']
+    driving = gain_drift * residual * (gain_drift * residual)
+    driving += state['drift_variance'] - state['carried_variance']
     noise = state['process_noise'] + weight * (driving - state['process_noise'])
     state['process_noise'] = max(noise, NOISE_FLOOR * coefficients['process_noise'])

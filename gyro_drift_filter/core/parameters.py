@@ -9,7 +9,7 @@ from typing import Any
 
 from gyro_drift_filter.core.errors import ParameterError
 
-METHODS = ('kalman', 'sage_husa')
+METHODS = ('kalman', 'sage_husa', 'adaptive')
 AXES = ('x', 'y', 'z')
 
 
@@ -19,7 +19,7 @@ class Description:
 
     Attributes:
         name: ROS 2 name, with a dot between group and name.
-        kind: 'string', 'bool', 'double' or 'double_array' (one value per axis x, y, z).
+        kind: 'string', 'bool', 'integer', 'double' or 'double_array' (one value per axis x, y, z).
         text: What it does, with its unit.
         low: Smallest value, itself allowed unless `low_excluded`.
         high: Largest value, itself allowed unless `high_excluded`.
@@ -61,6 +61,12 @@ class Description:
             if isinstance(value, bool):
                 return value
             raise ParameterError(f"parameter '{self.name}' must be true or false, not {value!r}")
+        if self.kind == 'integer':
+            if type(value) is not int:
+                raise ParameterError(
+                    f"parameter '{self.name}' must be a whole number, not {value!r}"
+                )
+            return int(self._check_number(value, ''))
         if self.kind == 'double':
             return self._check_number(value, '')
         if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != len(AXES):
@@ -105,20 +111,21 @@ class Parameters:
     """
 
     method: str = _parameter(
-        'sage_husa',
+        'adaptive',
         'method',
         'string',
-        'Filter: kalman is the conventional Kalman filter of the paper, equations (5) to (12); '
-        'sage_husa adapts its noise statistics, equations (7) to (17).',
+        'Filter: adaptive follows motion and smooths at rest; kalman is the conventional Kalman '
+        'filter of the paper, equations (5) to (12), and sage_husa the one that adapts its noise '
+        'statistics, equations (7) to (17): both for a gyroscope that hardly moves.',
         choices=METHODS,
     )
     forgetting_factor: float = _parameter(
         0.98,
         'forgetting_factor',
         'double',
-        'How much weight the adapted noise statistics keep from one sample to the next (b of '
-        'equation (13)): 0.98 remembers about 50 samples, 0.99 about 100. The paper uses 0.95 to '
-        '0.99. Without unit.',
+        'How much weight the adapted noise statistics keep from one update to the next (b of '
+        'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, '
+        'adaptive at every half second of rest. The paper uses 0.95 to 0.99. Without unit.',
         low=0.9,
         high=0.9999,
     )
@@ -128,7 +135,7 @@ class Parameters:
         'double',
         'Half the width of the band in which the square of a sample may differ from its expected '
         'value before it counts as an outlier (equation (18)), in (rad/s)^2. Raise it if motion '
-        'is flagged.',
+        'is flagged. Of kalman and sage_husa.',
         low=0.0,
         low_excluded=True,
     )
@@ -136,7 +143,35 @@ class Parameters:
         True,
         'outlier.enabled',
         'bool',
-        'Whether outliers are shortened (equations (18) to (20)) or taken as they are.',
+        'Whether outliers are shortened (equations (18) to (20)) or held back (adaptive), or taken '
+        'as they are.',
+    )
+    outlier_threshold: float = _parameter(
+        9.0,
+        'outlier.threshold',
+        'double',
+        'A sample further than this from its prediction, in predicted standard deviations, is held '
+        'back until the samples after it tell whether it was motion. Of adaptive.',
+        low=3.0,
+        high=100.0,
+    )
+    outlier_acceleration: float = _parameter(
+        80.0,
+        'outlier.acceleration',
+        'double',
+        'A sample that the body could reach from its prediction with this angular acceleration, in '
+        'rad/s^2, is never held back. Of adaptive.',
+        low=0.0,
+        high=1.0e6,
+    )
+    outlier_run: int = _parameter(
+        3,
+        'outlier.run',
+        'integer',
+        'Longest run of equal outliers that the gyroscope delivers, in samples; a real step is '
+        'followed one sample after that. Of adaptive.',
+        low=1,
+        high=20,
     )
     sample_rate: float = _parameter(
         0.0,
@@ -186,6 +221,16 @@ class Parameters:
         low=0.0,
         low_excluded=True,
         high=1.0e6,
+    )
+
+    model_noise_deviation: tuple[float, float, float] = _parameter(
+        (0.0, 0.0, 0.0),
+        'model.noise_deviation',
+        'double_array',
+        'Standard deviation of the noise at rest per axis, in rad/s, that learning starts from; '
+        '0 learns it from the first samples. Of adaptive.',
+        low=0.0,
+        high=1.0e3,
     )
 
     def __post_init__(self) -> None:

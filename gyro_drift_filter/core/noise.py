@@ -1,0 +1,142 @@
+"""The sensor's own noise, learned while the robot runs: its variance R and its correlation.
+
+R is learned over blocks of samples that look like noise alone, and never from innovations, so that
+motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
+
+In white noise third differences have 20 times the variance of the noise; in motion, which is smooth
+at the scale of a sample, far less. Their ratio, a von Neumann test of third order, tells the two
+apart at every rate of turn.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.core.compiled import compiled
+
+BLOCK_SECONDS = 0.5
+LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
+FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
+
+# A block is noise alone where third differences carry at least this share of its variance.
+WHITE = 0.3
+# Of what third differences show in motion, the share that is taken for noise before any was seen.
+# Too low costs smoothing at rest, too high would cost motion.
+UNKNOWN_SHARE = 0.1
+# A block can raise the variance no further than by this factor.
+RISE = 4.0
+LEAST_NOISE = 1e-5  # rad/s: no sensor is quieter
+FIRST_NOISE = 1e-4  # rad/s: until something is known
+STRONGEST_CORRELATION = 0.9
+LEAST_ROUGHNESS = 0.1
+# Correlation and roughness never forget slower than this.
+SLOWEST_LEARNING = 0.05
+
+NOISE = np.dtype(
+    [
+        ('variance', np.float64),  # R, (rad/s)^2
+        ('correlation', np.float64),  # of consecutive samples: phi of equation (2)
+        ('roughness', np.float64),  # share of R that no smooth prediction can follow
+        ('blocks', np.int64),  # k of equation (13); 0: noise not seen yet
+        ('bounded', np.bool_),  # R is a bound, taken from a block of motion
+        # the block under way
+        ('count', np.int64),
+        ('origin', np.float64),
+        ('sum', np.float64),
+        ('moment', np.float64),
+        ('squares', np.float64),
+        ('first_differences', np.float64),
+        ('third_differences', np.float64),
+        ('before', np.float64, (3,)),  # the three samples before, newest first
+    ],
+    align=True,
+)
+
+
+@compiled
+def start_noise(noise: Any, deviation: float) -> None:
+    """Begin with a standard deviation in rad/s, 0 where it is to be learned."""
+    known = deviation > 0.0
+    noise['variance'] = (deviation if known else FIRST_NOISE) ** 2
+    noise['blocks'] = 1 if known else 0
+    noise['bounded'] = False
+    noise['roughness'] = 1.0
+    noise['correlation'] = 0.0
+    restart_block(noise)
+
+
+@compiled
+def restart_block(noise: Any) -> None:
+    """Forget the block under way."""
+    noise['count'] = 0
+    noise['sum'] = 0.0
+    noise['moment'] = 0.0
+    noise['squares'] = 0.0
+    noise['first_differences'] = 0.0
+    noise['third_differences'] = 0.0
+
+
+@compiled
+def learn_noise(noise: Any, sample: float, block_samples: int, forgetting_factor: float) -> None:
+    """Take a believed sample (rad/s) into the block, and the block into R when it is full."""
+    before, count = noise['before'], noise['count']
+    if count == 0:
+        noise['origin'] = sample
+    else:
+        first = sample - before[0]
+        noise['first_differences'] += first * first
+    if count >= 3:
+        third = sample - 3.0 * before[0] + 3.0 * before[1] - before[2]
+        noise['third_differences'] += third * third
+    before[2] = before[1]
+    before[1] = before[0]
+    before[0] = sample
+    deviation = sample - noise['origin']
+    noise['sum'] += deviation
+    noise['moment'] += deviation * count
+    noise['squares'] += deviation * deviation
+    noise['count'] = count + 1
+    if noise['count'] >= (block_samples if noise['blocks'] > 0 else FIRST_BLOCK):
+        _judge_block(noise, forgetting_factor)
+        restart_block(noise)
+
+
+@compiled
+def _judge_block(noise: Any, forgetting_factor: float) -> None:
+    """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
+    n = noise['count']
+    centred = noise['moment'] - 0.5 * (n - 1) * noise['sum']
+    about_line = noise['squares'] - noise['sum'] * noise['sum'] / n
+    about_line -= centred * centred * 12.0 / (n * (n * n - 1.0))
+    variance = max(about_line / (n - 2), LEAST_NOISE**2)
+    rough = noise['third_differences'] / (20.0 * (n - 3))
+    if rough > WHITE * variance:
+        _learn_from_noise(noise, variance, rough, forgetting_factor)
+    elif noise['blocks'] > 0:
+        # In motion R never rises, and falls where even the roughness of the motion is below it.
+        noise['variance'] = min(noise['variance'], 2.0 * rough / noise['roughness'])
+    else:
+        bound = UNKNOWN_SHARE * rough
+        # The first bound replaces the first guess, the later ones only lower it.
+        noise['variance'] = min(noise['variance'], bound) if noise['bounded'] else bound
+        noise['bounded'] = True
+    noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
+
+
+@compiled
+def _learn_from_noise(noise: Any, variance: float, rough: float, forgetting_factor: float) -> None:
+    n = noise['count']
+    if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
+        noise['variance'] = variance
+        noise['blocks'] = 0
+    noise['blocks'] += 1
+    # A float exponent, as compiled and plain Python raise to an integer one differently.
+    weight = (1.0 - forgetting_factor) / (1.0 - forgetting_factor ** float(noise['blocks']))  # (13)
+    limited = min(variance, RISE * noise['variance'])
+    noise['variance'] += weight * (limited - noise['variance'])
+    shape_weight = max(weight, SLOWEST_LEARNING)
+    first = noise['first_differences'] / (2.0 * (n - 1))
+    correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
+    noise['correlation'] += shape_weight * (correlation - noise['correlation'])
+    roughness = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
+    noise['roughness'] += shape_weight * (roughness - noise['roughness'])

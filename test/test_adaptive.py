@@ -1,0 +1,178 @@
+"""Method `adaptive`: never locked out, never not a number, prompt in motion."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.ladder import LADDER, LEVELS, derive_ladder
+
+START = 10**18
+RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
+
+
+def run(z, rate=100.0, **parameters):
+    z = np.asarray(z, float)
+    stamps = START + np.round(np.arange(len(z)) * 1e9 / rate).astype(np.int64)
+    filter_ = Filter(Parameters(sample_rate=rate, **parameters))
+    return filter_.run(stamps, z, np.zeros_like(z))
+
+
+values = st.one_of(
+    st.floats(-1e6, 1e6, allow_nan=False),
+    st.floats(-40.0, 40.0, allow_nan=False),
+    st.floats(-1e-3, 1e-3, allow_nan=False),
+)
+pieces = st.lists(
+    st.tuples(
+        st.tuples(values, values, values),
+        st.integers(1, 60),
+        st.sampled_from(['constant', 'alternate', 'ramp', 'noise', 'sparse']),
+    ),
+    max_size=12,
+)
+
+
+def sequence(parts):
+    """Return (n, 3) of pieces that are constant, alternate, grow, are random or mostly zero."""
+    random = np.random.default_rng(len(parts))
+    out = []
+    for level, length, shape in parts:
+        k = np.arange(length)[:, None]
+        scale = {
+            'constant': np.ones((length, 1)),
+            'alternate': np.where(k % 2, 1.0, -1.0),
+            'ramp': (k + 1) / length,
+            'noise': random.uniform(-1, 1, (length, 3)),
+            'sparse': 1.0 * (random.random((length, 3)) < 0.1),
+        }[shape]
+        out.append(np.array(level) * scale * np.ones((length, 3)))
+    return np.concatenate(out) if out else np.zeros((0, 3))
+
+
+@settings(max_examples=400, deadline=None)
+@given(parts=pieces, last=st.tuples(values, values, values), rate=st.sampled_from(RATES))
+def test_never_locked_out_and_always_finite(parts, last, rate):
+    """After any input, 20 samples of a constant rate bring the output within 5 % of it."""
+    z = np.concatenate([sequence(parts), np.tile(last, (20, 1))])
+    results = run(z, rate)
+    for name in results.dtype.names:
+        assert np.isfinite(results[name]).all(), name
+    for name in ('innovation_variance', 'angular_velocity_variance', 'measurement_noise'):
+        assert (results[name] > 0).all(), name
+    assert (results['process_noise'] >= 0).all()
+    tolerance = 0.05 * np.abs(last) + 1e-9 * np.abs(z).max()
+    assert (np.abs(results['angular_velocity'][-1] - last) <= tolerance).all()
+
+
+@pytest.mark.parametrize('deviation', [1e-4, 0.005, 0.05])
+@pytest.mark.parametrize('rate', [100.0, 400.0, 1000.0])
+@pytest.mark.parametrize('size', [1.0, 5.0, 30.0, 1e4])
+def test_a_step_is_followed_within_five_samples(size, rate, deviation, random):
+    n, at = int(6 * rate), int(4 * rate)
+    z = deviation * random.standard_normal((n, 3))
+    z[at:] += size
+    out = run(z, rate)['angular_velocity'][at : at + int(rate)]
+    late = np.abs(out - size).max(axis=1) > 0.05 * size + 3.5 * deviation
+    assert not late[5:].any()
+
+
+@pytest.mark.parametrize('hertz', [2.0, 5.0])
+@pytest.mark.parametrize('deviation', [1e-4, 0.005, 0.05])
+def test_a_sinusoid_lags_less_than_a_sample(hertz, deviation, random):
+    rate = 100.0
+    time = np.arange(3000) / rate
+    wave = np.where(time > 10, np.sin(2 * np.pi * hertz * (time - 10)), 0.0)
+    z = wave[:, None] + deviation * random.standard_normal((len(time), 3))
+    out = run(z, rate)['angular_velocity']
+    settled = time > 12
+    turn = np.exp(-2j * np.pi * hertz * time[settled])
+    response = (out[settled] * turn[:, None]).sum(axis=0) / (wave[settled] * turn).sum()
+    lag = -np.angle(response) / (2 * np.pi * hertz) * rate
+    assert (np.abs(lag) < 0.5).all()
+    assert (np.abs(np.abs(response) - 1) < 0.05).all()
+
+
+def at_rest(random, n=3000, deviation=0.005):
+    return deviation * random.standard_normal((n, 3))
+
+
+def test_a_spike_leaves_no_trace(random):
+    z = at_rest(random)
+    clean = run(z)['angular_velocity']
+    z[2000, 0] += 5.0
+    results = run(z)
+    assert results['outlier'][2000].tolist() == [1, 0, 0]
+    assert np.abs(results['angular_velocity'] - clean).max() < 0.005
+
+
+def test_a_burst_of_three_leaves_no_trace(random):
+    z = at_rest(random)
+    clean = run(z)['angular_velocity']
+    z[2000:2003, 1] += 8.0
+    results = run(z)
+    assert results['outlier'][2000:2003, 1].all()
+    assert results['outlier'].sum() == 3
+    assert np.abs(results['angular_velocity'] - clean).max() < 0.01
+
+
+def test_a_drop_out_to_zero_is_held(random):
+    z = np.array([1.0, -0.5, 0.2]) + at_rest(random)
+    z[2000:2002] = 0.0
+    results = run(z)
+    assert results['outlier'][2000:2002].all()
+    assert np.abs(results['angular_velocity'][1990:2010] - [1.0, -0.5, 0.2]).max() < 0.02
+
+
+def test_outliers_pass_where_they_are_to_be_taken_as_they_are(random):
+    z = at_rest(random)
+    z[2000, 0] += 5.0
+    results = run(z, outlier_enabled=False)
+    assert not results['outlier'].any()
+    assert results['angular_velocity'][2000, 0] > 4.0
+
+
+def test_the_variance_is_fixed_before_the_sample_is_seen(random):
+    z = at_rest(random)
+    before = run(z)['innovation_variance'][2000]
+    z[2000] += 100.0
+    np.testing.assert_array_equal(run(z)['innovation_variance'][2000], before)
+
+
+def test_a_known_noise_level_is_used_from_the_first_sample(random):
+    z = at_rest(random, 200, 0.05)
+    results = run(z, model_noise_deviation=(0.05, 0.05, 0.05))
+    np.testing.assert_allclose(results['measurement_noise'][0], 0.05**2)
+    np.testing.assert_allclose(np.sqrt(results['measurement_noise'][-1]), 0.05, rtol=0.2)
+
+
+@pytest.mark.parametrize('deviation', [1e-4, 1e-3, 1e-2, 1e-1])
+def test_the_noise_level_is_learned_at_rest(deviation, random):
+    results = run(at_rest(random, 3000, deviation))
+    learned = np.sqrt(results['measurement_noise'][-1])
+    np.testing.assert_allclose(learned, deviation, rtol=0.1)
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_the_ladder_holds_what_the_riccati_recursion_settles_to(rate):
+    """Against the plain recursion of equations (8), (9) and (12), run until it stands."""
+    ladder = np.zeros(1, LADDER)[0]
+    derive_ladder(1 / rate, ladder)
+    for j in range(0, LEVELS, 3):
+        r, q = ladder['lag_ratio'][j], ladder['process_ratio'][j]
+        a = np.array([[1.0, 1.0, 0.0], [0.0, r, 1.0], [0.0, 0.0, r]])
+        drive = np.array([1.0, 2 * r, r * r])
+        p = np.outer(drive, drive) * q
+        for _ in range(200_000):
+            gain = p[:, 0] / (p[0, 0] + 1.0)
+            grown = a @ (p - np.outer(gain, p[0])) @ a.T + q * np.outer(drive, drive)
+            settled = np.abs(grown - p).max() <= 1e-15 * np.abs(p).max()
+            p = grown
+            if settled:
+                break
+        gains = [ladder[f'gain_{name}'][j] for name in ('rate', 'slope', 'bend')]
+        np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-5)
+        np.testing.assert_allclose(ladder['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-9)
+    assert (np.diff(ladder['gain_rate']) > 0).all()
+    assert ((ladder['climb'] >= 0) & (ladder['climb'] + ladder['fall'] < 1)).all()
