@@ -13,7 +13,7 @@ mpl.use('Agg')
 from matplotlib import pyplot as plt
 
 Rates = Mapping[str, NDArray[np.float64]]
-_COLOURS = {'raw': '#b8c0cc', 'kalman': '#d1722b', 'sage_husa': '#1f5fa8'}
+_COLOURS = {'raw': '#b8c0cc', 'kalman': '#d1722b', 'sage_husa': '#1f5fa8', 'adaptive': '#2a8a57'}
 
 
 def draw_static(path: Path, simulation: Simulation, rates: Rates) -> None:

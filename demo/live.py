@@ -25,7 +25,7 @@ _IN_FLIGHT = 100
 _PATIENCE = 30.0
 
 
-_domains = itertools.count(int(os.environ.get('ROS_DOMAIN_ID') or os.getpid()))
+_domains = itertools.count(os.getpid())
 
 
 def own_domain() -> int:

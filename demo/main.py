@@ -40,29 +40,30 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=0)
     options = parser.parse_args()
     output: Path = options.output
-    shutil.rmtree(output, ignore_errors=True)
-    output.mkdir(parents=True)
+    bag, live = output / 'simulated', output / 'live'
+    replayed = {method: output / f'replayed_{method}' for method in METHODS}
+    figures = [output / 'static.png', output / 'dynamic.png']
+    written = [bag, truth_path(bag), live, *replayed.values(), *figures]
+    output.mkdir(parents=True, exist_ok=True)
+    for path in written:  # of an earlier run
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
 
     simulation = simulate(SimulationSettings(seed=options.seed))
-    bag = output / 'simulated'
     write_simulation(bag, simulation)
     print(f'simulated {len(simulation.stamps)} samples at 100 Hz: {bag}')
 
-    live = output / 'live'
     print('playing them into the node over ROS 2 ...')
     filter_live(bag, live)
     parameters = read_parameters(SHIPPED)
     flags = {}
     rates = {'raw': read_rates(bag, TOPIC)}
-    for method in METHODS:
-        replayed = output / f'replayed_{method}'
-        replay(
-            bag, replayed, parameters=parameters.with_names({'method': method}), diagnostics=True
-        )
-        rates[method] = read_rates(replayed, _TOPICS.filtered)
-        flags[method] = read_flags(replayed)
+    for method, path in replayed.items():
+        replay(bag, path, parameters=parameters.with_names({'method': method}), diagnostics=True)
+        rates[method] = read_rates(path, _TOPICS.filtered)
+        flags[method] = read_flags(path)
     same = read_messages(live, _TOPICS.filtered) == read_messages(
-        output / f'replayed_{parameters.method}', _TOPICS.filtered
+        replayed[parameters.method], _TOPICS.filtered
     )
     count = len(simulation.stamps)
     print(
@@ -72,11 +73,8 @@ def main() -> int:
     )
     print(static_table(simulation, rates), end='\n\n')
     print(dynamic_table(simulation, rates, flags), end='\n\n')
-    figures = [output / 'static.png', output / 'dynamic.png']
     draw_static(figures[0], simulation, rates)
     draw_dynamic(figures[1], simulation, rates)
-    written = [bag, truth_path(bag), live]
-    written += [output / f'replayed_{method}' for method in METHODS] + figures
     print('wrote ' + '\n      '.join(str(path) for path in written))
     return 0 if same else 1
 

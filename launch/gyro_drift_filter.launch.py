@@ -39,8 +39,9 @@ def generate_launch_description() -> LaunchDescription:
                 executable='gyro_drift_filter_node',
                 name='gyro_drift_filter',
                 namespace=LaunchConfiguration('namespace'),
+                # Not as `parameters`, where a file that does not exist is only warned of.
+                ros_arguments=['--params-file', LaunchConfiguration('params_file')],
                 parameters=[
-                    LaunchConfiguration('params_file'),
                     {
                         'use_sim_time': ParameterValue(
                             LaunchConfiguration('use_sim_time'), value_type=bool

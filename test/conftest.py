@@ -1,9 +1,13 @@
 """What the tests share: real recordings where they are there, and bags made on the spot."""
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+# ROS traffic of the tests stays on this machine.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 REPOSITORY = Path(__file__).parent.parent
 RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'

@@ -6,7 +6,6 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 from gyro_drift_filter.core.compiled import is_compiled
 from test.conftest import REPOSITORY
@@ -81,13 +80,6 @@ print(filter_.step(10**18 + 10**7, (2.0, 2.0, 2.0), (0.0, 0.0, 0.0))['innovation
     assert line in text
     callee.write_text(text.replace(line, 'innovation = sample - predicted + 5.0'))
     assert run(code, cwd=tmp_path, **environment).stdout.strip() == '6.0'
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason='root can write everywhere')
-def test_works_without_a_place_to_cache(tmp_path):
-    tmp_path.chmod(0o500)
-    done = run(FILTER, os.devnull, 'compiled', XDG_CACHE_HOME=str(tmp_path))
-    assert done.returncode == 0, done.stderr
 
 
 def test_works_where_the_cache_is_a_file(tmp_path):

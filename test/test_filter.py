@@ -99,6 +99,60 @@ def test_an_unusable_rate_is_bridged_by_the_prediction(bad, method):
     assert filter_.state['counts']['unusable'].tolist() == [0, 19, 0]
 
 
+@pytest.mark.parametrize('method', METHODS)
+def test_bridging_stays_near_and_ends_at_the_limit(method):
+    """After fast motion the prediction must not run away; after `gap_limit` there is none."""
+    time = np.arange(1000) / 100
+    z = np.column_stack([3 * np.sin(2 * np.pi * f * time) for f in (0.5, 1.0, 2.0)])
+    stamps = 10**18 + 10_000_000 * np.arange(1000)
+    filter_ = Filter(Parameters(method=method, gap_limit=0.5))
+    filter_.run(stamps, z, np.zeros_like(z))
+    for k in range(1, 100):
+        result = filter_.step(int(stamps[-1]) + k * 10_000_000, (np.nan, 0.0, 0.0), ZERO)
+        assert (result['status'] == REFUSED) == (k > 50)
+        assert abs(result['angular_velocity'][0]) < 15.0
+    result = filter_.step(int(stamps[-1]) + 10**9, (0.5, 0.0, 0.0), ZERO)
+    assert result['status'] == FILTERED
+    assert abs(result['angular_velocity'][0] - 0.5) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'method'),
+    [
+        ('method', 'kalman', 'adaptive'),
+        ('forgetting_factor', 0.9, 'adaptive'),
+        ('forgetting_factor', 0.9, 'sage_husa'),
+        ('epsilon', 1e-6, 'kalman'),
+        ('outlier.enabled', False, 'adaptive'),
+        ('outlier.threshold', 100.0, 'adaptive'),
+        ('outlier.acceleration', 1e5, 'adaptive'),
+        ('outlier.run', 1, 'adaptive'),
+        ('sample_rate', 50.0, 'adaptive'),
+        ('gap_limit', 0.005, 'kalman'),
+        ('model.phi', (0.9, 0.9, 0.9), 'kalman'),
+        ('model.process_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
+        ('model.measurement_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
+        ('model.noise_deviation', (0.05, 0.05, 0.05), 'adaptive'),
+    ],
+)
+def test_every_parameter_takes_effect_at_once(name, value, method):
+    data = recording(3000)
+    rates = 10.0 * data.angular_velocity
+    rates[2500] += 1.5
+    stamps = np.zeros(3000, np.int64) if name == 'sample_rate' else data.stamps.copy()
+    stamps[2200:] += 200_000_000 * (name == 'gap_limit')
+    outs = []
+    for change in (False, True):
+        filter_ = Filter(Parameters(method=method))
+        parts = [slice(0, 2000), slice(2000, 3000)]
+        for part in parts:
+            if change and part.start:
+                filter_.configure(filter_.parameters.with_names({name: value}))
+            out = filter_.run(stamps[part], rates[part], data.linear_acceleration[part])
+        outs.append(out['angular_velocity'])
+    assert np.abs(outs[0] - outs[1]).max() > 1e-6
+
+
 def test_nothing_is_published_before_every_axis_had_a_usable_rate():
     filter_ = Filter()
     stamp = 10**18

@@ -118,3 +118,37 @@ def test_a_single_spike_is_no_sign_of_degrees():
     messages = simulated(100)
     messages[50] = imu_message(read_imu(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
     assert report(messages)[0].level == OK
+
+
+def test_health_tells_of_unusable_rates():
+    messages = simulated(100)
+    messages[50] = imu_message(read_imu(messages[50]).stamp, (np.nan, 1, 1), (0, 0, 9.8))
+    input_, _ = report(messages)
+    assert input_.level == WARN
+    assert 'no usable number' in input_.message
+
+
+def test_health_tells_of_a_band_that_is_too_tight():
+    """A moving robot under the paper's filter: most samples count as outliers."""
+    messages = [
+        imu_message(10**18 + k * 10**7, (10 * np.sin(k / 10), 0, 0), (0, 0, 9.8))
+        for k in range(400)
+    ]
+    filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
+    health = Health(filter_)
+    filter_.process_batch(messages)
+    _, status = health.report(4.0)
+    assert status.level == WARN
+    assert 'set method to adaptive' in status.message
+
+
+def test_health_survives_a_reset():
+    filter_ = MessageFilter(Parameters())
+    health = Health(filter_)
+    filter_.process_batch(simulated(300))
+    health.report(3.0)
+    filter_.filter.reset()
+    filter_.process_batch(simulated(100))
+    input_, status = health.report(1.0)
+    assert (input_.level, status.level) == (OK, OK)
+    assert float(status.values['Outliers since last report (%) x']) >= 0

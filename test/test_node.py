@@ -1,8 +1,10 @@
 """The real node as a process, over ROS 2."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -185,6 +187,15 @@ def test_diagnostics_count_what_comes_in(fresh):
     assert flagged == probe.filter.state['counts']['outliers'].tolist()
 
 
+def test_a_reset_is_no_sign_of_degrees(fresh):
+    fresh.play(simulated(300))
+    assert call(fresh, Trigger, 'reset', Trigger.Request()).success
+    statuses = diagnostics(
+        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '0'
+    )
+    assert 'degrees' not in statuses['gyro_drift_filter: input'].message
+
+
 def test_degrees_draw_a_warning(fresh):
     stamp = 10**18
 
@@ -252,21 +263,27 @@ def test_an_invalid_set_is_refused_with_a_reason(fresh, name, value, reason):
     assert get_parameter(fresh, name.replace('__', '.')) == before
 
 
-def start(*arguments, seconds=30, expect_end=True, domain=None):
-    """Run the node until it ends by itself, or for a while; return status and stderr."""
-    process = subprocess.Popen(
+def start(*arguments, until=None, domain=None):
+    """Run the node until it ends by itself or has logged a text; return status and stderr."""
+    lines = []
+    with subprocess.Popen(
         [NODE, '--ros-args', *arguments],
         env=environment(domain or own_domain()),
         stderr=subprocess.PIPE,
         text=True,
-    )
-    try:
-        _, log = process.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        process.terminate()
-        _, log = process.communicate(timeout=30)
-        assert not expect_end, f'the node did not end:\n{log}'
-    return process.returncode, log
+    ) as process:
+        watchdog = threading.Timer(120, process.kill)
+        watchdog.start()
+        try:
+            for line in process.stderr:
+                lines.append(line)
+                if until and until in line:
+                    process.send_signal(signal.SIGINT)
+            status = process.wait()
+        finally:
+            watchdog.cancel()
+            process.kill()
+    return status, ''.join(lines)
 
 
 @pytest.mark.parametrize(
@@ -276,6 +293,16 @@ def start(*arguments, seconds=30, expect_end=True, domain=None):
         ('forgetting_factor: 0.5', "'forgetting_factor' must be at least 0.9"),
         ('method: magic', "'method' must be one of"),
         ('model: {phi: [0.1, 0.2]}', "'model.phi' must be a list of three numbers"),
+        ('model: {phi: []}', 'a parameter was given no value'),
+        ('model: {phi: [0, 0.1, 0.2]}', 'Sequence should be of same type'),
+        (
+            'qos_overrides: {/imu/data_raw: {subscription: {reliability: maybe}}}',
+            'imu/data_raw can not be set up with its qos_overrides: Unexpected QoS override',
+        ),
+        (
+            'qos_overrides: {/imu/data_filtered: {publisher: {depth: deep}}}',
+            'imu/data_filtered can not be set up with its qos_overrides: wrong type',
+        ),
     ],
 )
 def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tmp_path):
@@ -290,7 +317,7 @@ def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tm
 def test_an_unknown_key_is_named_in_the_log(tmp_path):
     path = tmp_path / 'p.yaml'
     path.write_text('/**:\n  ros__parameters:\n    forgeting_factor: 0.98\n    epsilon: 1\n')
-    status, log = start('--params-file', str(path), seconds=8, expect_end=False)
+    status, log = start('--params-file', str(path), until='filtering /imu/data_raw')
     assert status == 0
     assert "unknown parameter 'forgeting_factor': did you mean 'forgetting_factor'?" in log
     assert 'filtering /imu/data_raw into /imu/data_filtered' in log
@@ -310,16 +337,14 @@ def test_wrong_type_on_the_topic_is_reported():
     rclpy.init(context=context, domain_id=domain)
     other = rclpy.create_node('magnetometer', context=context)
     other.create_publisher(MagneticField, '/imu/wrong_type', 10)
+    message = 'magnetometer publishes sensor_msgs/msg/MagneticField on /imu/wrong_type, not'
     try:
-        status, log = start(
-            '-r', 'imu/data_raw:=imu/wrong_type', seconds=8, expect_end=False, domain=domain
-        )
+        status, log = start('-r', 'imu/data_raw:=imu/wrong_type', until=message, domain=domain)
     finally:
         other.destroy_node()
         context.try_shutdown()
     assert status == 0
-    assert 'sensor_msgs/msg/MagneticField' in log
-    assert 'not sensor_msgs/msg/Imu' in log
+    assert f'{message} sensor_msgs/msg/Imu: remap imu/data_raw' in log
 
 
 def test_runs_in_plain_python_without_an_events_executor(tmp_path):

@@ -64,18 +64,11 @@ def test_the_launch_file_loads_where_launch_is_installed():
 def workspace(tmp_path_factory):
     """A clean workspace with the package, built by colcon."""
     root = tmp_path_factory.mktemp('workspace')
-    listed = subprocess.run(
-        ['git', 'ls-files', '--cached', '--others', '--exclude-standard'],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.splitlines()
-    for name in listed:
-        if (REPOSITORY / name).is_file():
-            target = root / 'src' / 'gyro_drift_filter' / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(REPOSITORY / name, target)
+    shutil.copytree(
+        REPOSITORY,
+        root / 'src' / 'gyro_drift_filter',
+        ignore=shutil.ignore_patterns('.*', 'build', 'install', 'log', '*_output', '*.egg-info'),
+    )
     environment = os.environ | {'PATH': f'{BIN}:{os.environ["PATH"]}', 'COLCON_HOME': str(root)}
     done = subprocess.run(
         ['colcon', 'build', '--event-handlers', 'console_direct+'],

@@ -42,7 +42,7 @@ def test_every_parameter_is_described():
         ('epsilon', 0.0, "'epsilon' must be greater than 0"),
         ('epsilon', float('nan'), 'greater than 0'),
         ('epsilon', float('inf'), 'greater than 0'),
-        ('method', 'kalmann', "'method' must be one of kalman, sage_husa"),
+        ('method', 'kalmann', "'method' must be one of kalman, sage_husa, adaptive"),
         ('method', 3, "'method' must be one of"),
         ('outlier.enabled', 1, "'outlier.enabled' must be true or false"),
         ('sample_rate', 'fast', "'sample_rate' must be a number, not 'fast'"),
@@ -52,6 +52,9 @@ def test_every_parameter_is_described():
         ('model.phi', [0.1, 0.2, 1.0], r"'model.phi' \(axis z\) must be greater than -1 and less"),
         ('model.process_noise', [1, 'x', 1], r"'model.process_noise' \(axis y\) must be a number"),
         ('forgeting_factor', 0.98, "did you mean 'forgetting_factor'"),
+        ('sample_rate', 10**400, 'at most 10000'),
+        ('outlier.run', 2.5, "'outlier.run' must be a whole number"),
+        ('outlier.run', 0, 'at least 1'),
         ('zzz', 0.98, "unknown parameter 'zzz': there are method, "),
     ],
 )
@@ -117,3 +120,34 @@ def test_a_file_that_is_no_parameter_file(text, message, tmp_path):
 def test_a_missing_file(tmp_path):
     with pytest.raises(ParameterError, match='No such file'):
         read_parameters(tmp_path / 'none.yaml')
+
+
+def test_exponents_are_numbers_as_rcl_reads_them(tmp_path):
+    path = write(tmp_path, '/**: {ros__parameters: {epsilon: 2e-2, model.phi: [1e-1, .2, 3E-1]}}')
+    parameters = read_parameters(path)
+    assert parameters.epsilon == 0.02
+    assert parameters.model_phi == (0.1, 0.2, 0.3)
+
+
+def test_a_stranger_in_a_section_for_all_nodes_draws_a_warning(tmp_path, capsys):
+    path = write(tmp_path, '/**: {ros__parameters: {publish_rate: 3.0, epsilon: 7.0}}')
+    assert read_parameters(path).epsilon == 7.0
+    assert 'warning: parameter file' in capsys.readouterr().err
+
+
+def test_a_section_for_the_node_wins_over_one_for_all(tmp_path):
+    text = (
+        'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
+        '/**: {ros__parameters: {epsilon: 3.0, method: kalman}}\n'
+    )
+    parameters = read_parameters(write(tmp_path, text))
+    assert (parameters.epsilon, parameters.method) == (7.0, 'kalman')
+
+
+def test_sections_of_several_robots_are_not_mixed(tmp_path):
+    text = (
+        '/robot1/gyro_drift_filter: {ros__parameters: {method: kalman}}\n'
+        '/robot2/gyro_drift_filter: {ros__parameters: {epsilon: 5.0}}\n'
+    )
+    with pytest.raises(ParameterError, match='several nodes: /robot1/gyro_drift_filter, /robot2'):
+        read_parameters(write(tmp_path, text))

@@ -1,11 +1,13 @@
 """Bags in, bags out."""
 
 import shutil
+import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Qos,
@@ -230,10 +232,143 @@ def test_a_bag_that_holds_our_own_output_is_filtered_anew(tmp_path):
     run(source, tmp_path / 'once')
     summary = run(tmp_path / 'once', tmp_path / 'twice')
     assert summary.topic == TOPIC
-    assert summary.left_out == len(imu)
+    assert summary.left_out == {'/imu/data_filtered': 'the filter writes this topic itself'}
     topics, _ = read(tmp_path / 'twice')
     assert topics['/imu/data_filtered'] == expected(imu)
     assert len(topics['/diagnostics']) >= 4
+
+
+def test_recorded_sample_topics_are_kept_unless_they_are_written_anew(tmp_path):
+    imu = simulated(100)
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    run(source, tmp_path / 'once', diagnostics=True)
+    summary = run(tmp_path / 'once', tmp_path / 'kept')
+    assert len(read(tmp_path / 'kept')[0]['/gyro_drift_filter/innovation']) == len(imu)
+    assert set(summary.left_out) == {'/imu/data_filtered'}
+    summary = run(tmp_path / 'once', tmp_path / 'anew', diagnostics=True)
+    assert len(read(tmp_path / 'anew')[0]['/gyro_drift_filter/innovation']) == len(imu)
+    assert len(summary.left_out) == 1 + len(SAMPLE_TOPICS)
+
+
+def test_diagnostics_of_another_type_are_left_alone(tmp_path):
+    imu, words = simulated(300), [(10**18, text('hello'))]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu, ('/diagnostics', TEXT): words})
+    run(source, tmp_path / 'out')
+    with AnyReader([tmp_path / 'out']) as reader:
+        types = {c.msgtype: c.msgcount for c in reader.connections if c.topic == '/diagnostics'}
+    assert types[TEXT] == 1
+    assert types['diagnostic_msgs/msg/DiagnosticArray'] >= 2
+
+
+def write_mcap(path, channels):
+    """Write a bare MCAP with the official writer; channels is [(topic, encoding, schema, rows)]."""
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start(profile='ros2')
+        for topic, encoding, (name, definition), rows in channels:
+            schema = writer.register_schema(name, 'ros2msg', definition.encode())
+            channel = writer.register_channel(topic, encoding, schema)
+            for time, data in rows:
+                writer.add_message(channel, time, data, time)
+        writer.finish()
+    return path
+
+
+IMU_SCHEMA = (IMU_TYPE, STORE.generate_msgdef(IMU_TYPE, ros_version=2)[0])
+
+
+def test_two_publishers_of_one_topic_become_one(tmp_path):
+    imu = simulated()
+    source = write_mcap(
+        tmp_path / 'two.mcap',
+        [(TOPIC, 'cdr', IMU_SCHEMA, imu[::2]), (TOPIC, 'cdr', IMU_SCHEMA, imu[1::2])],
+    )
+    run(source, tmp_path / 'out')
+    topics, _ = read(tmp_path / 'out')
+    assert topics[TOPIC] == imu
+    assert topics['/imu/data_filtered'] == expected(imu)
+
+
+def test_topics_that_are_not_cdr_are_left_out_and_named(tmp_path):
+    imu = simulated()
+    source = write_mcap(
+        tmp_path / 'json.mcap',
+        [
+            (TOPIC, 'cdr', IMU_SCHEMA, imu),
+            ('/notes', 'json', ('std_msgs/msg/String', 'string data\n'), [(imu[0][0], b'{}')]),
+        ],
+    )
+    summary = run(source, tmp_path / 'out')
+    assert summary.left_out == {'/notes': 'its messages are not in CDR'}
+    assert read(tmp_path / 'out')[0]['/imu/data_filtered'] == expected(imu)
+
+
+def test_a_type_without_definition_passes(tmp_path):
+    """As in bags from before definitions stood in them: sqlite, metadata version 5."""
+    imu = simulated()
+    source = write(
+        tmp_path / 'in',
+        {(TOPIC, IMU_TYPE): imu, ('/foo', TEXT): [(imu[5][0], text('opaque'))]},
+        StoragePlugin.SQLITE3,
+        version=8,
+    )
+    metadata = source / 'metadata.yaml'
+    lines = metadata.read_text().replace(TEXT, 'my_msgs/msg/Foo').splitlines()
+    lines = [line for line in lines if 'RIHS01' not in line and 'type_description_hash' not in line]
+    lines = ['  version: 5' if line == '  version: 8' else line for line in lines]
+    metadata.write_text('\n'.join(lines))
+    with sqlite3.connect(source / 'in.db3') as database:
+        database.execute('UPDATE topics SET type = ? WHERE type = ?', ('my_msgs/msg/Foo', TEXT))
+        database.execute('DROP TABLE message_definitions')
+        database.execute('UPDATE schema SET schema_version = 3')
+    database.close()
+    run(source, tmp_path / 'out')
+    topics, _ = read(tmp_path / 'out')
+    assert topics['/foo'] == [(imu[5][0], text('opaque'))]
+    assert topics['/imu/data_filtered'] == expected(imu)
+
+
+def test_the_summary_tells_of_the_whole_bag(tmp_path):
+    """Degrees for a minute, then a rest: the end of the bag is not all of it."""
+    stamps = [10**18 + k * 10**7 for k in range(1000)]
+    rates = [(90.0, 0, 0) if k < 800 else (0.0, 0, 0) for k in range(1000)]
+    imu = [(t, imu_message(t, rate, (0, 0, 9.8))) for t, rate in zip(stamps, rates, strict=True)]
+    imu[3] = (imu[3][0], b'junk')
+    words = [(stamps[-1] + k * 10**9, text('late')) for k in range(1, 5)]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
+    status = run(source, tmp_path / 'out').status[0]
+    assert 'messages refused, the last because 4 bytes are too few' in status.message
+    imu[3] = imu[4]
+    source = write(tmp_path / 'in2', {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
+    status = run(source, tmp_path / 'out2').status[0]
+    assert 'the driver may publish degrees' in status.message
+
+
+def test_log_times_beyond_what_a_stamp_holds(tmp_path):
+    late = 2**31 * 10**9
+    imu = [(late + time - 10**18, data) for time, data in simulated(50)]
+    run(write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu}), tmp_path / 'out')
+    assert read(tmp_path / 'out')[0][TOPIC] == imu
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+
+    def full(self):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('gyro_drift_filter.bags.recording.Writer.close', full)
+    with pytest.raises(BagError, match=r'can not be written.*No space left'):
+        run(source, tmp_path / 'out')
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+@pytest.mark.parametrize('output', ['.', '/', 'in', 250 * 'x'])
+def test_odd_outputs_are_refused(output, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    with pytest.raises(BagError, match=r'exists already|can not be written'):
+        run(Path('in'), Path(output))
 
 
 @pytest.mark.parametrize(
@@ -259,6 +394,8 @@ def test_paths_that_are_no_bag(tmp_path):
     (tmp_path / 'folder').mkdir()
     with pytest.raises(BagError, match=r'no metadata\.yaml'):
         run(tmp_path / 'folder', tmp_path / 'out')
+    with pytest.raises(BagError, match='can not be opened'):
+        run(tmp_path / (300 * 'x'), tmp_path / 'out')
     for name in ('junk.mcap', 'junk.db3', 'junk.txt'):
         (tmp_path / name).write_bytes(b'not a bag' * 100)
         with pytest.raises(BagError, match='can not be read as a bag'):
@@ -266,6 +403,9 @@ def test_paths_that_are_no_bag(tmp_path):
     (tmp_path / 'empty.mcap').touch()
     with pytest.raises(BagError, match='can not be read as a bag'):
         run(tmp_path / 'empty.mcap', tmp_path / 'out')
+    write(tmp_path / 'rec.bag', {(TOPIC, IMU_TYPE): simulated(9)})
+    with pytest.raises(BagError, match='rename the folder'):
+        run(tmp_path / 'rec.bag', tmp_path / 'out')
     (tmp_path / 'old.bag').touch()
     with pytest.raises(BagError, match='rosbags-convert'):
         run(tmp_path / 'old.bag', tmp_path / 'out')

@@ -1,7 +1,7 @@
 """What `/diagnostics` tells of the input and of the filter, for the node and for `replay`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -31,13 +31,19 @@ class Status:
     values: dict[str, str]
 
 
+# Share of samples above which it is not the sample that is wrong, but the filter's idea of it.
+_MANY_OUTLIERS = 0.5
+
+
 @dataclass(frozen=True)
 class _Counts:
     received: int = 0
     malformed: int = 0
     samples: int = 0
     beyond_range: int = 0
+    unusable: tuple[int, ...] = (0, 0, 0)
     outliers: tuple[int, ...] = (0, 0, 0)
+    divergences: tuple[int, ...] = (0, 0, 0)
 
 
 def package_version() -> str:
@@ -63,6 +69,8 @@ class Health:
             seconds: Time since the last report.
         """
         before, now = self._before, self._count()
+        if now.samples < before.samples:  # the filter was reset
+            before = replace(_Counts(), received=before.received, malformed=before.malformed)
         self._before = now
         return [self._input(before, now, seconds), self._filter(before, now)]
 
@@ -73,7 +81,9 @@ class Health:
             messages.malformed,
             int(counts['samples']),
             int(counts['beyond_range']),
+            tuple(counts['unusable'].tolist()),
             tuple(counts['outliers'].tolist()),
+            tuple(self._messages.filter.state['paper']['divergences'].tolist()),
         )
 
     def _input(self, before: _Counts, now: _Counts, seconds: float) -> Status:
@@ -98,6 +108,12 @@ class Health:
             message = (
                 f'rates stay above {RANGE:g} rad/s: the driver may publish degrees '
                 'per second where REP-103 asks for radians'
+            )
+        elif now.unusable != before.unusable:
+            level = WARN
+            message = (
+                'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by '
+                'the prediction for as long as gap_limit, then nothing is published'
             )
         values = {
             'Actual frequency (Hz)': _number(received / seconds) if seconds > 0 else 'nan',
@@ -127,15 +143,28 @@ class Health:
         }
         values |= _per_axis('Outliers', state['counts']['outliers'])
         samples = max(1, now.samples - before.samples)
-        recent = [
-            100.0 * (a - b) / samples for a, b in zip(now.outliers, before.outliers, strict=True)
-        ]
-        values |= _per_axis('Outliers since last report (%)', recent)
+        recent = [(a - b) / samples for a, b in zip(now.outliers, before.outliers, strict=True)]
+        values |= _per_axis('Outliers since last report (%)', [100.0 * share for share in recent])
         values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'])
         values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'])
         values |= _per_axis('Bias (rad/s)', result['bias'])
-        values |= _per_axis('Divergences', state['paper']['divergences'])
-        return Status(OK, f'{self._name}: filter', 'filtering', values)
+        values |= _per_axis('Divergences', now.divergences)
+        level, message = OK, 'filtering'
+        method = self._messages.filter.parameters.method
+        if max(recent) > _MANY_OUTLIERS:
+            level = WARN
+            message = f'more than half of the samples count as outliers: {_REMEDIES[method]}'
+        elif now.divergences != before.divergences:
+            level, message = WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
+        return Status(level, f'{self._name}: filter', message, values)
+
+
+_METHOD_FOR_STANDSTILL = 'for a robot that moves, set method to adaptive; else raise epsilon'
+_REMEDIES = {
+    'kalman': _METHOD_FOR_STANDSTILL,
+    'sage_husa': _METHOD_FOR_STANDSTILL,
+    'adaptive': 'look at the raw rates; raise outlier.threshold or outlier.acceleration',
+}
 
 
 def _per_axis(key: str, values: Any) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Bags in and out, by rosbags: whatever it opens is read, a rosbag2 folder with MCAP is written."""
 
-import shutil
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, Literal
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
 try:
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.interfaces import (
         Connection,
         ConnectionExtRosbag2,
@@ -24,19 +24,18 @@ try:
     from rosbags.rosbag2 import (
         CompressionFormat,
         CompressionMode,
-        ReaderError,
         StoragePlugin,
         Writer,
         WriterError,
     )
-    from rosbags.typesys import Stores, TypesysError, get_typestore
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 except ImportError as error:
     raise GyroDriftFilterError(
-        f"bags need the Python package rosbags ({error}): install it with 'pip install rosbags'"
+        f'bags need the Python package rosbags ({error}): install it with '
+        '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
     ) from error
 
 _JAZZY = get_typestore(Stores.ROS2_JAZZY)
-_UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
 
@@ -65,25 +64,41 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     Raises:
         BagError: The path is missing, or is no bag that rosbags can read.
     """
-    if not path.exists():
-        raise BagError(f'no such bag: {path}')
-    if path.is_dir() and not (path / 'metadata.yaml').exists():
-        raise BagError(
-            f'{path} holds no metadata.yaml, so it is no rosbag2 folder: name the .mcap file in it'
-        )
-    if path.suffix == '.bag':
-        raise BagError(f"{path} is a ROS 1 bag: convert it with 'rosbags-convert' first")
+    _check_path(path)
     # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
     # read. Errors of the caller's own pass, as the reader is open by then.
     try:
         reader = AnyReader([path], default_typestore=_JAZZY)
         reader.open()
     except Exception as error:
-        raise BagError(f'{path} can not be read as a bag: {one_line(error)}') from error
+        hint = ''
+        if 'magic' in str(error):
+            hint = " (where the recorder was killed, 'mcap recover' or 'ros2 bag reindex' may help)"
+        raise BagError(f'{path} can not be read as a bag: {one_line(error)}{hint}') from error
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _check_path(path: Path) -> None:
+    try:
+        if not path.exists():
+            raise BagError(f'no such bag: {path}')
+        if path.is_dir() and not (path / 'metadata.yaml').exists():
+            raise BagError(
+                f'{path} holds no metadata.yaml, so it is no rosbag2 folder: name the .mcap file '
+                'in it'
+            )
+        if path.suffix == '.bag':
+            # rosbags judges by the name.
+            raise BagError(
+                f'{path}: rename the folder, as names in .bag are taken for ROS 1'
+                if path.is_dir()
+                else f"{path} is a ROS 1 bag: convert it with 'rosbags-convert' first"
+            )
+    except OSError as error:
+        raise BagError(f'{path} can not be opened: {error.strerror}') from error
 
 
 def messages(reader: AnyReader) -> Iterator[tuple[Connection, int, bytes]]:
@@ -116,69 +131,92 @@ def one_line(error: BaseException) -> str:
 class BagWriter:
     """Write a rosbag2 folder; it gets its name when it is complete.
 
-    While it is written it is called NAME.incomplete, and is removed if writing fails.
+    Until then it stands in a hidden folder beside, which is removed if writing fails.
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin a bag.
+        self._path = path.absolute()
+        self._connections: list[Connection] = []
+
+    def __enter__(self) -> 'BagWriter':
+        """Begin the bag.
 
         Raises:
             BagError: The path exists already or can't be written.
         """
-        self._path = path
-        self._partial = path.with_name(f'{path.name}.incomplete')
-        if path.exists():
-            raise BagError(f'{path} exists already: remove it or choose another name')
-        shutil.rmtree(self._partial, ignore_errors=True)
-        # The MCAP file is named after the final folder, as `ros2 bag` names it.
-        self._writer = Writer(
-            self._partial / path.name,
-            version=_METADATA_VERSION,
-            storage_plugin=StoragePlugin.MCAP,
-        )
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        try:
+        with self._reporting():
+            if self._path.exists():
+                raise BagError(f'{self._path} exists already: remove it or choose another name')
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = tempfile.TemporaryDirectory(
+                prefix=f'.{self._path.name}.', suffix='.incomplete', dir=self._path.parent
+            )
+            # The MCAP file is named after the final folder, as `ros2 bag` names it.
+            self._written = Path(self._folder.name) / self._path.name
+            self._writer = Writer(
+                self._written, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
+            )
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-        except (OSError, WriterError) as error:
-            raise BagError(f'{path} can not be written: {one_line(error)}') from error
-
-    def __enter__(self) -> 'BagWriter':
-        """Return itself."""
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         """Give the bag its name, or remove it where writing failed."""
-        if kind is None:
-            self._writer.close()
-            (self._partial / self._path.name).rename(self._path)
-        else:
-            with suppress(Exception):
-                self._writer.abort()
-        shutil.rmtree(self._partial, ignore_errors=True)
+        with self._folder:
+            try:
+                if kind is None:
+                    with self._reporting():
+                        self._writer.close()
+                        self._written.rename(self._path)
+            finally:
+                with suppress(Exception):
+                    self._writer.abort()  # does nothing after close
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Turn what goes wrong with the disk or the writer into one line."""
+        try:
+            yield
+        except (OSError, WriterError) as error:
+            raise BagError(f'{self._path} can not be written: {one_line(error)}') from error
 
     def copy_connection(self, connection: Connection, reader: AnyReader) -> Connection:
-        """Add a topic as it is in another bag, with its QoS and message definition."""
+        """Add a topic as it is in another bag, with its QoS and message definition.
+
+        A bag may hold the same topic several times, one for each publisher: they become one.
+        """
         extension = connection.ext
         assert isinstance(extension, ConnectionExtRosbag2)
+        for known in self._connections:
+            if (known.topic, known.msgtype, known.ext) == (
+                connection.topic,
+                connection.msgtype,
+                extension,
+            ):
+                return known
         definition, digest = connection.msgdef.data, connection.digest
         if connection.msgdef.format == MessageDefinitionFormat.NONE or not digest:
             definition, digest = _definition(connection, reader)
-        return self._writer.add_connection(
-            connection.topic,
-            connection.msgtype,
-            msgdef=definition,
-            rihs01=digest,
-            serialization_format=extension.serialization_format,
-            offered_qos_profiles=extension.offered_qos_profiles,
-        )
+        with self._reporting():
+            copy = self._writer.add_connection(
+                connection.topic,
+                connection.msgtype,
+                msgdef=definition,
+                rihs01=digest,
+                serialization_format=extension.serialization_format,
+                offered_qos_profiles=extension.offered_qos_profiles,
+            )
+        self._connections.append(copy)
+        return copy
 
     def add_connection(
         self, topic: str, message_type: str, qos: Sequence[Qos] = (RELIABLE,)
     ) -> Connection:
         """Add a topic of a type that Jazzy knows."""
-        return self._writer.add_connection(
-            topic, message_type, typestore=_JAZZY, offered_qos_profiles=qos
-        )
+        with self._reporting():
+            return self._writer.add_connection(
+                topic, message_type, typestore=_JAZZY, offered_qos_profiles=qos
+            )
 
     def write(self, connection: Connection, log_time: int, data: bytes) -> None:
         """Write a serialized message with its log time in ns.
@@ -186,19 +224,28 @@ class BagWriter:
         Raises:
             BagError: The disk is full or the like.
         """
-        try:
+        with self._reporting():
             self._writer.write(connection, log_time, data)
-        except OSError as error:
-            raise BagError(f'{self._path} can not be written: {one_line(error)}') from error
+
+
+def is_cdr(connection: Connection) -> bool:
+    """Tell whether a topic's messages are serialized as ROS 2 does; rosbags writes no others."""
+    extension = connection.ext
+    return isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format == 'cdr'
 
 
 def _definition(connection: Connection, reader: AnyReader) -> tuple[str, str]:
     """Return message definition and hash of a type, for bags from before they stood in them."""
+    name = connection.msgtype
     for store in (reader.typestore, _JAZZY):
         with suppress(TypesysError, KeyError):
-            definition, _ = store.generate_msgdef(connection.msgtype, ros_version=2)
-            return definition, store.hash_rihs01(connection.msgtype)
-    return connection.msgdef.data, connection.digest or _UNKNOWN_HASH
+            definition, _ = store.generate_msgdef(name, ros_version=2)
+            return definition, store.hash_rihs01(name)
+    # A type that nobody knows keeps its messages under an empty definition, and the hash of that:
+    # readers compare the two.
+    unknown = get_typestore(Stores.EMPTY)
+    unknown.register(get_types_from_msg('', name))
+    return '', unknown.hash_rihs01(name)
 
 
 def message_type(name: str) -> Any:
@@ -213,11 +260,9 @@ def serialize(message: Any, name: str) -> bytes:
 
 __all__ = [
     'AnyReader',
-    'AnyReaderError',
     'BagError',
     'BagWriter',
     'Connection',
-    'ReaderError',
     'messages',
     'open_bag',
 ]

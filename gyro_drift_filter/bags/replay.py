@@ -21,6 +21,7 @@ from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
     Connection,
+    is_cdr,
     message_type,
     messages,
     open_bag,
@@ -33,6 +34,7 @@ DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 _REPORT_PERIOD = 1_000_000_000  # ns
 _LARGEST_BATCH = 4096
+_LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
 
 Progress = Callable[[int, int], None]
 Message = tuple[Connection, int, bytes]
@@ -54,20 +56,22 @@ class Summary:
         topic: The input topic.
         output_topic: The filtered topic.
         received: Imu messages read.
-        written: Filtered messages written.
-        left_out: Messages of the input that stood on the filter's own output topics.
+        written: Messages written to the filtered topic.
+        not_reported: Messages without angular velocity, passed on as they came.
+        left_out: Topics of the input that were not copied, and why.
         outliers: Samples flagged, per axis (3,).
         raw: Statistics of the usable rates as they came.
         filtered: Statistics of the same samples after the filter.
         period: Sample period at the end, in s.
-        status: The last report of the filter's health.
+        status: The filter's health over the whole bag.
     """
 
     topic: str
     output_topic: str
     received: int
     written: int
-    left_out: int
+    not_reported: int
+    left_out: dict[str, str]
     outliers: NDArray[np.int64]
     raw: Statistics
     filtered: Statistics
@@ -172,23 +176,29 @@ class _Replay:
         self._topics = Topics.of(topic)
         self._filter = MessageFilter(parameters)
         self._health = Health(self._filter)
+        self._health_in_all = Health(self._filter)
         self._raw, self._filtered = _Moments(), _Moments()
         self._written = 0
-        self._left_out = 0
-        own = {self._topics.filtered} | {self._topics.sample(name) for name in SAMPLE_TOPICS}
-        self._copies = {
-            connection.id: writer.copy_connection(connection, reader)
-            for connection in reader.connections
-            if connection.topic not in own
-        }
+        names = SAMPLE_TOPICS if diagnostics else ()
+        own = {self._topics.filtered} | {self._topics.sample(name) for name in names}
+        self._copies: dict[int, Connection] = {}
+        self._left_out: dict[str, str] = {}
+        for connection in reader.connections:
+            if connection.topic in own:
+                self._left_out[connection.topic] = 'the filter writes this topic itself'
+            elif not is_cdr(connection):
+                self._left_out[connection.topic] = 'its messages are not in CDR'
+            else:
+                self._copies[connection.id] = writer.copy_connection(connection, reader)
         self._output = writer.add_connection(self._topics.filtered, IMU_TYPE)
-        self._reports = next(
-            (c for c in self._copies.values() if c.topic == DIAGNOSTICS),
-            None,
-        ) or writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE)
+        existing = (
+            copy
+            for copy in self._copies.values()
+            if (copy.topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE)
+        )
+        self._reports = next(existing, None) or writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE)
         self._samples = {
-            name: writer.add_connection(self._topics.sample(name), VECTOR_TYPE)
-            for name in (SAMPLE_TOPICS if diagnostics else ())
+            name: writer.add_connection(self._topics.sample(name), VECTOR_TYPE) for name in names
         }
 
     def take(self, batch: list[Message]) -> None:
@@ -200,7 +210,6 @@ class _Replay:
         for connection, log_time, data in batch:
             copy = self._copies.get(connection.id)
             if copy is None:
-                self._left_out += 1
                 continue
             self._writer.write(copy, log_time, data)
             if connection.topic == self._topic:
@@ -217,12 +226,10 @@ class _Replay:
             message = sample_message(data, outcome.imu, outcome.result, name)
             self._writer.write(connection, log_time, message)
 
-    def report(self, log_time: int, seconds: float) -> list[Status]:
+    def report(self, log_time: int, seconds: float) -> None:
         """Write the filter's health as of a log time in ns, `seconds` after the last report."""
-        statuses = self._health.report(seconds)
-        message = serialize(_diagnostic_array(log_time, statuses), DIAGNOSTICS_TYPE)
-        self._writer.write(self._reports, log_time, message)
-        return statuses
+        array = _diagnostic_array(log_time, self._health.report(seconds))
+        self._writer.write(self._reports, log_time, serialize(array, DIAGNOSTICS_TYPE))
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
         rows = [o for o in outcomes if o.data is not None and o.result is not None]
@@ -234,30 +241,32 @@ class _Replay:
         self._raw.add(raw[usable])
         self._filtered.add(filtered[usable])
 
-    def summary(self, status: list[Status]) -> Summary:
-        """Return what was done, with the last report."""
+    def summary(self, seconds: float) -> Summary:
+        """Return what was done in all `seconds` of the bag."""
         state = self._filter.filter.state
         return Summary(
             topic=self._topic,
             output_topic=self._topics.filtered,
             received=self._filter.received,
             written=self._written,
+            not_reported=self._filter.not_reported,
             left_out=self._left_out,
             outliers=state['counts']['outliers'].copy(),
             raw=self._raw.statistics(),
             filtered=self._filtered.statistics(),
             period=float(state['clock']['period']),
-            status=status,
+            status=self._health_in_all.report(seconds),
         )
 
 
 def _diagnostic_array(log_time: int, statuses: list[Status]) -> Any:
+    seconds, nanoseconds = divmod(min(log_time, _LATEST_STAMP), 10**9)
     header = message_type('std_msgs/msg/Header')
     time = message_type('builtin_interfaces/msg/Time')
     pair = message_type('diagnostic_msgs/msg/KeyValue')
     status = message_type('diagnostic_msgs/msg/DiagnosticStatus')
     return message_type(DIAGNOSTICS_TYPE)(
-        header(time(log_time // 10**9, log_time % 10**9), ''),
+        header(time(seconds, nanoseconds), ''),
         [
             status(s.level, s.name, s.message, '', [pair(k, v) for k, v in s.values.items()])
             for s in statuses
@@ -307,21 +316,20 @@ def replay(
         total = reader.message_count
         with BagWriter(destination) as writer:
             run = _Replay(reader, writer, chosen, parameters, diagnostics)
-            done = 0
-            reported: int | None = None
-            status: list[Status] = []
+            done = first = reported = now = 0
             for batch in _batches(messages(reader)):
+                if done == 0:
+                    first = reported = batch[0][1]
                 run.take(batch)
                 done += len(batch)
                 now = batch[-1][1]
-                reported = batch[0][1] if reported is None else reported
                 if now - reported >= _REPORT_PERIOD // 2:
-                    status = run.report(now, (now - reported) * 1e-9)
+                    run.report(now, (now - reported) * 1e-9)
                     reported = now
                 progress(done, total)
-            if reported is not None and not status:
-                status = run.report(now, (now - reported) * 1e-9)
-            summary = run.summary(status)
+            if done and (now > reported or now == first):
+                run.report(now, (now - reported) * 1e-9)
+            summary = run.summary((now - first) * 1e-9)
             if summary.received == 0:
                 raise BagError(f'topic {chosen} has no messages')
     return summary

@@ -6,7 +6,13 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE
-from gyro_drift_filter.bags.recording import BagError, BagWriter, message_type, serialize
+from gyro_drift_filter.bags.recording import (
+    BagError,
+    BagWriter,
+    message_type,
+    one_line,
+    serialize,
+)
 from gyro_drift_filter.core.simulation import Simulation
 
 TOPIC = '/imu/data_raw'
@@ -72,12 +78,16 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
             strict=True,
         ):
             writer.write(connection, stamp, imu_message(stamp, rate, acceleration))
-    np.savez_compressed(
-        archive,
-        stamps=simulation.stamps,
-        truth=simulation.truth,
-        outliers=simulation.outliers,
-        moving=simulation.moving,
-        bias=simulation.bias,
-    )
+    try:
+        np.savez_compressed(
+            archive,
+            stamps=simulation.stamps,
+            truth=simulation.truth,
+            outliers=simulation.outliers,
+            moving=simulation.moving,
+            bias=simulation.bias,
+        )
+    except OSError as error:
+        archive.unlink(missing_ok=True)
+        raise BagError(f'{archive} can not be written: {one_line(error)}') from error
     return archive

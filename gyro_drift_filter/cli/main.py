@@ -39,11 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except GyroDriftFilterError as error:
         print(f'gyro_drift {options.command}: {error}', file=sys.stderr)
         return 1
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):  # the reader of our output has left, as `| head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        print(f'gyro_drift {options.command}: {error}', file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print(f'gyro_drift {options.command}: interrupted, nothing written', file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # The reader of our output has left, as `| head` does.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     return 0

@@ -1,59 +1,96 @@
 """Read ROS 2 parameter files, so that `replay` takes the file that the node takes."""
 
-from fnmatch import fnmatchcase
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.bags.health import NODE_NAME
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE, unknown_name
 
-try:
-    import yaml
-except ImportError as error:
-    raise GyroDriftFilterError(
-        "parameter files need the Python package PyYAML: install it with 'pip install PyYAML' or "
-        "'apt install python3-yaml'"
-    ) from error
-
-# What every ROS 2 node has, and the offline tools have no use for.
-_OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+_NAMES = {description.name for description in DESCRIPTIONS}
 
 
 def read_parameters(path: Path) -> Parameters:
     """Return the filter's parameters from a ROS 2 parameter file.
 
-    Taken are the sections whose name matches a node called gyro_drift_filter, as rcl matches them:
-    with any namespace, `*` for one part of a name and `**` for any number.
+    Taken are the sections that rcl gives to a node called gyro_drift_filter, in whatever namespace;
+    `*` stands for one part of a name and `**` for any number. A parameter that does not exist is an
+    error in a section that names the node; in one for many nodes it draws a warning on stderr, as
+    it may be meant for another.
 
     Raises:
-        ParameterError: The file can't be read, has no such section, an unknown parameter or a
-            wrong value.
+        ParameterError: The file can't be read, has no such section or several for different
+            namespaces, a parameter that does not exist or a wrong value.
+        GyroDriftFilterError: PyYAML is missing.
     """
+    sections = _ours(path, _load(path))
+    values: dict[str, Any] = {}
+    for name, content in sections.items():
+        for key, value in _flat('', content).items():
+            if key.split('.')[0] in OF_EVERY_NODE:
+                continue
+            if key in _NAMES:
+                values[key] = value
+            elif '*' in name:
+                print(f'warning: parameter file {path}: {unknown_name(key)}', file=sys.stderr)
+            else:
+                raise ParameterError(f'parameter file {path}: {unknown_name(key)}')
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return Parameters.from_names(values)
+    except ParameterError as error:
+        raise ParameterError(f'parameter file {path}: {error}') from error
+
+
+def _load(path: Path) -> dict[Any, Any]:
+    try:
+        import yaml
+    except ImportError as error:
+        raise GyroDriftFilterError(
+            "parameter files need the Python package PyYAML: install it with 'pip install PyYAML' "
+            "or 'apt install python3-yaml'"
+        ) from error
+
+    class Loader(yaml.SafeLoader):
+        """YAML as rcl reads it, where 2e-5 is a number: PyYAML wants 2.0e-5."""
+
+    Loader.add_implicit_resolver(
+        'tag:yaml.org,2002:float',
+        re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+        list('-+0123456789.'),
+    )
+    try:
+        # A subclass of SafeLoader.
+        document = yaml.load(path.read_text(encoding='utf-8'), Loader)
     except OSError as error:
         raise ParameterError(f'parameter file {path}: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
         raise ParameterError(
             f'parameter file {path} is no YAML: {" ".join(str(error).split())}'
         ) from error
     if not isinstance(document, dict):
         raise ParameterError(f'parameter file {path} holds no node names')
-    values: dict[str, Any] = {}
-    found = False
-    for section, content in _sections('', document):
-        if _is_ours(section):
-            found = True
-            values |= _flat('', content)
+    return document
+
+
+def _ours(path: Path, document: dict[Any, Any]) -> dict[str, dict[Any, Any]]:
+    """Return the sections of our node by their names, wildcards first as the weaker ones."""
+    found = {
+        name: content
+        for name, content in _sections('', document)
+        if name.rpartition('/')[2] in (NODE_NAME, '*', '**')
+    }
     if not found:
         raise ParameterError(
             f"parameter file {path} has no section '{NODE_NAME}' with 'ros__parameters' in it"
         )
-    ours = {k: v for k, v in values.items() if k.split('.')[0] not in _OF_EVERY_NODE}
-    try:
-        return Parameters.from_names(ours)
-    except ParameterError as error:
-        raise ParameterError(f'parameter file {path}: {error}') from error
+    named = [name for name in found if '*' not in name]
+    if len(named) > 1:
+        raise ParameterError(
+            f'parameter file {path} has sections for several nodes: {", ".join(named)}: leave one'
+        )
+    return dict(sorted(found.items(), key=lambda item: '*' not in item[0]))
 
 
 def _sections(prefix: str, document: dict[Any, Any]) -> list[tuple[str, dict[Any, Any]]]:
@@ -63,17 +100,12 @@ def _sections(prefix: str, document: dict[Any, Any]) -> list[tuple[str, dict[Any
         if not isinstance(value, dict):
             continue
         name = f'{prefix}/{str(key).strip("/")}'
-        for inner, content in value.items():
-            if inner == 'ros__parameters' and isinstance(content, dict):
-                found.append((name, content))
+        content = value.get('ros__parameters')
+        if isinstance(content, dict):
+            found.append((name, content))
         nested = {k: v for k, v in value.items() if k != 'ros__parameters'}
         found += _sections(name, nested)
     return found
-
-
-def _is_ours(section: str) -> bool:
-    name = section.rpartition('/')[2]
-    return fnmatchcase(NODE_NAME, name)
 
 
 def _flat(prefix: str, values: dict[Any, Any]) -> dict[str, Any]:

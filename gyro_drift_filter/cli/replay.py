@@ -56,12 +56,8 @@ def run(options: argparse.Namespace) -> None:
     for status in summary.status:
         if status.level:
             print(f'warning: {status.message}', file=sys.stderr)
-    if summary.left_out:
-        print(
-            f'note: left out {summary.left_out} messages that stood on the topics the filter '
-            'writes itself',
-            file=sys.stderr,
-        )
+    for topic, reason in summary.left_out.items():
+        print(f'note: left out {topic}: {reason}', file=sys.stderr)
     if not options.quiet:
         print(describe(summary, parameters.method))
         print(f'wrote {options.output}')
@@ -84,9 +80,10 @@ def describe(summary: Any, method: str) -> str:
                 str(summary.outliers[i]),
             ]
         )
+    passed_on = f' ({summary.not_reported} of them unfiltered)' if summary.not_reported else ''
     head = (
         f'{summary.topic} -> {summary.output_topic}: {summary.received} messages, '
-        f'{summary.written} filtered, {1.0 / summary.period:.4g} Hz'
+        f'{summary.written} written{passed_on}, {1.0 / summary.period:.4g} Hz'
     )
     return f'{head}\n{table(rows)}'
 

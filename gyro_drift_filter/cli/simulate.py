@@ -7,6 +7,8 @@ from typing import Any
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.core.simulation import SimulationSettings, simulate
 
+_FEWEST_SAMPLES = 10
+
 
 def add_parser(subcommands: Any) -> None:
     """Add the subcommand to the parser of `gyro_drift`."""
@@ -40,9 +42,13 @@ def run(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
     seconds = options.static + options.dynamic
-    if min(options.static, options.dynamic) < 0 or not 1.0 <= seconds <= 86_400.0:
+    if not (min(options.static, options.dynamic) >= 0 and 1.0 <= seconds <= 86_400.0):
         raise GyroDriftFilterError(
             '--static and --dynamic must not be negative, and 1 to 86400 s together'
+        )
+    if seconds * options.rate < _FEWEST_SAMPLES:
+        raise GyroDriftFilterError(
+            f'{seconds:g} s at {options.rate:g} Hz are fewer than {_FEWEST_SAMPLES} samples'
         )
     settings = SimulationSettings(
         seed=options.seed,

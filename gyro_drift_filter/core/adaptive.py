@@ -27,13 +27,18 @@ from gyro_drift_filter.core.noise import (
 from gyro_drift_filter.core.outliers import (
     BELIEVE,
     DOUBT,
+    FIRST_CHANGE,
     HOLD,
+    JOLTS,
     OUTLIER_LIMITS,
     RESTART,
     derive_limits,
+    feel_jolt,
     is_constant,
     judge,
     note_held,
+    note_missing,
+    start_doubt,
 )
 
 LEAST_PROBABILITY = 1e-30
@@ -73,6 +78,7 @@ ADAPTIVE_STATE = np.dtype(
         ('sample_believed', np.bool_),  # the last sample
         ('noise', NOISE),
         ('doubt', DOUBT),
+        ('jolt', JOLTS),  # of the accelerometer along the same axis
     ],
     align=True,
 )
@@ -96,14 +102,14 @@ def start_adaptive(axis: Any, sample: float, deviation: float) -> None:
     """
     if not axis['learning']:
         start_noise(axis['noise'], deviation)
+        axis['jolt']['usual_change'] = FIRST_CHANGE
         axis['learning'] = True
     restart_block(axis['noise'])
     _restart(axis, sample)
     _believe_level(axis, LEVELS - 1)
     axis['tracking'] = True
     axis['sample_believed'] = False
-    axis['doubt']['sample'] = sample
-    axis['doubt']['repeats'] = 0
+    start_doubt(axis['doubt'], sample)
 
 
 @compiled
@@ -153,7 +159,14 @@ def miss_adaptive(axis: Any) -> None:
     """Pass over a sample that is missing or no number, after its prediction."""
     coast_adaptive(axis)
     axis['sample_believed'] = False
+    note_missing(axis['doubt'], axis['spread'])
     restart_block(axis['noise'])
+
+
+@compiled
+def jolts(axis: Any, acceleration: float) -> bool:
+    """Tell whether the acceleration along the axis (m/s^2) has just jumped; call once a sample."""
+    return feel_jolt(axis['jolt'], acceleration)
 
 
 @compiled
@@ -165,12 +178,20 @@ def surprises(axis: Any, sample: float) -> bool:
 
 @compiled
 def update_adaptive(
-    axis: Any, sample: float, dropout: bool, forgetting_factor: float, coefficients: Any
+    axis: Any,
+    sample: float,
+    dropout: bool,
+    jolted: bool,
+    forgetting_factor: float,
+    coefficients: Any,
 ) -> bool:
-    """Take a sample (rad/s) in after its prediction; return whether it was held back."""
+    """Take a sample (rad/s) in after its prediction; return whether it was held back.
+
+    `dropout` says that the sensor had nothing to say, `jolted` that the accelerometer was shaken.
+    """
     doubt, noise, limits = axis['doubt'], axis['noise'], coefficients['limits']
     prediction, spread = axis['prediction'], axis['spread']
-    verdict = judge(doubt, sample, prediction, spread, dropout, limits)
+    verdict = judge(doubt, sample, prediction, spread, dropout, jolted, limits)
     if is_constant(doubt, sample, noise['variance']):
         _restart(axis, sample)
         verdict = RESTART

@@ -12,6 +12,7 @@ from gyro_drift_filter.core.adaptive import (
     ADAPTIVE_STATE,
     derive_adaptive,
     estimate_adaptive,
+    jolts,
     miss_adaptive,
     predict_adaptive,
     start_adaptive,
@@ -21,9 +22,11 @@ from gyro_drift_filter.core.adaptive import (
 from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, start_clock
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.core.noise import start_noise
 from gyro_drift_filter.core.paper import (
     PAPER_COEFFICIENTS,
     PAPER_STATE,
+    bridge_paper,
     derive_paper,
     paper_noise,
     paper_rate,
@@ -115,6 +118,7 @@ STATE = np.dtype(
         ('clock', CLOCK),
         ('counts', COUNTS),
         ('measured', np.float64, _AXES),  # angular velocity of the last sample as it came, rad/s
+        ('bridged', np.int64, _AXES),  # unusable samples in a row
         ('paper', PAPER_STATE, _AXES),
         ('adaptive', ADAPTIVE_STATE, _AXES),
         ('result', RESULT),  # of the last sample
@@ -143,8 +147,9 @@ def step(
     if coefficients['period'] != clock['period']:
         _derive(settings, clock['period'], coefficients)
     result['status'] = FILTERED
+    _stop_bridging(rate, missing, settings['gap_limit'], state)
     if settings['method'] == ADAPTIVE:
-        _step_adaptive(rate, missing, settings, coefficients['adaptive'], state)
+        _step_adaptive(rate, acceleration, missing, settings, coefficients['adaptive'], state)
     else:
         _step_paper(rate, missing, settings, coefficients['paper'], state)
     for axis in range(3):
@@ -157,6 +162,17 @@ def step(
         counts['refused'] += 1
     if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
         counts['beyond_range'] += 1
+
+
+@compiled
+def _stop_bridging(rate: Any, missing: int, gap_limit: float, state: Any) -> None:
+    """Let go of the axes that time has jumped on, or that had no usable rate for `gap_limit` s."""
+    for axis in range(3):
+        bridged = 0 if _usable(rate[axis]) else state['bridged'][axis] + 1 + max(missing, 0)
+        state['bridged'][axis] = bridged
+        if missing == RESTART or bridged * state['clock']['period'] > gap_limit:
+            state['paper'][axis]['tracking'] = False
+            state['adaptive'][axis]['tracking'] = False
 
 
 @compiled
@@ -202,8 +218,6 @@ def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state
     for axis in range(3):
         paper, constants = state['paper'][axis], coefficients[axis]
         usable = _usable(rate[axis])
-        if missing == RESTART:
-            paper['tracking'] = False
         starting = not paper['tracking']
         if starting and not usable:
             result['status'] = REFUSED
@@ -211,7 +225,9 @@ def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state
         if starting:
             start_paper(paper, constants, rate[axis])
         else:
-            for _ in range(missing + 1):
+            for _ in range(missing if usable else missing + 1):
+                bridge_paper(paper, constants, adaptive)
+            if usable:
                 predict_paper(paper, constants, adaptive)
         process_noise, measurement_noise = paper_noise(paper, constants, adaptive)
         result['process_noise'][axis] = process_noise
@@ -230,15 +246,15 @@ def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state
 
 
 @compiled
-def _step_adaptive(rate: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
+def _step_adaptive(
+    rate: Any, acceleration: Any, missing: int, settings: Any, coefficients: Any, state: Any
+) -> None:
     """Filter with `adaptive`: predict all axes, then take in what the sample is on all of them."""
     result, ladder = state['result'], coefficients['ladder']
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
-    surprised = False
+    surprised = jolted = False
     for axis in range(3):
         adaptive, usable = state['adaptive'][axis], _usable(rate[axis])
-        if missing == RESTART:
-            adaptive['tracking'] = False
         if not adaptive['tracking']:
             if not usable:
                 result['status'] = REFUSED
@@ -248,6 +264,8 @@ def _step_adaptive(rate: Any, missing: int, settings: Any, coefficients: Any, st
             for _ in range(missing):
                 predict_adaptive(adaptive, ladder)
                 miss_adaptive(adaptive)
+        if jolts(adaptive, acceleration[axis]):
+            jolted = True
         predict_adaptive(adaptive, ladder)
         if usable and surprises(adaptive, rate[axis]):
             surprised = True
@@ -260,7 +278,7 @@ def _step_adaptive(rate: Any, missing: int, settings: Any, coefficients: Any, st
         if _usable(rate[axis]):
             result['innovation'][axis] = rate[axis] - adaptive['prediction']
             result['outlier'][axis] = update_adaptive(
-                adaptive, rate[axis], dropout, settings['forgetting_factor'], coefficients
+                adaptive, rate[axis], dropout, jolted, settings['forgetting_factor'], coefficients
             )
         else:
             result['innovation'][axis] = 0.0
@@ -301,7 +319,8 @@ class Filter:
         self._settings = np.zeros(1, SETTINGS)
         self._coefficients = np.zeros(1, COEFFICIENTS)
         self._state = np.zeros(1, STATE)
-        self.configure(parameters or Parameters())
+        self.parameters = parameters or Parameters()
+        self.configure(self.parameters)
         self.reset()
 
     @property
@@ -310,8 +329,11 @@ class Filter:
         return self._state[0]
 
     def configure(self, parameters: Parameters) -> None:
-        """Take new parameters between two samples; what was learned is kept."""
-        self.parameters = parameters
+        """Take new parameters between two samples; what was learned is kept.
+
+        A part of the model that changes replaces what was learned of it.
+        """
+        before, self.parameters = self.parameters, parameters
         settings = self._settings[0]
         settings['method'] = METHODS.index(parameters.method)
         settings['forgetting_factor'] = parameters.forgetting_factor
@@ -329,6 +351,15 @@ class Filter:
         settings['model']['measurement_noise'] = parameters.model_measurement_noise
         settings['model']['noise_deviation'] = parameters.model_noise_deviation
         self._coefficients['period'] = 0.0  # derived again at the next sample
+        state = self.state
+        for name in ('process_noise', 'measurement_noise'):
+            if settings['model'][name].tolist() != list(getattr(before, f'model_{name}')):
+                state['paper'][name] = settings['model'][name]
+        for axis, deviation in enumerate(parameters.model_noise_deviation):
+            if deviation not in (0.0, before.model_noise_deviation[axis]):
+                start_noise(state['adaptive'][axis]['noise'], deviation)
+        if parameters.sample_rate != before.sample_rate and parameters.sample_rate > 0.0:
+            state['clock']['period'] = 1.0 / parameters.sample_rate
 
     def reset(self) -> None:
         """Forget all samples, counts and what was learned of noise and time."""

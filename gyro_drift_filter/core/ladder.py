@@ -38,7 +38,9 @@ LAG_PER_TIME = 8.0
 SHORTEST_LAG = 0.03
 LONGEST_LAG = 0.7
 
-# Motion grows unforeseen CLIMBS times a second; a level lasts for about its own time.
+# At the fastest levels motion grows unforeseen CLIMBS times a second; the others last longer, for
+# about their own time: the probability per sample is at most that times CLIMBS_PER_TIME * period /
+# time. The same for falls: FALLS is the probability per sample, and of going one level further.
 CLIMBS = 3.0
 CLIMBS_PER_TIME = 3.0
 FALLS = 0.1
@@ -46,7 +48,7 @@ FALLS_PER_TIME = 4.0
 
 # A climb goes one level further with this probability, times the ratio of the innovation variances
 # to this power. A power above one keeps the predicted variance finite however high the ladder is.
-CLIMB_ON = 0.8
+CLIMB_ON = 0.75
 CLIMB_ON_POWER = 1.2
 
 _LEVEL_ARRAY = (LEVELS,)

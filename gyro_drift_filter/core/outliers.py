@@ -4,7 +4,7 @@ A sample far outside the prediction is not believed, and the prediction stands i
 are three ways on. Back near the prediction: it was an outlier, and leaves no trace. A smooth growth
 with the same sign, or a run of agreeing samples longer than outliers last: it was motion, and the
 filter starts again at the sample at hand. Neither: that sample is held back as well, for a bounded
-number of samples.
+number of samples. A jump that comes with a jolt of the accelerometer is a knock, so motion at once.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
 so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
@@ -21,11 +21,20 @@ from gyro_drift_filter.core.compiled import compiled
 RETURN = 0.5  # back by half the jump: the jump was an outlier
 SPREAD_POWER = 1.5  # what an extrapolation over n samples may miss grows as n to this power
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
-GROWTH_LIMIT = 300.0  # rad/s^2: ... and by no more than an arm can do
+GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
-AGREEMENT = 150.0  # rad/s^2: held samples that differ by more are no motion
+AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
+AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
 SAME = 0.01  # standard deviations of the noise: repeats closer than this ...
 SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
+
+JOLT = 15.0  # usual changes of the acceleration from sample to sample: something was hit
+JOLT_MEMORY = 0.05  # weight of a sample in the usual change
+JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
+JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
+JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate at once
+FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
+LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
 
 BELIEVE, HOLD, RESTART = 0, 1, 2
 
@@ -34,7 +43,7 @@ OUTLIER_LIMITS = np.dtype(
         ('threshold', np.float64),  # predicted standard deviations
         ('least_jump', np.float64),  # rad/s
         ('growth_limit', np.float64),  # rad/s
-        ('agreement', np.float64),  # rad/s
+        ('agreement_limit', np.float64),  # rad/s
         ('run', np.int64),  # samples: the longest run of equal outliers
         ('longest_hold', np.int64),  # samples
     ]
@@ -53,6 +62,15 @@ DOUBT = np.dtype(
 )
 
 
+JOLTS = np.dtype(
+    [
+        ('acceleration', np.float64),  # of the last sample along one axis, m/s^2
+        ('usual_change', np.float64),  # from sample to sample, m/s^2
+        ('counts', np.int64),  # samples for which the last jolt still counts
+    ]
+)
+
+
 @compiled
 def derive_limits(
     threshold: float, acceleration: float, run: int, period: float, limits: Any
@@ -65,40 +83,82 @@ def derive_limits(
     limits['threshold'] = threshold
     limits['least_jump'] = acceleration * period
     limits['growth_limit'] = GROWTH_LIMIT * period
-    limits['agreement'] = AGREEMENT * period
+    limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['run'] = run
     limits['longest_hold'] = 2 * run + 2
 
 
 @compiled
+def feel_jolt(jolt: Any, acceleration: float) -> bool:
+    """Note the acceleration along one axis (m/s^2); tell whether it has just jumped.
+
+    A knock turns the sensor as suddenly as a spike would, but shakes the accelerometer as well.
+    Without an accelerometer (zero throughout, or NaN) nothing is ever felt.
+    """
+    change = abs(acceleration - jolt['acceleration'])
+    jolt['acceleration'] = acceleration
+    jolt['counts'] = max(jolt['counts'] - 1, 0)
+    if not change < np.inf:
+        return False
+    usual = max(jolt['usual_change'], JOLT_FLOOR)
+    if change > JOLT * usual:
+        jolt['counts'] = JOLT_SAMPLES
+    limited = min(change, LARGEST_CHANGE * usual)
+    jolt['usual_change'] = usual + JOLT_MEMORY * (limited - usual)
+    return bool(jolt['counts'] > 0)
+
+
+@compiled
+def start_doubt(doubt: Any, sample: float) -> None:
+    """Begin at a sample (rad/s)."""
+    doubt['held'] = 0
+    doubt['agreeing'] = 0
+    doubt['repeats'] = 0
+    doubt['sample'] = sample
+
+
+@compiled
 def judge(
-    doubt: Any, sample: float, prediction: float, spread: float, dropout: bool, limits: Any
+    doubt: Any,
+    sample: float,
+    prediction: float,
+    spread: float,
+    dropout: bool,
+    jolted: bool,
+    limits: Any,
 ) -> int:
     """Decide on a sample: BELIEVE, HOLD back, or RESTART, believed after all.
 
     Arguments: sample and prediction in rad/s; the typical size of an innovation, in rad/s; whether
-    the sample is a drop-out of the sensor.
+    the sample is a drop-out of the sensor; whether the accelerometer has just been jolted.
     """
     innovation = sample - prediction
     size = abs(innovation)
     jump = limits['threshold'] * spread
-    if doubt['held'] == 0:
+    held = doubt['held']
+    if jolted and size < JOLT_LIMIT and not dropout:
+        return BELIEVE if held == 0 else RESTART
+    if held == 0:
         return HOLD if dropout or (size > limits['least_jump'] and size > jump) else BELIEVE
-    if doubt['held'] >= limits['longest_hold']:
-        return RESTART
+    lasted = held >= limits['longest_hold']
     if dropout:
-        return RESTART if doubt['agreeing'] >= limits['run'] else HOLD
+        # One more than other runs: two drop-outs of two samples each may follow each other.
+        return RESTART if lasted or doubt['agreeing'] > limits['run'] else HOLD
     offset = doubt['offset']
     held_jump = limits['threshold'] * doubt['spread']
-    near = size <= held_jump * (1.0 + doubt['held']) ** SPREAD_POWER
-    away = size > 0.5 * jump and size > RETURN * abs(offset) and offset != 0.0
+    near = size <= held_jump * (held + 1.0) ** SPREAD_POWER
+    # Beyond the prediction on the other side it has come back as well: the prediction was off.
+    away = size > 0.5 * jump and size > RETURN * abs(offset) and innovation * offset > 0.0
     if near and not away:
         return BELIEVE
     change = abs(sample - doubt['sample'])
     grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
-    if grows and change < limits['growth_limit'] and abs(offset) < GROWTH_START * held_jump:
+    begins = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** SPREAD_POWER
+    alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
+    if grows and begins and alone and change < limits['growth_limit']:
         return RESTART
-    if change <= max(limits['agreement'], jump) and doubt['agreeing'] >= limits['run']:
+    alike = change <= _agreement(offset, held_jump, limits)
+    if lasted or (alike and doubt['agreeing'] >= limits['run']):
         return RESTART
     return HOLD
 
@@ -108,17 +168,41 @@ def note_held(
     doubt: Any, sample: float, prediction: float, spread: float, dropout: bool, limits: Any
 ) -> None:
     """Note a sample that is held back; arguments as for `judge`."""
-    change = abs(sample - doubt['sample'])
     if doubt['held'] == 0:
+        # What was known before the first of them: the spread grows while nothing is believed.
         doubt['spread'] = spread
         doubt['agreeing'] = 0
-    elif dropout != (doubt['offset'] == 0.0) or (
-        not dropout and change > max(limits['agreement'], limits['threshold'] * spread)
-    ):
+    elif not _continues(doubt, abs(sample - doubt['sample']), dropout, limits):
         doubt['agreeing'] = 0
     doubt['held'] += 1
     doubt['agreeing'] += 1
     doubt['offset'] = 0.0 if dropout else sample - prediction
+
+
+@compiled
+def note_missing(doubt: Any, spread: float) -> None:
+    """Note a sample that is missing: as much may have happened as in one that is held back."""
+    if doubt['held'] == 0:
+        doubt['spread'] = spread
+    doubt['held'] += 1
+    doubt['agreeing'] = 0
+    doubt['offset'] = 0.0
+
+
+@compiled
+def _continues(doubt: Any, change: float, dropout: bool, limits: Any) -> bool:
+    """Tell whether a sample belongs to the same run as the one held before it."""
+    after_dropout = doubt['offset'] == 0.0
+    if dropout or after_dropout:
+        return bool(dropout and after_dropout)
+    return change <= _agreement(doubt['offset'], limits['threshold'] * doubt['spread'], limits)
+
+
+@compiled
+def _agreement(offset: float, jump: float, limits: Any) -> float:
+    """Return the difference in rad/s up to which two held samples tell the same tale."""
+    agreement: float = max(min(AGREEMENT * abs(offset), limits['agreement_limit']), jump)
+    return agreement
 
 
 @compiled

@@ -21,6 +21,8 @@ them. Each is named where it stands:
 - *offset*: r and the rate can't be told apart, only their sum H X + r is measured, and left alone
   r takes up some of the bias (on a real MPU6050 1.6 standard deviations of the noise). The rate
   that is reported is H X + r, so that the mean stays unchanged, as in the paper's Table 2.
+- *bridging*: q stands for what innovations have shown, and runs away where no sample corrects it.
+  A missing sample is predicted by A X alone, and never further out than *divergence* allows.
 - *divergence*: r and q add up the same innovations and can drive each other. An estimate further
   out than `DIVERGED` times the largest sample restarts from the sample at hand.
 """
@@ -131,11 +133,36 @@ def predict_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
     if adaptive:
         state['rate'] += state['rate_mean']
         state['drift'] += state['drift_mean']
-    state['rate_variance'] += 2.0 * state['covariance'] + state['drift_variance']  # (8)
-    state['covariance'] = phi * (state['covariance'] + state['drift_variance'])
-    state['carried_variance'] = phi * phi * state['drift_variance']
+    _predict_covariance(state, coefficients, adaptive)
+
+
+@compiled
+def bridge_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
+    """One sample period ahead where the sample is missing (safeguard: bridging)."""
+    furthest = DIVERGED * state['largest']
+    state['rate'] = min(max(state['rate'] + state['drift'], -furthest), furthest)
+    state['drift'] *= coefficients['phi']
+    _predict_covariance(state, coefficients, adaptive)
+
+
+@compiled
+def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
+    """Equation (8). Rounding may leave a difference of equals below zero."""
+    phi = coefficients['phi']
     process_noise, _ = paper_noise(state, coefficients, adaptive)
+    p00, p01, p11 = state['rate_variance'], state['covariance'], state['drift_variance']
+    state['rate_variance'] = max(0.0, p00 + 2.0 * p01 + p11)
+    state['carried_variance'] = phi * phi * p11
     state['drift_variance'] = state['carried_variance'] + process_noise
+    state['covariance'] = _bounded_covariance(state, phi * (p01 + p11))
+
+
+@compiled
+def _bounded_covariance(state: Any, covariance: float) -> float:
+    """Return a covariance that the variances allow, whatever rounding has made of it."""
+    bound = np.sqrt(state['rate_variance'] * state['drift_variance'])
+    bounded: float = min(max(covariance, -bound), bound)
+    return bounded
 
 
 @compiled
@@ -176,8 +203,7 @@ def update_paper(
         0.0, p11 - 2.0 * gain_drift * p01 + gain_drift * gain_drift * innovation_variance
     )
     covariance = kept * (p01 - gain_drift * p00) + gain_rate * gain_drift * noise
-    bound = np.sqrt(state['rate_variance'] * state['drift_variance'])
-    state['covariance'] = min(max(covariance, -bound), bound)
+    state['covariance'] = _bounded_covariance(state, covariance)
 
     if adaptive:
         _adapt(state, coefficients, forgetting_factor, used, gain_rate, gain_drift, p00)

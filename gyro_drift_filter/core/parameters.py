@@ -3,11 +3,15 @@
 import dataclasses
 import difflib
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gyro_drift_filter.core.errors import ParameterError
+
+# Parameters that every ROS 2 node has.
+OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 METHODS = ('kalman', 'sage_husa', 'adaptive')
 AXES = ('x', 'y', 'z')
@@ -90,7 +94,8 @@ class Description:
         inside = (self.low < value if self.low_excluded else self.low <= value) and (
             value < self.high if self.high_excluded else value <= self.high
         )
-        if not (inside and math.isfinite(value)):
+        # An integer can be larger than any float.
+        if not (inside and abs(value) <= sys.float_info.max):
             raise ParameterError(
                 f"parameter '{self.name}'{where} must be {self.limits or 'finite'}, not {value!r}"
             )
@@ -189,7 +194,7 @@ class Parameters:
         'Longest gap between two stamps, in s, that is bridged by prediction. After a longer one, '
         'or a longer jump backward, the filter starts from the sample at hand.',
         low=0.001,
-        high=3600.0,
+        high=10.0,
     )
     model_phi: tuple[float, float, float] = _parameter(
         (0.218, 0.218, 0.218),

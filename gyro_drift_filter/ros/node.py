@@ -1,5 +1,7 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -17,6 +19,7 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.bags.cdr import IMU_TYPE
 from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, Health, Status
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.core import ParameterError
 from gyro_drift_filter.core.compiled import is_compiled
 from gyro_drift_filter.ros.parameters import LiveParameters
 
@@ -27,6 +30,18 @@ _INPUT_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 _OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
+@contextmanager
+def _reporting_qos(topic: str) -> Iterator[None]:
+    """Turn what rclpy raises of a wrong qos_overrides, which may be anything, into one line."""
+    try:
+        yield
+    except (RuntimeError, AssertionError, ValueError) as error:
+        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        raise ParameterError(
+            f'{topic} can not be set up with its qos_overrides: {reason or "wrong type"}'
+        ) from error
+
+
 class GyroDriftFilterNode(Node):
     """Filter `imu/data_raw` into `imu/data_filtered`.
 
@@ -35,7 +50,12 @@ class GyroDriftFilterNode(Node):
     """
 
     def __init__(self, **options: object) -> None:
-        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
+        try:
+            super().__init__(
+                NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
+            )
+        except ValueError as error:
+            raise ParameterError(f'a parameter was given no value: {error}') from error
         parameters = LiveParameters(self, lambda new: self._messages.filter.configure(new))
         self._messages = MessageFilter(parameters.current)
         # The first step loads or compiles the kernels: before there is a message to wait for it.
@@ -47,22 +67,24 @@ class GyroDriftFilterNode(Node):
         self._reported = self._steady.now()
 
         overridable = QoSOverridingOptions.with_default_policies()
-        self._output = self.create_publisher(
-            Imu, 'imu/data_filtered', _OUTPUT_QOS, qos_overriding_options=overridable
-        )
+        with _reporting_qos('imu/data_filtered'):
+            self._output = self.create_publisher(
+                Imu, 'imu/data_filtered', _OUTPUT_QOS, qos_overriding_options=overridable
+            )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
-        self._input = self.create_subscription(
-            Imu,
-            'imu/data_raw',
-            self._filter,
-            _INPUT_QOS,
-            raw=True,
-            qos_overriding_options=overridable,
-        )
+        with _reporting_qos('imu/data_raw'):
+            self._input = self.create_subscription(
+                Imu,
+                'imu/data_raw',
+                self._filter,
+                _INPUT_QOS,
+                raw=True,
+                qos_overriding_options=overridable,
+            )
         self.get_logger().info(
             f'filtering {self._input.topic_name} into {self._output.topic_name} by '
             f'{parameters.current.method}'

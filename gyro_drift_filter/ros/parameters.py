@@ -12,10 +12,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from gyro_drift_filter.core import ParameterError, Parameters
-from gyro_drift_filter.core.parameters import DESCRIPTIONS, Description, unknown_name
+from gyro_drift_filter.core.parameters import (
+    DESCRIPTIONS,
+    OF_EVERY_NODE,
+    Description,
+    unknown_name,
+)
 
 _NAMES = {description.name: description for description in DESCRIPTIONS}
-_OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 class LiveParameters:
@@ -38,7 +42,7 @@ class LiveParameters:
         given = {
             name: parameter.value
             for name, parameter in node.get_parameters_by_prefix('').items()
-            if name.split('.')[0] not in _OF_EVERY_NODE
+            if name.split('.')[0] not in OF_EVERY_NODE
         }
         for name in given:
             if name not in _NAMES:
