@@ -6,13 +6,16 @@ BIN := $(VENV)/bin
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
 
 test: lint
 	$(BIN)/python -m pytest
+
+bench: $(VENV)/.installed
+	$(BIN)/python -m benchmark.quality
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -25,7 +28,7 @@ $(VENV)/.installed: setup.py package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo 'the venv module is missing: apt install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --editable '.[fast,offline,jazzy,demo,test]'
+	$(BIN)/pip install --quiet --editable '.[fast,offline,jazzy,demo,benchmark,test]'
 	touch $@
 
 clean:

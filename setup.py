@@ -43,6 +43,8 @@ setup(
         ],
         # The demo's figures.
         'demo': ['matplotlib>=3.8'],
+        # What the benchmark compares with.
+        'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'scipy>=1.11'],
         'test': [
             'colcon-common-extensions>=0.3',
             'colcon-ros>=0.5',

@@ -74,7 +74,10 @@ def noise(n: int, rate: float, deviation: float, kind: str, random: np.random.Ge
 
 
 def motion(seconds: float, rate: float, random: np.random.Generator, speed: float = 1.0) -> Trial:
-    """Return a trial: 20 s of rest, then spells of motion with rests between them.
+    """Return a trial: half a minute of rest, then spells of motion with rests between them.
+
+    Shares and lengths are those of the recordings of hand motion that the method was made with:
+    rests of 8 to 12 s between longer spells of motion.
 
     Args:
         seconds: Length.
@@ -85,13 +88,13 @@ def motion(seconds: float, rate: float, random: np.random.Generator, speed: floa
     n = int(seconds * _FINE)
     truth = np.zeros((n, 3))
     spells = (_by_hand, _by_hand, _fast, _turn, _turn, _tap, _wobble)
-    at = 20.0 + random.uniform(0.0, 2.0)
-    while at < seconds - 6.0:
-        length = min(random.uniform(3.0, 9.0), seconds - at - 2.0)
+    at = 25.0 + random.uniform(0.0, 5.0)
+    while at < seconds - 10.0:
+        length = min(random.uniform(8.0, 20.0), seconds - at - 5.0)
         first, m = int(at * _FINE), int(length * _FINE)
         spell = spells[random.integers(len(spells))]
         truth[first : first + m] += speed * spell(np.arange(m) / _FINE, random)
-        at += length + random.uniform(2.0, 8.0)
+        at += length + random.uniform(8.0, 12.0)
     truth = _low_pass(truth, min(_MOTION_BAND, rate / 4), order=6)
     truth = truth[np.round(np.arange(int(seconds * rate)) * _FINE / rate).astype(int)]
     gravity = np.tile([0.0, 0.0, GRAVITY], (len(truth), 1))
@@ -120,7 +123,7 @@ def _by_hand(
     rates = _low_pass(random.standard_normal((len(time), 3)), random.uniform(0.5, 1.5) * hertz)
     tremor = _low_pass(random.standard_normal((len(time), 3)), 12.0)
     rates = rates / rates.std() + 0.02 * tremor / tremor.std()
-    window = _edges(time, random.uniform(0.05, 0.3))[:, None]
+    window = _edges(time, random.uniform(0.1, 0.5))[:, None]
     return np.asarray(
         size * random.uniform(0.2, 1.5) * random.uniform(0.3, 1.0, 3) * window * rates
     )
@@ -132,7 +135,7 @@ def _fast(time: Array, random: np.random.Generator) -> Array:
 
 def _turn(time: Array, random: np.random.Generator) -> Array:
     """A steady turn, as wheels make it, between 0.02 and 1.5 rad/s."""
-    window = _edges(time, random.uniform(0.05, 0.5))[:, None]
+    window = _edges(time, random.uniform(0.1, 0.6))[:, None]
     size = random.choice([0.02, 0.1, 0.5, 1.5])
     return np.asarray(size * window * random.standard_normal(3))
 
@@ -143,8 +146,8 @@ def _wobble(time: Array, random: np.random.Generator) -> Array:
 
 
 def _tap(time: Array, random: np.random.Generator) -> Array:
-    """Knocks, each a ringing that dies away within a few hundredths of a second."""
-    rates = np.zeros((len(time), 3))
+    """Knocks on a hand-held body, each a ringing that dies away within a tenth of a second."""
+    rates = 0.2 * _by_hand(time, random)
     for begin in random.uniform(0.0, time[-1] - 0.8, max(1, int(time[-1]))):
         since = np.clip(time - begin, 0.0, None)
         for axis in range(3):

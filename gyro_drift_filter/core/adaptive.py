@@ -18,6 +18,7 @@ from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.ladder import FALLS, LADDER, LEVELS, derive_ladder
 from gyro_drift_filter.core.noise import (
     BLOCK_SECONDS,
+    FORGETTING_SECONDS,
     LEAST_BLOCK,
     NOISE,
     learn_noise,
@@ -53,6 +54,7 @@ ADAPTIVE_COEFFICIENTS = np.dtype(
         ('ladder', LADDER),
         ('limits', OUTLIER_LIMITS),
         ('block_samples', np.int64),
+        ('block_forgetting', np.float64),  # b of equation (13), from block to block of noise
     ]
 )
 
@@ -86,12 +88,22 @@ ADAPTIVE_STATE = np.dtype(
 
 @compiled
 def derive_adaptive(
-    threshold: float, acceleration: float, run: int, period: float, coefficients: Any
+    forgetting_factor: float,
+    threshold: float,
+    acceleration: float,
+    run: int,
+    period: float,
+    coefficients: Any,
 ) -> None:
-    """Fill the coefficients for a sample period in s; the others as for `derive_limits`."""
+    """Fill the coefficients for a sample period in s.
+
+    The forgetting factor is for `FORGETTING_SECONDS`; the others are as for `derive_limits`.
+    """
     derive_ladder(period, coefficients['ladder'])
     derive_limits(threshold, acceleration, run, period, coefficients['limits'])
-    coefficients['block_samples'] = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
+    samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
+    coefficients['block_samples'] = samples
+    coefficients['block_forgetting'] = forgetting_factor ** (samples * period / FORGETTING_SECONDS)
 
 
 @compiled
@@ -182,7 +194,6 @@ def update_adaptive(
     sample: float,
     dropout: bool,
     jolted: bool,
-    forgetting_factor: float,
     coefficients: Any,
 ) -> bool:
     """Take a sample (rad/s) in after its prediction; return whether it was held back.
@@ -208,7 +219,7 @@ def update_adaptive(
     doubt['sample'] = sample
     axis['sample_believed'] = verdict != HOLD
     if verdict == BELIEVE:
-        learn_noise(noise, sample, coefficients['block_samples'], forgetting_factor)
+        learn_noise(noise, sample, coefficients['block_samples'], coefficients['block_forgetting'])
     else:
         restart_block(noise)
     return verdict == HOLD

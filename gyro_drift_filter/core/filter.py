@@ -200,6 +200,7 @@ def _derive(settings: Any, period: float, coefficients: Any) -> None:
             settings['model'][axis], settings['sample_rate'], period, coefficients['paper'][axis]
         )
     derive_adaptive(
+        settings['forgetting_factor'],
         settings['outlier_threshold'],
         settings['outlier_acceleration'],
         settings['outlier_run'],
@@ -278,7 +279,7 @@ def _step_adaptive(
         if _usable(rate[axis]):
             result['innovation'][axis] = rate[axis] - adaptive['prediction']
             result['outlier'][axis] = update_adaptive(
-                adaptive, rate[axis], dropout, jolted, settings['forgetting_factor'], coefficients
+                adaptive, rate[axis], dropout, jolted, coefficients
             )
         else:
             result['innovation'][axis] = 0.0

@@ -15,6 +15,8 @@ import numpy as np
 from gyro_drift_filter.core.compiled import compiled
 
 BLOCK_SECONDS = 0.5
+# `forgetting_factor` is the weight that the statistics keep over this time, in s.
+FORGETTING_SECONDS = 0.2
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
 FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
 
@@ -77,8 +79,11 @@ def restart_block(noise: Any) -> None:
 
 
 @compiled
-def learn_noise(noise: Any, sample: float, block_samples: int, forgetting_factor: float) -> None:
-    """Take a believed sample (rad/s) into the block, and the block into R when it is full."""
+def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting: float) -> None:
+    """Take a believed sample (rad/s) into the block, and the block into R when it is full.
+
+    `block_forgetting` is b of equation (13) from one block to the next.
+    """
     before, count = noise['before'], noise['count']
     if count == 0:
         noise['origin'] = sample
@@ -97,12 +102,12 @@ def learn_noise(noise: Any, sample: float, block_samples: int, forgetting_factor
     noise['squares'] += deviation * deviation
     noise['count'] = count + 1
     if noise['count'] >= (block_samples if noise['blocks'] > 0 else FIRST_BLOCK):
-        _judge_block(noise, forgetting_factor)
+        _judge_block(noise, block_forgetting)
         restart_block(noise)
 
 
 @compiled
-def _judge_block(noise: Any, forgetting_factor: float) -> None:
+def _judge_block(noise: Any, block_forgetting: float) -> None:
     """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
     n = noise['count']
     centred = noise['moment'] - 0.5 * (n - 1) * noise['sum']
@@ -111,7 +116,7 @@ def _judge_block(noise: Any, forgetting_factor: float) -> None:
     variance = max(about_line / (n - 2), LEAST_NOISE**2)
     rough = noise['third_differences'] / (20.0 * (n - 3))
     if rough > WHITE * variance:
-        _learn_from_noise(noise, variance, rough, forgetting_factor)
+        _learn_from_noise(noise, variance, rough, block_forgetting)
     elif noise['blocks'] > 0:
         # In motion R never rises, and falls where even the roughness of the motion is below it.
         noise['variance'] = min(noise['variance'], 2.0 * rough / noise['roughness'])
@@ -124,14 +129,14 @@ def _judge_block(noise: Any, forgetting_factor: float) -> None:
 
 
 @compiled
-def _learn_from_noise(noise: Any, variance: float, rough: float, forgetting_factor: float) -> None:
+def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgetting: float) -> None:
     n = noise['count']
     if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
         noise['variance'] = variance
         noise['blocks'] = 0
     noise['blocks'] += 1
     # A float exponent, as compiled and plain Python raise to an integer one differently.
-    weight = (1.0 - forgetting_factor) / (1.0 - forgetting_factor ** float(noise['blocks']))  # (13)
+    weight = (1.0 - block_forgetting) / (1.0 - block_forgetting ** float(noise['blocks']))  # (13)
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)

@@ -25,6 +25,8 @@ GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
+BODY_LIMIT = 1000.0  # rad/s^2: no body does more, so a jump beyond needs ...
+BODY_LIMIT_SAMPLES = 2  # ... so many samples more to be believed
 SAME = 0.01  # standard deviations of the noise: repeats closer than this ...
 SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
 
@@ -44,6 +46,7 @@ OUTLIER_LIMITS = np.dtype(
         ('least_jump', np.float64),  # rad/s
         ('growth_limit', np.float64),  # rad/s
         ('agreement_limit', np.float64),  # rad/s
+        ('body_limit', np.float64),  # rad/s
         ('run', np.int64),  # samples: the longest run of equal outliers
         ('longest_hold', np.int64),  # samples
     ]
@@ -84,6 +87,7 @@ def derive_limits(
     limits['least_jump'] = acceleration * period
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
+    limits['body_limit'] = BODY_LIMIT * period
     limits['run'] = run
     limits['longest_hold'] = 2 * run + 2
 
@@ -158,7 +162,8 @@ def judge(
     if grows and begins and alone and change < limits['growth_limit']:
         return RESTART
     alike = change <= _agreement(offset, held_jump, limits)
-    if lasted or (alike and doubt['agreeing'] >= limits['run']):
+    run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
+    if lasted or (alike and doubt['agreeing'] >= run):
         return RESTART
     return HOLD
 

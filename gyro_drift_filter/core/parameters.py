@@ -129,8 +129,9 @@ class Parameters:
         'forgetting_factor',
         'double',
         'How much weight the adapted noise statistics keep from one update to the next (b of '
-        'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, '
-        'adaptive at every half second of rest. The paper uses 0.95 to 0.99. Without unit.',
+        'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, for '
+        'adaptive an update is a fifth of a second of rest. The paper uses 0.95 to 0.99. Without '
+        'unit.',
         low=0.9,
         high=0.9999,
     )
