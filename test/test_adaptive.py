@@ -19,6 +19,124 @@ def run(z, rate=100.0, **parameters):
     return filter_.run(stamps, z, np.zeros_like(z))
 
 
+@pytest.mark.parametrize(('before', 'after'), [(400, 100), (1000, 200), (200, 50), (50, 4000)])
+def test_a_rate_that_changes_in_motion_does_no_harm(before, after, random):
+    """The clock takes it for missing samples at first: the gains must not drive each other."""
+    steps = np.concatenate([np.full(20 * before, 1 / before), np.full(10 * after, 1 / after)])
+    time = np.cumsum(steps)
+    truth = np.column_stack([2 * np.sin(2 * np.pi * f * time) for f in (0.5, 1.0, 1.5)])
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    out = Filter().run(START + np.round(time * 1e9).astype(np.int64), z, np.zeros_like(z))
+    assert np.abs(out['angular_velocity'] - truth).max() < 0.05
+
+
+def test_most_samples_missing_on_an_axis_do_no_harm(random):
+    time = np.arange(4000) / 100
+    truth = np.sin(2 * np.pi * 0.5 * time)[:, None] * np.ones(3)
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    z[np.arange(4000) % 4 > 0, 0] = np.nan
+    out = run(z)['angular_velocity']
+    assert np.abs(out - truth)[10:, 0].max() < 0.3
+    assert np.abs(out - truth)[10:, 1:].max() < 0.03
+
+
+@pytest.mark.parametrize('mean', [(0.0, 0.0, 0.0), (0.3, 0.5, 0.1), (0.5, 0.5, 0.5)])
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+@pytest.mark.parametrize('steps', [3, 4, 6])
+def test_a_sensor_of_coarse_steps_is_not_amplified(steps, rate, mean, random):
+    """Noise far below the resolution: zeros on all axes are samples, not drop-outs."""
+    resolution = 0.004
+    analogue = resolution * (np.array(mean) + random.standard_normal((8000, 3)) / steps)
+    z = resolution * np.round(analogue / resolution)
+    results = run(z, rate)
+    assert np.abs(results['angular_velocity'] - analogue).max() < 2.5 * resolution
+    assert results['outlier'].mean() < 0.002
+
+
+@pytest.mark.parametrize(('rate', 'loss'), [(100.0, 0.1), (1000.0, 0.05), (4000.0, 0.005)])
+def test_noise_is_learned_anew_in_spite_of_losses(rate, loss, random):
+    """Handled when switched on, then still: R must fall, though blocks are interrupted."""
+    n = int(15 * rate)
+    z = 0.002 * random.standard_normal((n, 3))
+    z[:20] *= 50
+    kept = random.random(n) > loss
+    stamps = START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    filter_ = Filter(Parameters(sample_rate=rate))
+    results = filter_.run(stamps[kept], z[kept], np.zeros_like(z[kept]))
+    learned = np.sqrt(results['measurement_noise'][-1])
+    np.testing.assert_allclose(learned, 0.002, rtol=0.2)
+
+
+@pytest.mark.parametrize(('rate', 'hertz', 'size'), [(400.0, 100.0, 0.3), (100.0, 25.0, 1.5)])
+def test_a_vibration_is_not_held_for_ever(rate, hertz, size, random):
+    n = int(8 * rate)
+    time = np.arange(n) / rate
+    tone = np.where(time > 4, size * np.sin(2 * np.pi * hertz * time + 0.3), 0.0)
+    z = tone[:, None] + 0.002 * random.standard_normal((n, 3))
+    results = run(z, rate)
+    late = time > 5
+    assert results['outlier'][late].mean() < 0.05
+    gain = (results['angular_velocity'][late] * tone[late, None]).sum() / (
+        3 * (tone[late] ** 2).sum()
+    )
+    assert gain > 0.9
+
+
+def with_accelerations(z, accelerations):
+    stamps = START + 10_000_000 * np.arange(len(z))
+    return Filter(Parameters(sample_rate=100.0)).run(stamps, z, accelerations)
+
+
+def still_accelerations(random, n=3000):
+    return np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
+
+
+def test_a_knock_is_believed_with_the_second_sample(random):
+    """The accelerometer was shaken, and the next sample agrees: no need to wait for three more."""
+    z, accelerations = at_rest(random), still_accelerations(random)
+    ringing = 3.0 * np.exp(-np.arange(12) / 4) * np.cos(np.arange(12) / 2)
+    z[2000:2012, 0] += ringing
+    accelerations[2000:2012] += 30.0 * ringing[:, None]
+    without = run(z)['outlier'][2000:2012, 0].sum()
+    results = with_accelerations(z, accelerations)
+    assert results['outlier'][2000:2012, 0].sum() <= 1 < without
+    assert abs(results['angular_velocity'][2001, 0] - z[2001, 0]) < 0.05
+
+
+def test_a_message_that_is_corrupted_as_a_whole_is_held(random):
+    z, accelerations = at_rest(random), still_accelerations(random)
+    z[2000, 0] += 5.0
+    accelerations[2000] += 20.0
+    results = with_accelerations(z, accelerations)
+    assert results['outlier'][2000, 0] == 1
+    assert np.abs(results['angular_velocity'][1990:2010]).max() < 0.02
+
+
+def test_whole_drop_outs_cost_no_smoothing(random):
+    z, accelerations = at_rest(random), still_accelerations(random)
+    clean = with_accelerations(z, accelerations)['angular_velocity'][1000:].std()
+    for k in range(1000, 3000, 50):
+        z[k : k + 2] = 0.0
+        accelerations[k : k + 2] = 0.0
+    dropped = with_accelerations(z, accelerations)['angular_velocity'][1000:].std()
+    assert dropped < 1.2 * clean
+
+
+def test_the_variance_is_not_too_small_while_bridging(random):
+    time = np.arange(3000) / 100
+    truth = 2 * np.sin(2 * np.pi * time)[:, None] * np.ones(3)
+    for missing in (1, 5, 20):
+        errors, claimed = [], []
+        for begin in range(2000, 2900, 90):
+            z = truth + 0.005 * random.standard_normal(truth.shape)
+            z[begin : begin + missing] = np.nan
+            result = run(z[: begin + missing])[-1]
+            errors.append(result['angular_velocity'] - truth[begin + missing - 1])
+            claimed.append(result['angular_velocity_variance'])
+        ratio = np.sqrt(np.mean(claimed)) / np.sqrt(np.mean(np.square(errors)))
+        assert 0.7 < ratio < 5
+
+
 values = st.one_of(
     st.floats(-1e6, 1e6, allow_nan=False),
     st.floats(-40.0, 40.0, allow_nan=False),
@@ -62,6 +180,9 @@ def test_never_locked_out_and_always_finite(parts, last, rate):
     for name in ('innovation_variance', 'angular_velocity_variance', 'measurement_noise'):
         assert (results[name] > 0).all(), name
     assert (results['process_noise'] >= 0).all()
+    # Held samples are extrapolated, but no further than a body could turn.
+    reach = np.abs(z).max() + 20 * max(500 / rate, 0.1 * np.abs(z).max())
+    assert np.abs(results['angular_velocity']).max() <= reach
     tolerance = 0.05 * np.abs(last) + 1e-9 * np.abs(z).max()
     assert (np.abs(results['angular_velocity'][-1] - last) <= tolerance).all()
 

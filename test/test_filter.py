@@ -77,8 +77,32 @@ def test_configure_keeps_the_state():
     filter_ = Filter()
     filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
     before = filter_.snapshot()
-    filter_.configure(Parameters(forgetting_factor=0.99, method='kalman'))
+    filter_.configure(Parameters(forgetting_factor=0.99, outlier_run=4, epsilon=1.0))
     assert filter_.snapshot() == before
+
+
+@pytest.mark.parametrize(('first', 'then'), [('adaptive', 'sage_husa'), ('kalman', 'adaptive')])
+def test_a_method_that_takes_over_again_starts_from_the_sample(first, then):
+    """Not from where it was when it was left."""
+    n = 1000
+    stamps = 10**18 + 10_000_000 * np.arange(3 * n)
+    turn = np.concatenate([np.zeros(n), np.linspace(0, 3, n), np.full(n, 3.0)])
+    z = turn[:, None] + 0.002 * np.random.default_rng(1).standard_normal((3 * n, 3))
+    filter_ = Filter(Parameters(method=first))
+    for k, method in enumerate((first, then, first)):
+        part = slice(k * n, (k + 1) * n)
+        filter_.configure(filter_.parameters.with_names({'method': method}))
+        out = filter_.run(stamps[part], z[part], np.zeros_like(z[part]))
+    assert np.abs(out['angular_velocity'][0] - 3.0).max() < 0.02
+
+
+@pytest.mark.parametrize('rate', [1e-300, 1e-6, 0.5])
+def test_a_rate_below_all_sense_is_bounded(rate):
+    data = recording(200)
+    out = Filter(Parameters(sample_rate=rate)).run(
+        np.zeros(200, np.int64), data.angular_velocity, data.linear_acceleration
+    )
+    assert np.isfinite(out['angular_velocity']).all()
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e300, -2e6])

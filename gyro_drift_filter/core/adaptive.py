@@ -21,6 +21,7 @@ from gyro_drift_filter.core.noise import (
     FORGETTING_SECONDS,
     LEAST_BLOCK,
     NOISE,
+    interrupt_block,
     learn_noise,
     restart_block,
     start_noise,
@@ -39,12 +40,14 @@ from gyro_drift_filter.core.outliers import (
     judge,
     note_held,
     note_missing,
+    note_verdict,
     start_doubt,
 )
 
 LEAST_PROBABILITY = 1e-30
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
-# deviations of the noise. A driver that has nothing to say reports zeros; a robot at rest may, too.
+# deviations of the noise, or steps of its resolution. A driver with nothing to say reports zeros;
+# a robot at rest may, too.
 DROPOUT = 3.0
 
 _LEVEL_ARRAY = (LEVELS,)
@@ -78,6 +81,7 @@ ADAPTIVE_STATE = np.dtype(
         ('prediction_variance', np.float64),  # of the innovation
         ('spread', np.float64),  # typical innovation, rad/s: the yardstick of outliers
         ('sample_believed', np.bool_),  # the last sample
+        ('believed', np.float64),  # the last sample that was, rad/s
         ('noise', NOISE),
         ('doubt', DOUBT),
         ('jolt', JOLTS),  # of the accelerometer along the same axis
@@ -121,6 +125,7 @@ def start_adaptive(axis: Any, sample: float, deviation: float) -> None:
     _believe_level(axis, LEVELS - 1)
     axis['tracking'] = True
     axis['sample_believed'] = False
+    axis['believed'] = sample
     start_doubt(axis['doubt'], sample)
 
 
@@ -143,6 +148,15 @@ def _believe_level(axis: Any, level: int) -> None:
     for j in range(LEVELS):
         probability[j] = 1e-9
     probability[level] = 1.0
+
+
+@compiled
+def rescale_adaptive(axis: Any, periods: float) -> None:
+    """Carry slope and bend, which are per sample, over to another period, `periods` old ones."""
+    slope, bend = axis['slope'], axis['bend']
+    for j in range(LEVELS):
+        slope[j] *= periods
+        bend[j] *= periods * periods
 
 
 @compiled
@@ -172,7 +186,7 @@ def miss_adaptive(axis: Any) -> None:
     coast_adaptive(axis)
     axis['sample_believed'] = False
     note_missing(axis['doubt'], axis['spread'])
-    restart_block(axis['noise'])
+    interrupt_block(axis['noise'])
 
 
 @compiled
@@ -183,9 +197,11 @@ def jolts(axis: Any, acceleration: float) -> bool:
 
 @compiled
 def surprises(axis: Any, sample: float) -> bool:
-    """Tell whether a sample is further from its prediction than the noise explains."""
-    surprise = abs(sample - axis['prediction'])
-    return bool(surprise > DROPOUT * math.sqrt(axis['noise']['variance']))
+    """Tell whether a sample is far from its prediction and the last one, measured by the noise."""
+    noise = axis['noise']
+    surprise = min(abs(sample - axis['prediction']), abs(sample - axis['believed']))
+    usual = DROPOUT * max(math.sqrt(noise['variance']), noise['resolution'])
+    return bool(noise['blocks'] > 0 and surprise > max(usual, axis['spread']))
 
 
 @compiled
@@ -205,24 +221,39 @@ def update_adaptive(
     verdict = judge(doubt, sample, prediction, spread, dropout, jolted, limits)
     if is_constant(doubt, sample, noise['variance']):
         _restart(axis, sample)
-        verdict = RESTART
+        verdict = BELIEVE
     elif verdict == HOLD:
         note_held(doubt, sample, prediction, spread, dropout, limits)
         coast_adaptive(axis)
+        _stay_within_reach(axis, limits['growth_limit'] * doubt['held'])
     elif verdict == RESTART:
         _restart(axis, sample)
         jump = abs(sample - prediction)
         _believe_level(axis, _level_of(jump, noise['variance'], coefficients['ladder']))
     else:
+        steps = 1.0 + doubt['held']
         doubt['held'] = 0
-        _correct(axis, sample, coefficients['ladder'])
+        _correct(axis, sample, steps, coefficients['ladder'])
     doubt['sample'] = sample
+    note_verdict(doubt, verdict == HOLD and not dropout)
     axis['sample_believed'] = verdict != HOLD
+    if verdict == HOLD:
+        interrupt_block(noise)
+        return True
+    axis['believed'] = sample
     if verdict == BELIEVE:
         learn_noise(noise, sample, coefficients['block_samples'], coefficients['block_forgetting'])
     else:
         restart_block(noise)
-    return verdict == HOLD
+    return False
+
+
+@compiled
+def _stay_within_reach(axis: Any, reach: float) -> None:
+    """Keep an extrapolation within `reach` (rad/s) of the last sample that was believed."""
+    rate, believed = axis['rate'], axis['believed']
+    for j in range(LEVELS):
+        rate[j] = min(max(rate[j], believed - reach), believed + reach)
 
 
 @compiled
@@ -230,7 +261,10 @@ def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     """Return what the levels say together: rate, its variance, and Q, in place of (17)."""
     probability, rate = axis['probability'], axis['rate']
     gain, process = ladder['gain_rate'], ladder['process_ratio']
+    ratio = ladder['innovation_ratio']
     noise = axis['noise']['variance']
+    # The error of an extrapolation grows about as the number of samples.
+    growth = 1.0 * axis['doubt']['held'] * axis['doubt']['held']
     mean = 0.0
     process_noise = 0.0
     for j in range(LEVELS):
@@ -239,7 +273,8 @@ def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     variance = 0.0
     for j in range(LEVELS):
         distance = rate[j] - mean
-        variance += probability[j] * (gain[j] * noise + distance * distance)
+        own = gain[j] if growth == 0.0 else (ratio[j] - 1.0) * growth
+        variance += probability[j] * (own * noise + distance * distance)
     return mean, variance, process_noise * noise
 
 
@@ -332,8 +367,12 @@ def _predict(axis: Any, ladder: Any) -> None:
 
 
 @compiled
-def _correct(axis: Any, sample: float, ladder: Any) -> None:
-    """Correct each level, equations (10) and (11), and weigh the levels by their likelihood."""
+def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
+    """Correct each level, equations (10) and (11), and weigh the levels by their likelihood.
+
+    `steps` is the number of samples since the last one that was believed: the innovation has built
+    up over all of them, and gains for one step would overshoot in slope and bend.
+    """
     probability, prior, variance = axis['probability'], axis['prior'], axis['variance']
     rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
     predicted_rate, predicted_slope = axis['predicted_rate'], axis['predicted_slope']
@@ -344,8 +383,8 @@ def _correct(axis: Any, sample: float, ladder: Any) -> None:
     for j in range(LEVELS):
         innovation = sample - predicted_rate[j]
         rate[j] = predicted_rate[j] + gain_rate[j] * innovation
-        slope[j] = predicted_slope[j] + gain_slope[j] * innovation
-        bend[j] = predicted_bend[j] + gain_bend[j] * innovation
+        slope[j] = predicted_slope[j] + gain_slope[j] * innovation / steps
+        bend[j] = predicted_bend[j] + gain_bend[j] * innovation / (steps * steps)
         innovation -= foretold[j]
         probability[j] = innovation * innovation / variance[j]
         least = min(least, probability[j])

@@ -77,8 +77,16 @@ CLOCK = np.dtype(
 @compiled
 def start_clock(clock: Any, sample_rate: float) -> None:
     """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
-    clock['period'] = 1.0 / sample_rate if sample_rate > 0.0 else UNKNOWN_PERIOD
+    clock['period'] = period_of(sample_rate)
     clock['irregularity'] = 1.0
+
+
+@compiled
+def period_of(sample_rate: float) -> float:
+    """Return the sample period in s of a rate in Hz, 0 where the rate is to be learned."""
+    if sample_rate <= 0.0:
+        return UNKNOWN_PERIOD
+    return min(max(1.0 / max(sample_rate, 1.0 / LONGEST_PERIOD), SHORTEST_PERIOD), LONGEST_PERIOD)
 
 
 @compiled

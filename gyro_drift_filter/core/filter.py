@@ -15,11 +15,12 @@ from gyro_drift_filter.core.adaptive import (
     jolts,
     miss_adaptive,
     predict_adaptive,
+    rescale_adaptive,
     start_adaptive,
     surprises,
     update_adaptive,
 )
-from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, start_clock
+from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, period_of, start_clock
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 from gyro_drift_filter.core.noise import start_noise
@@ -145,6 +146,9 @@ def step(
         return
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     if coefficients['period'] != clock['period']:
+        if coefficients['period'] > 0.0:
+            for axis in range(3):
+                rescale_adaptive(state['adaptive'][axis], clock['period'] / coefficients['period'])
         _derive(settings, clock['period'], coefficients)
     result['status'] = FILTERED
     _stop_bridging(rate, missing, settings['gap_limit'], state)
@@ -360,7 +364,10 @@ class Filter:
             if deviation not in (0.0, before.model_noise_deviation[axis]):
                 start_noise(state['adaptive'][axis]['noise'], deviation)
         if parameters.sample_rate != before.sample_rate and parameters.sample_rate > 0.0:
-            state['clock']['period'] = 1.0 / parameters.sample_rate
+            state['clock']['period'] = period_of(parameters.sample_rate)
+        if (parameters.method == 'adaptive') != (before.method == 'adaptive'):
+            # The state that takes over is as old as the last switch.
+            state['adaptive' if parameters.method == 'adaptive' else 'paper']['tracking'] = False
 
     def reset(self) -> None:
         """Forget all samples, counts and what was learned of noise and time."""

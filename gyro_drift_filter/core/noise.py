@@ -16,9 +16,10 @@ from gyro_drift_filter.core.compiled import compiled
 
 BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s.
-FORGETTING_SECONDS = 0.2
+FORGETTING_SECONDS = 0.1
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
 FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
+LEAST_THIRDS = 10  # third differences, without which a block tells nothing
 
 # A block is noise alone where third differences carry at least this share of its variance.
 WHITE = 0.3
@@ -41,13 +42,20 @@ NOISE = np.dtype(
         ('roughness', np.float64),  # share of R that no smooth prediction can follow
         ('blocks', np.int64),  # k of equation (13); 0: noise not seen yet
         ('bounded', np.bool_),  # R is a bound, taken from a block of motion
+        ('resolution', np.float64),  # rad/s, the smallest change seen; 0 before the first
         # the block under way
-        ('count', np.int64),
+        ('count', np.int64),  # samples in it
+        ('place', np.int64),  # samples since its begin, held and missing ones among them
+        ('run', np.int64),  # samples in a row
         ('origin', np.float64),
         ('sum', np.float64),
-        ('moment', np.float64),
         ('squares', np.float64),
+        ('place_sum', np.float64),
+        ('place_squares', np.float64),
+        ('moment', np.float64),
+        ('firsts', np.int64),  # first differences in it
         ('first_differences', np.float64),
+        ('thirds', np.int64),  # third differences in it
         ('third_differences', np.float64),
         ('before', np.float64, (3,)),  # the three samples before, newest first
     ],
@@ -64,6 +72,7 @@ def start_noise(noise: Any, deviation: float) -> None:
     noise['bounded'] = False
     noise['roughness'] = 1.0
     noise['correlation'] = 0.0
+    noise['resolution'] = 0.0
     restart_block(noise)
 
 
@@ -71,11 +80,25 @@ def start_noise(noise: Any, deviation: float) -> None:
 def restart_block(noise: Any) -> None:
     """Forget the block under way."""
     noise['count'] = 0
+    noise['place'] = 0
+    noise['run'] = 0
     noise['sum'] = 0.0
-    noise['moment'] = 0.0
     noise['squares'] = 0.0
+    noise['place_sum'] = 0.0
+    noise['place_squares'] = 0.0
+    noise['moment'] = 0.0
+    noise['firsts'] = 0
     noise['first_differences'] = 0.0
+    noise['thirds'] = 0
     noise['third_differences'] = 0.0
+
+
+@compiled
+def interrupt_block(noise: Any) -> None:
+    """Pass over a sample that is missing or not believed; the block goes on after it."""
+    noise['run'] = 0
+    if noise['count'] > 0:
+        noise['place'] += 1
 
 
 @compiled
@@ -84,37 +107,55 @@ def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting:
 
     `block_forgetting` is b of equation (13) from one block to the next.
     """
-    before, count = noise['before'], noise['count']
-    if count == 0:
+    before, run = noise['before'], noise['run']
+    if noise['count'] == 0:
         noise['origin'] = sample
-    else:
+    if run >= 1:
         first = sample - before[0]
         noise['first_differences'] += first * first
-    if count >= 3:
+        change = abs(first)
+        if change > 0.0 and (noise['resolution'] == 0.0 or change < noise['resolution']):
+            noise['resolution'] = change
+        noise['firsts'] += 1
+    if run >= 3:
         third = sample - 3.0 * before[0] + 3.0 * before[1] - before[2]
         noise['third_differences'] += third * third
+        noise['thirds'] += 1
     before[2] = before[1]
     before[1] = before[0]
     before[0] = sample
-    deviation = sample - noise['origin']
+    deviation, place = sample - noise['origin'], 1.0 * noise['place']
     noise['sum'] += deviation
-    noise['moment'] += deviation * count
     noise['squares'] += deviation * deviation
-    noise['count'] = count + 1
+    noise['place_sum'] += place
+    noise['place_squares'] += place * place
+    noise['moment'] += deviation * place
+    noise['count'] += 1
+    noise['place'] += 1
+    noise['run'] = run + 1
     if noise['count'] >= (block_samples if noise['blocks'] > 0 else FIRST_BLOCK):
-        _judge_block(noise, block_forgetting)
-        restart_block(noise)
+        if noise['thirds'] >= LEAST_THIRDS:
+            _judge_block(noise, block_forgetting)
+        _next_block(noise)
+
+
+@compiled
+def _next_block(noise: Any) -> None:
+    """Begin the next block; differences go on across its border."""
+    run = noise['run']
+    restart_block(noise)
+    noise['run'] = run
 
 
 @compiled
 def _judge_block(noise: Any, block_forgetting: float) -> None:
     """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
-    n = noise['count']
-    centred = noise['moment'] - 0.5 * (n - 1) * noise['sum']
-    about_line = noise['squares'] - noise['sum'] * noise['sum'] / n
-    about_line -= centred * centred * 12.0 / (n * (n * n - 1.0))
-    variance = max(about_line / (n - 2), LEAST_NOISE**2)
-    rough = noise['third_differences'] / (20.0 * (n - 3))
+    n = 1.0 * noise['count']
+    centred = noise['moment'] - noise['place_sum'] * noise['sum'] / n
+    spread = noise['place_squares'] - noise['place_sum'] * noise['place_sum'] / n
+    about_line = noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / spread
+    variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
+    rough = noise['third_differences'] / (20.0 * noise['thirds'])
     if rough > WHITE * variance:
         _learn_from_noise(noise, variance, rough, block_forgetting)
     elif noise['blocks'] > 0:
@@ -126,11 +167,14 @@ def _judge_block(noise: Any, block_forgetting: float) -> None:
         noise['variance'] = min(noise['variance'], bound) if noise['bounded'] else bound
         noise['bounded'] = True
     noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
+    if noise['blocks'] > 0:
+        # A sensor of coarse steps that shows no noise still errs by a step's rounding.
+        rounding = noise['resolution'] * noise['resolution'] / 12.0
+        noise['variance'] = max(noise['variance'], rounding)
 
 
 @compiled
 def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgetting: float) -> None:
-    n = noise['count']
     if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
         noise['variance'] = variance
         noise['blocks'] = 0
@@ -140,7 +184,7 @@ def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgettin
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)
-    first = noise['first_differences'] / (2.0 * (n - 1))
+    first = noise['first_differences'] / (2.0 * noise['firsts'])
     correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
     noise['correlation'] += shape_weight * (correlation - noise['correlation'])
     roughness = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)

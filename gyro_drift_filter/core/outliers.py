@@ -4,7 +4,8 @@ A sample far outside the prediction is not believed, and the prediction stands i
 are three ways on. Back near the prediction: it was an outlier, and leaves no trace. A smooth growth
 with the same sign, or a run of agreeing samples longer than outliers last: it was motion, and the
 filter starts again at the sample at hand. Neither: that sample is held back as well, for a bounded
-number of samples. A jump that comes with a jolt of the accelerometer is a knock, so motion at once.
+number of samples. A jump that comes with a jolt of the accelerometer is a knock, and believed as
+soon as the next sample agrees; a message that is corrupted as a whole does not come back.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
 so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
@@ -29,6 +30,9 @@ BODY_LIMIT = 1000.0  # rad/s^2: no body does more, so a jump beyond needs ...
 BODY_LIMIT_SAMPLES = 2  # ... so many samples more to be believed
 SAME = 0.01  # standard deviations of the noise: repeats closer than this ...
 SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
+
+CROWDED = 0.25  # share of held samples above which the doubt is wrong, not the samples ...
+CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
 
 JOLT = 15.0  # usual changes of the acceleration from sample to sample: something was hit
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
@@ -60,6 +64,7 @@ DOUBT = np.dtype(
         ('spread', np.float64),  # rad/s: typical innovation when the first one came
         ('sample', np.float64),  # the last sample as it came, rad/s
         ('repeats', np.int64),  # how often it has come before
+        ('share_held', np.float64),  # of the last samples, not counting drop-outs
     ],
     align=True,
 )
@@ -118,6 +123,7 @@ def start_doubt(doubt: Any, sample: float) -> None:
     doubt['held'] = 0
     doubt['agreeing'] = 0
     doubt['repeats'] = 0
+    doubt['share_held'] = 0.0
     doubt['sample'] = sample
 
 
@@ -140,7 +146,7 @@ def judge(
     size = abs(innovation)
     jump = limits['threshold'] * spread
     held = doubt['held']
-    if jolted and size < JOLT_LIMIT and not dropout:
+    if doubt['share_held'] > CROWDED and not dropout:
         return BELIEVE if held == 0 else RESTART
     if held == 0:
         return HOLD if dropout or (size > limits['least_jump'] and size > jump) else BELIEVE
@@ -155,6 +161,8 @@ def judge(
     away = size > 0.5 * jump and size > RETURN * abs(offset) and innovation * offset > 0.0
     if near and not away:
         return BELIEVE
+    if jolted and size < JOLT_LIMIT:
+        return RESTART
     change = abs(sample - doubt['sample'])
     grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
     begins = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** SPREAD_POWER
@@ -192,6 +200,12 @@ def note_missing(doubt: Any, spread: float) -> None:
     doubt['held'] += 1
     doubt['agreeing'] = 0
     doubt['offset'] = 0.0
+
+
+@compiled
+def note_verdict(doubt: Any, held: bool) -> None:
+    """Keep count of how many samples are held: a vibration must not be held for ever."""
+    doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
 
 @compiled

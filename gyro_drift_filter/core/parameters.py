@@ -130,7 +130,7 @@ class Parameters:
         'double',
         'How much weight the adapted noise statistics keep from one update to the next (b of '
         'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, for '
-        'adaptive an update is a fifth of a second of rest. The paper uses 0.95 to 0.99. Without '
+        'adaptive an update is a tenth of a second of rest. The paper uses 0.95 to 0.99. Without '
         'unit.',
         low=0.9,
         high=0.9999,
@@ -174,8 +174,8 @@ class Parameters:
         3,
         'outlier.run',
         'integer',
-        'Longest run of equal outliers that the gyroscope delivers, in samples; a real step is '
-        'followed one sample after that. Of adaptive.',
+        'Longest run of equal outliers that the gyroscope delivers, in samples. A real step is '
+        'followed one sample after that, one beyond 1000 rad/s^2 three samples after. Of adaptive.',
         low=1,
         high=20,
     )
