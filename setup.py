@@ -35,6 +35,8 @@ setup(
         'fast': ['numba>=0.59'],
         # Bags: replay and simulate.
         'offline': ['rosbags>=0.11,<0.12'],
+        # Identification of the drift model.
+        'identify': ['allantools>=2024.6', 'scipy>=1.11', 'statsmodels>=0.14'],
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',
@@ -53,6 +55,7 @@ setup(
             'mypy>=1.13',
             'pytest>=8',
             'ruff>=0.14',
+            'scipy>=1.11',
             'types-PyYAML',
             'types-setuptools',
         ],

@@ -32,3 +32,28 @@ def recording(request):
 @pytest.fixture
 def random():
     return np.random.default_rng(20170)
+
+
+@pytest.fixture(scope='session')
+def real():
+    """Return a function of a recording's name to stamps (n,), rates, accelerations (n, 3)."""
+    from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
+    from gyro_drift_filter.bags.recording import messages, open_bag
+
+    known = {}
+
+    def load(name):
+        path = RECORDINGS / name
+        if not path.exists():
+            pytest.skip(f'the real recording {name} is not beside this clone')
+        if name not in known:
+            with open_bag(path) as reader:
+                read = [read_imu(d) for c, _, d in messages(reader) if c.msgtype == IMU_TYPE]
+            known[name] = (
+                np.array([imu.stamp for imu in read]),
+                np.array([imu.angular_velocity for imu in read]),
+                np.array([imu.linear_acceleration for imu in read]),
+            )
+        return known[name]
+
+    return load

@@ -11,8 +11,9 @@ PACKAGE = REPOSITORY / 'gyro_drift_filter'
 ALLOWED = {
     'core': set(),
     'bags': {'core'},
+    'identify': {'core'},
     'ros': {'bags', 'core'},
-    'cli': {'bags', 'core'},
+    'cli': {'bags', 'core', 'identify'},
 }
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
 

@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 
 from gyro_drift_filter.bags.health import package_version
-from gyro_drift_filter.cli import replay, simulate
+from gyro_drift_filter.cli import identify, replay, simulate
 from gyro_drift_filter.core import GyroDriftFilterError
 
-_SUBCOMMANDS = (replay, simulate)
+_SUBCOMMANDS = (replay, identify, simulate)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -2,11 +2,11 @@
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES, METHODS
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
         parameters = parameters.with_names({'method': options.method})
-    progress = _Progress(enabled=not options.quiet and sys.stderr.isatty())
+    progress = Progress(enabled=not options.quiet and sys.stderr.isatty())
     try:
         summary = replay(
             options.bag,
@@ -86,25 +86,3 @@ def describe(summary: Any, method: str) -> str:
         f'{summary.written} written{passed_on}, {1.0 / summary.period:.4g} Hz'
     )
     return f'{head}\n{table(rows)}'
-
-
-class _Progress:
-    """A line on stderr that is written over, a few times a second."""
-
-    def __init__(self, enabled: bool) -> None:
-        self._enabled = enabled
-        self._last = 0.0
-        self._shown = False
-
-    def __call__(self, done: int, total: int) -> None:
-        now = time.monotonic()
-        if not self._enabled or now - self._last < 0.2:
-            return
-        self._last = now
-        share = f' ({100 * done // total} %)' if total else ''
-        print(f'\r{done} messages{share}', end='', file=sys.stderr, flush=True)
-        self._shown = True
-
-    def finish(self) -> None:
-        if self._shown:
-            print('\r\x1b[K', end='', file=sys.stderr, flush=True)

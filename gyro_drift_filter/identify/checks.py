@@ -1,0 +1,292 @@
+"""What the model assumes of the residual, tested; a failed check is a warning, not a stop.
+
+At a million samples every real sensor fails every test by its p-value, so the verdicts go by the
+size of the effect wherever it has one. Only an axis that measures nothing is an error.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from statsmodels.stats.stattools import jarque_bera
+from statsmodels.tsa.stattools import adfuller, kpss
+
+from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.preprocess import block_means, mean_deviation
+
+Floats = NDArray[np.float64]
+
+MEAN_LIMIT = 3.0  # deviations of the mean
+SIGNIFICANCE = 0.05
+# Stationarity is a matter of long times: it is tested on this many block means at most.
+STATIONARITY_POINTS = 2000
+STATIONARITY_LEAST = 50
+# Beyond these a Gaussian likelihood gives visibly wrong intervals.
+SKEWNESS_LIMIT, KURTOSIS_LIMIT = 0.5, 1.0
+# Quantisation step in noise deviations: at 0.5 it adds 2 % to the variance.
+STEP_LIMIT = 0.5
+# Share of the differences that have to be whole multiples of a step, within a tolerance in steps.
+MULTIPLES, MULTIPLE_TOLERANCE, LARGEST_MULTIPLE = 0.95, 0.05, 100.0
+# Differences below this share of the usual one are rounding of floating point.
+ROUNDING = 1e-6
+QUANTISATION_SAMPLES = 200_000
+# A dead band: so many samples hold one value, and the nearest other one is this many steps off.
+DEAD_SHARE, DEAD_STEPS = 0.3, 3.0
+COARSE_SHARE = 0.95
+
+
+@dataclass(frozen=True)
+class Check:
+    """One assumption and what came of it.
+
+    Attributes:
+        name: Of the assumption.
+        passed: False makes it a warning.
+        statistic: What the verdict goes by, as `detail` says.
+        detail: The figures, in one sentence.
+        consequence: What a failure means for the user, in one sentence; empty where it passed.
+    """
+
+    name: str
+    passed: bool
+    statistic: float
+    detail: str
+    consequence: str
+
+
+def require_noise(spans: Sequence[Floats], axis: str) -> None:
+    """Make sure that an axis measures at all.
+
+    Args:
+        spans: Rates at rest as the sensor gives them, (n,) each, in rad/s; may hold NaN.
+        axis: Its name, for the message.
+
+    Raises:
+        IdentificationError: The axis is empty, all zero, constant, dead-banded, or so coarse that
+            nearly all samples hold one value.
+    """
+    values = np.concatenate([np.asarray(span, float) for span in spans] or [np.zeros(0)])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise IdentificationError(f'axis {axis} has no finite sample at rest')
+    levels, counts = np.unique(values, return_counts=True)
+    mode = levels[np.argmax(counts)]
+    share = float(counts.max()) / len(values)
+    if len(levels) == 1 or np.ptp(levels) <= 1e-12 * np.abs(levels).max():
+        what = 'zero throughout' if mode == 0.0 else f'constant at {mode:.6g} rad/s'
+        raise IdentificationError(
+            f'axis {axis} is {what}: it does not measure, or the driver filters its noise away'
+        )
+    if share > DEAD_SHARE and _nearest(levels, mode) > DEAD_STEPS * _usual_step(levels, mode):
+        raise IdentificationError(
+            f'axis {axis} has a dead band: {100 * share:.0f} % of the samples at rest are '
+            f'{mode:.6g} rad/s and the nearest other is {_nearest(levels, mode):.3g} rad/s off; '
+            'switch the dead band or zero-rate filter of the driver off'
+        )
+    if share > COARSE_SHARE:
+        raise IdentificationError(
+            f'axis {axis} is too coarse: {100 * share:.0f} % of the samples at rest hold one '
+            'value, so its noise lies below its resolution'
+        )
+
+
+def check_zero_mean(residuals: Sequence[Floats]) -> Check:
+    """Test that no span's mean departs from zero; the statistic is in its own deviations.
+
+    The deviation of a mean is taken from block means, so that it holds for correlated noise.
+
+    Args:
+        residuals: Per span (n,) in rad/s.
+    """
+    every = np.concatenate(list(residuals))
+    whole = mean_deviation(every)
+    worst, where = 0.0, 0
+    for index, span in enumerate(residuals):
+        # A short span is judged by the whole recording's deviation, scaled to its length.
+        deviation = whole * np.sqrt(len(every) / len(span))
+        score = abs(float(span.mean())) / float(deviation) if deviation > 0.0 else 0.0
+        if score > worst:
+            worst, where = score, index
+    passed = worst <= MEAN_LIMIT
+    return Check(
+        'zero mean',
+        passed,
+        worst,
+        f'the largest mean of {len(residuals)} spans is {worst:.2f} of its deviations off zero '
+        f'(span {where + 1}; limit {MEAN_LIMIT:g})',
+        ''
+        if passed
+        else 'the bias differs from one motionless span to another by more than the noise '
+        'explains, so the bias written is an average that no span has.',
+    )
+
+
+def check_stationarity(residuals: Sequence[Floats]) -> Check:
+    """Test by ADF (null: a unit root) and KPSS (null: a constant level) together.
+
+    Both run on the longest span, averaged in equal blocks down to 2,000 points at most, and ADF
+    with 12 (n / 100)^(1/4) lags (Schwert) without a search for a better number, so that a million
+    samples take no time or memory. What this leaves out are changes within a block, which do not
+    make a level wander. The statistic is
+    that of KPSS.
+
+    Args:
+        residuals: Per span (n,) in rad/s.
+
+    Raises:
+        IdentificationError: The longest span is too short, or constant.
+    """
+    span = max(residuals, key=len)
+    if len(span) < STATIONARITY_LEAST or span.std() == 0.0:
+        raise IdentificationError(
+            f'stationarity can not be tested on {len(span)} samples without change'
+            if len(span) >= STATIONARITY_LEAST
+            else f'{len(span)} samples are too few to test stationarity'
+        )
+    points = block_means(span, min(len(span), STATIONARITY_POINTS))
+    points = points / points.std()
+    lags = int(12 * (len(points) / 100) ** 0.25)
+    with warnings.catch_warnings():
+        # p values beyond the tables are cut off at their ends, and newer versions say more.
+        warnings.simplefilter('ignore')
+        root = float(adfuller(points, maxlag=lags, regression='c', autolag=None)[1])
+        result = kpss(points, regression='c', nlags='auto')
+    statistic, level = float(result[0]), float(result[1])
+    no_root, stays = root < SIGNIFICANCE, level > SIGNIFICANCE
+    verdict, consequence = _STATIONARITY[no_root, stays]
+    return Check(
+        'stationarity',
+        no_root and stays,
+        statistic,
+        f'{verdict}: ADF p {root:.3g}, KPSS {statistic:.3g} (p {level:.2g}, cut off at 0.01 and '
+        f'0.1) on {len(points)} means of {len(span) / len(points):.3g} samples',
+        consequence,
+    )
+
+
+# By (ADF rejects a unit root, KPSS keeps a constant level).
+_STATIONARITY = {
+    (True, True): ('stationary', ''),
+    (True, False): (
+        'noise about a level that wanders',
+        'the bias moves during the recording by more than the noise, so identify it anew at the '
+        "start of each run or let the filter's bias estimation follow it.",
+    ),
+    (False, True): (
+        'undecided',
+        'the recording is too short to tell slow noise from a wandering level, so a longer one is '
+        'needed before the coefficients can be trusted.',
+    ),
+    (False, False): (
+        'a random walk',
+        'the noise has no constant level that an AR(1) drift could return to, so its coefficient '
+        'comes out near 1 and the bias is valid only for this moment.',
+    ),
+}
+
+
+def check_normality(residuals: Sequence[Floats]) -> Check:
+    """Test by skewness and excess kurtosis, with the statistic of Jarque and Bera told.
+
+    The verdict goes by the size of the two (0.5 and 1), not by p: at a million samples an excess
+    kurtosis of 0.02, which nobody could notice, has p below 0.0001. The statistic is that of
+    Jarque and Bera.
+
+    Args:
+        residuals: Per span (n,) in rad/s.
+
+    Raises:
+        IdentificationError: The residuals are constant.
+    """
+    every = np.concatenate(list(residuals))
+    if not len(every) or every.std() == 0.0:
+        raise IdentificationError('normality can not be tested on values without change')
+    statistic, p, skewness, kurtosis = (float(x) for x in jarque_bera(every / every.std()))
+    excess = kurtosis - 3.0
+    passed = abs(skewness) <= SKEWNESS_LIMIT and abs(excess) <= KURTOSIS_LIMIT
+    return Check(
+        'normality',
+        passed,
+        statistic,
+        f'skewness {skewness:.3f} (limit {SKEWNESS_LIMIT:g}), excess kurtosis {excess:.3f} (limit '
+        f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g}, which at {len(every)} '
+        'samples is not what counts',
+        ''
+        if passed
+        else 'the noise is not Gaussian, so the standard errors and the outlier limits, which '
+        'assume that it is, are too narrow.',
+    )
+
+
+def check_quantisation(spans: Sequence[Floats], deviation: float) -> Check:
+    """Compare the sensor's step with its noise; the statistic is step over deviation.
+
+    Args:
+        spans: Rates at rest as the sensor gives them, (n,) each, in rad/s.
+        deviation: Of the residuals, in rad/s.
+    """
+    step = find_step(spans)
+    share = step / deviation if deviation > 0.0 else 0.0
+    passed = share <= STEP_LIMIT
+    detail = (
+        f'steps of {step:.4g} rad/s are {share:.3g} of the noise deviation (limit {STEP_LIMIT:g})'
+        if step
+        else 'no quantisation found'
+    )
+    return Check(
+        'quantisation',
+        passed,
+        share,
+        detail,
+        ''
+        if passed
+        else f'rounding to steps adds {100 * share**2 / 12:.0f} % to the variance as white noise '
+        'that is not Gaussian, so the coefficients of the finest noise are those of the rounding.',
+    )
+
+
+def find_step(spans: Sequence[Floats]) -> float:
+    """Return the quantisation step in rad/s, 0 where there is none.
+
+    The differences of neighbouring samples are whole multiples of it. Small differences are tried,
+    from the smallest up; of a step that fits, the median of difference over multiple is returned.
+
+    Args:
+        spans: Rates at rest as the sensor gives them, (n,) each, in rad/s; may hold NaN.
+    """
+    differences = np.concatenate([np.abs(np.diff(span)) for span in spans] or [np.zeros(0)])
+    differences = differences[np.isfinite(differences)][:QUANTISATION_SAMPLES]
+    differences = differences[differences > 0.0]
+    if not len(differences):
+        return 0.0
+    differences = differences[differences > ROUNDING * np.median(differences)]
+    for share in (0.0, 0.001, 0.01, 0.05):
+        candidate = float(np.quantile(differences, share, method='lower'))
+        # Multiples far out would ask for more digits of the step than it has.
+        near = differences[differences < LARGEST_MULTIPLE * candidate]
+        for reach in (2.5, 10.0, LARGEST_MULTIPLE):
+            part = near[near < reach * candidate]
+            multiple = np.round(part / candidate)
+            known = multiple > 0
+            candidate = float(np.median(part[known] / multiple[known]))
+        off = np.abs(near / candidate - np.round(near / candidate))
+        enough = len(near) >= 0.02 * len(differences)
+        if enough and float((off < MULTIPLE_TOLERANCE).mean()) >= MULTIPLES:
+            return candidate
+    return 0.0
+
+
+def _nearest(levels: Floats, mode: float) -> float:
+    """Return the distance from the most frequent value to the nearest other one."""
+    others = np.abs(levels - mode)
+    return float(others[others > 0.0].min())
+
+
+def _usual_step(levels: Floats, mode: float) -> float:
+    """Return the median distance between neighbours among the other values."""
+    others = np.sort(levels[levels != mode])
+    below, above = others[others < mode], others[others > mode]
+    steps = np.concatenate([np.diff(below), np.diff(above)])
+    return float(np.median(steps)) if len(steps) else np.inf

@@ -1,0 +1,7 @@
+"""The errors of identification."""
+
+from gyro_drift_filter.core.errors import GyroDriftFilterError
+
+
+class IdentificationError(GyroDriftFilterError):
+    """A recording, or an axis of it, can't be identified; the text says why and what to do."""

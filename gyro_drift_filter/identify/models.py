@@ -1,0 +1,291 @@
+"""Models of the drift: ARMA orders and their choice, AR(1) plus white noise, the filter's Q and R.
+
+Everything is fitted to the periodogram (`spectrum.py`). The drift is scaled to unit variance for
+the fits, so that no tolerance depends on the sensor.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from statsmodels.stats.diagnostic import acorr_ljungbox
+from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
+
+from gyro_drift_filter.identify.spectrum import Fit, Spectrum, fit, spectrum
+
+Array = NDArray[np.float64]
+Delays = NDArray[np.complex128]
+Order = tuple[int, int]
+
+# Table 1 of the paper, and white noise, which it does not consider.
+ORDERS: tuple[Order, ...] = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1))
+
+# A larger model has to lower AIC by this much to be chosen. By chance one more parameter lowers it
+# by more than 10 once in 1,900 recordings; plain AIC takes it once in six.
+MATERIAL = 10.0
+_LJUNG_BOX_LAGS = 20
+_LJUNG_BOX_SAMPLES = 50_000
+_START_SAMPLES = 20_000
+_NORMAL_95 = 1.959964
+# The drift can be told from white noise where its phi is known this well, or less well, but with a
+# correlation at lag 1 that is so many standard errors from zero.
+_PRECISE = 0.1
+_VAGUE = 1.0
+_DISTINCT = 10.0
+_LEAST_RATIO = 1e-10
+
+
+@dataclass(frozen=True)
+class ArmaFit:
+    """A fitted ARMA(p, q), x(k) = sum phi_i x(k-i) + a(k) - sum theta_j a(k-j), equation (1).
+
+    Attributes:
+        order: (p, q).
+        phi: (p,).
+        theta: (q,), with the signs of equation (1).
+        phi_deviation: (p,) standard errors.
+        theta_deviation: (q,) standard errors.
+        variance: Of a, in the units of the data squared.
+        aic: Akaike's information criterion, comparable among fits of the same data.
+        bic: Schwarz's.
+        ljung_box: p-value of the Ljung-Box test of the residuals with 20 lags.
+    """
+
+    order: Order
+    phi: Array
+    theta: Array
+    phi_deviation: Array
+    theta_deviation: Array
+    variance: float
+    aic: float
+    bic: float
+    ljung_box: float
+
+
+def fit_arma(pieces: Sequence[Array], orders: Sequence[Order] = ORDERS) -> list[ArmaFit]:
+    """Return a fit for each order.
+
+    Args:
+        pieces: Parts of a recording (n,), without mean, trend and gaps.
+        orders: (p, q) each.
+    """
+    scale = _deviation(pieces)
+    scaled = [piece / scale for piece in pieces]
+    data = spectrum(scaled)
+    return [_fit_one(scaled, data, order, scale) for order in orders]
+
+
+def choose(fits: Sequence[ArmaFit]) -> ArmaFit:
+    """Return the smallest model whose AIC is no more than `MATERIAL` above the best one's.
+
+    Among models with as many parameters it is the one with the lowest AIC.
+    """
+    best = min(candidate.aic for candidate in fits)
+    adequate = [candidate for candidate in fits if candidate.aic <= best + MATERIAL]
+    return min(adequate, key=lambda candidate: (sum(candidate.order), candidate.aic))
+
+
+def _deviation(pieces: Sequence[Array]) -> float:
+    return math.sqrt(float(np.mean(np.concatenate(pieces) ** 2)))
+
+
+def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
+    """Return the spectral density of phi (p,), theta (q,) and the logarithm of the variance.
+
+    `delays` (m, k) holds exp(-i w k) for k from 1, at each of m frequencies w.
+    """
+    p, q = order
+    phi, theta = parameters[:p], parameters[p : p + q]
+    if not (_is_stable(phi) and _is_stable(theta)):
+        return np.full(len(delays), np.nan)
+    denominator = 1.0 - delays[:, :p] @ phi
+    numerator = 1.0 - delays[:, :q] @ theta
+    variance = math.exp(min(parameters[-1], 700.0))
+    return np.asarray(variance * np.abs(numerator) ** 2 / np.abs(denominator) ** 2)
+
+
+def _is_stable(coefficients: Array) -> bool:
+    if len(coefficients) < 2:
+        return bool((np.abs(coefficients) < 1.0).all())
+    return bool((np.abs(np.roots(np.concatenate([[1.0], -coefficients]))) < 1.0).all())
+
+
+def _fit_one(pieces: Sequence[Array], data: Spectrum, order: Order, scale: float) -> ArmaFit:
+    p, q = order
+    starts = [_start(pieces, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
+    delays = np.exp(-1j * np.outer(data.frequency, np.arange(1, max(p, q, 1) + 1)))
+    results = [
+        fit(data, lambda v: _arma_density(delays, order, v), [*start.tolist(), 0.0])
+        for start in starts
+    ]
+    result = max(results, key=lambda candidate: candidate.log_likelihood)
+    phi, theta = result.parameters[:p], result.parameters[p : p + q]
+    # One ordinate stands for two samples, and the likelihood counts every ordinate once.
+    deviance = -2.0 * result.log_likelihood
+    count = p + q + 1
+    return ArmaFit(
+        order=order,
+        phi=phi,
+        theta=theta,
+        phi_deviation=result.deviations[:p],
+        theta_deviation=result.deviations[p : p + q],
+        variance=scale**2 * math.exp(result.parameters[-1]),
+        aic=deviance + 2.0 * count,
+        bic=deviance + math.log(data.samples) * count,
+        ljung_box=_whiteness(pieces, phi, theta),
+    )
+
+
+def _start(pieces: Sequence[Array], order: Order) -> Array:
+    """Return first values of phi and theta, by Hannan and Rissanen's regressions."""
+    p, q = order
+    if p == q == 0:
+        return np.zeros(0)
+    longest = max(pieces, key=len)[:_START_SAMPLES]
+    try:
+        guess, _ = hannan_rissanen(longest, ar_order=p, ma_order=q, demean=False, unbiased=False)
+        phi, theta = np.asarray(guess.ar_params), -np.asarray(guess.ma_params)
+    except (ValueError, np.linalg.LinAlgError):
+        phi, theta = np.zeros(p), np.zeros(q)
+    if not (_is_stable(phi) and _is_stable(theta)):
+        phi, theta = np.full(p, 0.1 / max(p, 1)), np.zeros(q)
+    return np.concatenate([phi, theta])
+
+
+def _whiteness(pieces: Sequence[Array], phi: Array, theta: Array) -> float:
+    longest = max(pieces, key=len)[:_LJUNG_BOX_SAMPLES]
+    residuals = signal.lfilter(
+        np.concatenate([[1.0], -phi]), np.concatenate([[1.0], -theta]), longest
+    )[len(phi) + len(theta) + 20 :]
+    table = acorr_ljungbox(residuals, lags=[_LJUNG_BOX_LAGS], model_df=len(phi) + len(theta))
+    return float(table['lb_pvalue'].iloc[0])
+
+
+@dataclass(frozen=True)
+class DriftAndWhite:
+    """AR(1) drift plus white noise, as a description of the sensor.
+
+    Attributes:
+        identifiable: False where the recording can't tell the two apart; the rest is then of little
+            worth.
+        phi: Coefficient of the drift, and its 95 % interval.
+        phi_interval: (low, high).
+        drift_variance: Stationary variance of the drift, in the units of the data squared.
+        drift_variance_interval: (low, high).
+        white_variance: Of the white noise. An estimate below zero means that none is found.
+        white_variance_interval: (low, high).
+    """
+
+    identifiable: bool
+    phi: float
+    phi_interval: tuple[float, float]
+    drift_variance: float
+    drift_variance_interval: tuple[float, float]
+    white_variance: float
+    white_variance_interval: tuple[float, float]
+
+
+def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
+    """Fit AR(1) plus white noise by maximum likelihood.
+
+    Fitted are phi, the covariance at lag 1 and the variance of the sum, which the data tell best;
+    the two variances follow. The white one may come out below zero, as long as the density stays
+    positive: cut off at zero the estimates of the others would be biased.
+
+    Args:
+        pieces: Parts of a recording (n,), without mean, trend and gaps.
+    """
+    scale = _deviation(pieces)
+    data = spectrum([piece / scale for piece in pieces])
+    cosine = np.cos(data.frequency)
+
+    def density(v: Array) -> Array:
+        """Of phi, covariance at lag 1 and total variance."""
+        phi, covariance, total = v
+        if not 1e-9 < abs(phi) < 1.0:
+            return np.full_like(cosine, np.nan)
+        drift = covariance / phi
+        return np.asarray(
+            drift * (1 - phi * phi) / (1 - 2 * phi * cosine + phi * phi) + total - drift
+        )
+
+    starts = ((0.2, 0.2, 1.0), (0.9, 0.5, 1.0), (0.9, 0.1, 1.0), (-0.2, -0.1, 1.0))
+    results = [fit(data, density, start) for start in starts]
+    best = max(results, key=lambda result: result.log_likelihood)
+    return _described(best, scale, data.samples)
+
+
+def _described(result: Fit, scale: float, samples: int) -> DriftAndWhite:
+    phi, covariance, total = (float(v) for v in result.parameters)
+    drift = covariance / phi
+    # Of the drift's variance by phi, covariance and total; the ratio of two estimates is biased.
+    slope = np.array([-drift / phi, 1.0 / phi, 0.0])
+    spread = result.covariance[0, 0]
+    relative = (spread - result.covariance[0, 1] * phi / covariance) / (phi**2 + spread)
+    drift_deviation = math.sqrt(max(float(slope @ result.covariance @ slope), 0.0))
+    white_slope = np.array([0.0, 0.0, 1.0]) - slope
+    white_deviation = math.sqrt(max(float(white_slope @ result.covariance @ white_slope), 0.0))
+    phi_deviation = float(result.deviations[0])
+    drift /= 1.0 + max(relative, -0.5)
+    white = total - drift
+    factor = math.exp(min(_NORMAL_95 * drift_deviation / max(drift, 1e-12), 50.0))
+    distinct = abs(covariance / total) * math.sqrt(samples)
+    return DriftAndWhite(
+        identifiable=phi_deviation < _PRECISE * abs(phi)
+        or (phi_deviation < _VAGUE * abs(phi) and distinct > _DISTINCT),
+        phi=phi,
+        phi_interval=(phi - _NORMAL_95 * phi_deviation, phi + _NORMAL_95 * phi_deviation),
+        drift_variance=scale**2 * drift,
+        drift_variance_interval=(scale**2 * drift / factor, scale**2 * drift * factor),
+        white_variance=scale**2 * white,
+        white_variance_interval=(
+            scale**2 * (white - _NORMAL_95 * white_deviation),
+            scale**2 * (white + _NORMAL_95 * white_deviation),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """Q and R of the filter's own state space, (3) and (4), in the data's units squared."""
+
+    process_noise: float
+    measurement_noise: float
+
+
+def fit_filter_noise(pieces: Sequence[Array], phi: float) -> FilterNoise:
+    """Return the Q and R that make the recording likeliest for the filter's own model.
+
+    In (3) the drift x adds to the rate from step to step, so the differences of the measurement are
+    stationary: z(k) - z(k-1) = x(k-1) + v(k) - v(k-1), with the spectral density
+    Q / |1 - phi e^-iw|^2 + R |1 - e^-iw|^2.
+
+    Args:
+        pieces: Parts of a recording (n,), without mean, trend and gaps.
+        phi: Coefficient of the drift.
+    """
+    scale = _deviation(pieces)
+    data = spectrum([np.diff(piece) / scale for piece in pieces])
+    cosine = np.cos(data.frequency)
+    drift = 1.0 / (1.0 - 2.0 * phi * cosine + phi * phi)
+    difference = 2.0 - 2.0 * cosine
+
+    def density(v: Array) -> Array:
+        """Of the logarithms of Q / R and of R."""
+        ratio = max(math.exp(min(v[0], 50.0)), _LEAST_RATIO)
+        return np.asarray(math.exp(min(v[1], 50.0)) * (ratio * drift + difference))
+
+    results = [fit(data, density, (math.log(ratio), 0.0)) for ratio in (1e-6, 1e-3, 1.0)]
+    best = max(results, key=lambda result: result.log_likelihood)
+    ratio = max(math.exp(best.parameters[0]), _LEAST_RATIO)
+    measurement = scale**2 * math.exp(best.parameters[1])
+    return FilterNoise(ratio * measurement, measurement)
+
+
+def paper_noise(pieces: Sequence[Array]) -> tuple[float, FilterNoise]:
+    """Return phi, and Q and R as the paper takes them: Q the residuals' variance, R the data's."""
+    (fitted,) = fit_arma(pieces, [(1, 0)])
+    return float(fitted.phi[0]), FilterNoise(fitted.variance, _deviation(pieces) ** 2)

@@ -1,0 +1,161 @@
+"""The periodogram of a recording, from which all models are fitted.
+
+For a stationary Gaussian process the ordinates of the periodogram are independent and exponential
+about the spectral density (Whittle, 1953). So the averages over narrow bins hold all that a
+likelihood needs: a million samples become some hundred numbers, the same for every model.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+Array = NDArray[np.float64]
+# A spectral density per parameter vector, at the angular frequencies of the bins.
+Density = Callable[[Array], Array]
+
+# The lowest ordinates hold what is left of the trend.
+_SKIPPED = 3
+# Below this one bin per ordinate, above bins that grow by 3 %, no wider than a 512th of the band.
+_SINGLE = 64
+_GROWTH = 1.03
+_WIDEST = 512
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Periodogram averaged over bins, m of them.
+
+    Attributes:
+        frequency: (m,) mean angular frequency in radians per sample, between 0 and pi.
+        power: (m,) mean periodogram ordinate, normalised so that its mean over all frequencies is
+            the variance.
+        weight: (m,) ordinates in the bin.
+        samples: Samples that went in.
+    """
+
+    frequency: Array
+    power: Array
+    weight: Array
+    samples: int
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters that make the Whittle likelihood largest.
+
+    Attributes:
+        parameters: (p,).
+        covariance: (p, p) from the Fisher information.
+        log_likelihood: Up to a constant that all models of the same spectrum share.
+        converged: False where the optimiser found no maximum.
+    """
+
+    parameters: Array
+    covariance: Array
+    log_likelihood: float
+    converged: bool
+
+    @property
+    def deviations(self) -> Array:
+        """Standard errors (p,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def spectrum(pieces: Sequence[Array]) -> Spectrum:
+    """Return the binned periodogram of one or several pieces of a recording.
+
+    Args:
+        pieces: Each (n,), even in time, without gap and mean; the longest sets the bins.
+    """
+    longest = max(len(piece) for piece in pieces)
+    edges = _edges(longest)
+    count, power, moment = (np.zeros(len(edges) - 1) for _ in range(3))
+    for piece in pieces:
+        n = len(piece)
+        ordinates = np.abs(np.fft.rfft(piece)) ** 2 / n
+        k = np.arange(_SKIPPED, (n - 1) // 2)
+        frequency = 2.0 * np.pi * k / n
+        bins = np.searchsorted(edges, frequency, side='right') - 1
+        inside = (bins >= 0) & (bins < len(count))
+        bins, frequency, chosen = bins[inside], frequency[inside], ordinates[k[inside]]
+        count += np.bincount(bins, minlength=len(count))
+        power += np.bincount(bins, chosen, minlength=len(count))
+        moment += np.bincount(bins, frequency, minlength=len(count))
+    used = count > 0
+    return Spectrum(
+        moment[used] / count[used],
+        power[used] / count[used],
+        count[used],
+        sum(len(piece) for piece in pieces),
+    )
+
+
+def _edges(n: int) -> Array:
+    step = 2.0 * np.pi / n
+    edges = [(_SKIPPED - 0.5) * step]
+    widest = max(step, np.pi / _WIDEST)
+    while edges[-1] < np.pi:
+        number = len(edges)
+        width = step if number < _SINGLE else min(edges[-1] * (_GROWTH - 1.0), widest)
+        edges.append(edges[-1] + max(width, step))
+    return np.array(edges)
+
+
+def fit(data: Spectrum, density: Density, start: Sequence[float]) -> Fit:
+    """Return the parameters of a spectral density that maximise the Whittle likelihood.
+
+    Args:
+        data: The spectrum.
+        density: Parameters (p,) to densities at `data.frequency` (m,); it may return values that
+            are not positive where the parameters describe no process.
+        start: First guess (p,).
+    """
+
+    def cost(parameters: Array) -> float:
+        value = density(parameters)
+        if not (np.isfinite(value).all() and value.min() > 0.0):
+            return np.inf
+        return float(np.sum(data.weight * (np.log(value) + data.power / value)))
+
+    first = np.asarray(start, float)
+    # The simplex needs no derivatives and takes infinite costs; its end is polished by Newton's
+    # method with the Fisher information, which costs next to nothing.
+    found: Any = optimize.minimize(
+        cost,
+        first,
+        method='Nelder-Mead',
+        options={'xatol': 1e-5, 'fatol': 1e-4, 'maxiter': 400 * len(first), 'adaptive': True},
+    )
+    parameters, lowest = np.asarray(found.x), float(found.fun)
+    for _ in range(8):
+        covariance, score = _information(data, density, parameters)
+        step = covariance @ score
+        candidate = parameters + step
+        value = cost(candidate)
+        if not value < lowest:
+            break
+        parameters, lowest = candidate, value
+    covariance, _ = _information(data, density, parameters)
+    return Fit(parameters, covariance, -lowest, bool(np.isfinite(lowest)))
+
+
+def _information(data: Spectrum, density: Density, parameters: Array) -> tuple[Array, Array]:
+    """Return the inverse of the Fisher information (p, p), and the score (p,)."""
+    value = density(parameters)
+    slopes = []
+    for i, parameter in enumerate(parameters):
+        width = 1e-5 * max(abs(parameter), 1e-3)
+        ahead, behind = parameters.copy(), parameters.copy()
+        ahead[i] += width
+        behind[i] -= width
+        with np.errstate(invalid='ignore', divide='ignore'):
+            slope = (np.log(density(ahead)) - np.log(density(behind))) / (2.0 * width)
+        slopes.append(np.nan_to_num(slope))
+    jacobian = np.array(slopes)
+    information = (jacobian * data.weight) @ jacobian.T
+    score = jacobian @ (data.weight * (data.power / value - 1.0))
+    return np.linalg.pinv(information), np.asarray(score)
