@@ -30,11 +30,13 @@ _LJUNG_BOX_LAGS = 20
 _LJUNG_BOX_SAMPLES = 50_000
 _START_SAMPLES = 20_000
 _NORMAL_95 = 1.959964
-# The drift can be told from white noise where its phi is known this well, or less well, but with a
-# correlation at lag 1 that is so many standard errors from zero.
+# The drift can be told from white noise where its correlation at lag 1 is so many standard errors
+# from zero and its phi is known this well; or where that correlation is more distinct, and the
+# drift that explains it has no more than so many times the variance of the whole.
+_PRESENT = 4.0
 _PRECISE = 0.1
-_VAGUE = 1.0
 _DISTINCT = 10.0
+_ABSURD = 4.0
 _LEAST_RATIO = 1e-10
 
 
@@ -234,8 +236,8 @@ def _described(result: Fit, scale: float, samples: int) -> DriftAndWhite:
     factor = math.exp(min(_NORMAL_95 * drift_deviation / max(drift, 1e-12), 50.0))
     distinct = abs(covariance / total) * math.sqrt(samples)
     return DriftAndWhite(
-        identifiable=phi_deviation < _PRECISE * abs(phi)
-        or (phi_deviation < _VAGUE * abs(phi) and distinct > _DISTINCT),
+        identifiable=(distinct > _PRESENT and phi_deviation < _PRECISE * abs(phi))
+        or (distinct > _DISTINCT and abs(drift) < _ABSURD * total),
         phi=phi,
         phi_interval=(phi - _NORMAL_95 * phi_deviation, phi + _NORMAL_95 * phi_deviation),
         drift_variance=scale**2 * drift,
