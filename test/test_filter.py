@@ -163,6 +163,7 @@ def test_every_parameter_takes_effect_at_once(name, value, method):
     data = recording(3000)
     rates = 10.0 * data.angular_velocity
     rates[2500] += 1.5
+    rates[2700:] += 3.0
     stamps = np.zeros(3000, np.int64) if name == 'sample_rate' else data.stamps.copy()
     stamps[2200:] += 200_000_000 * (name == 'gap_limit')
     outs = []

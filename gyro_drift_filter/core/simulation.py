@@ -66,8 +66,8 @@ class SimulationSettings:
     frequency: float = 0.1
     isolated: float = 0.005
     runs: int = 5
-    run_length: int = 4
-    outlier_size: tuple[float, float] = (0.5, 5.0)
+    run_length: int = 3
+    outlier_size: tuple[float, float] = (1.0, 5.0)
 
 
 def simulate(settings: SimulationSettings) -> Simulation:
