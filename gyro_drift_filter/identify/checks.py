@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from statsmodels.stats.stattools import jarque_bera
 from statsmodels.tsa.stattools import adfuller, kpss
 
+from gyro_drift_filter.identify.blocks import block_means
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.preprocess import block_means, mean_deviation
+from gyro_drift_filter.identify.preprocess import mean_deviation
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
-from statsmodels.stats.diagnostic import acorr_ljungbox
+from scipy import signal, stats
 from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
+from statsmodels.tsa.stattools import acf, q_stat
 
 from gyro_drift_filter.identify.spectrum import Fit, Spectrum, fit, spectrum
 
@@ -162,8 +162,10 @@ def _whiteness(pieces: Sequence[Array], phi: Array, theta: Array) -> float:
     residuals = signal.lfilter(
         np.concatenate([[1.0], -phi]), np.concatenate([[1.0], -theta]), longest
     )[len(phi) + len(theta) + 20 :]
-    table = acorr_ljungbox(residuals, lags=[_LJUNG_BOX_LAGS], model_df=len(phi) + len(theta))
-    return float(table['lb_pvalue'].iloc[0])
+    correlations = acf(residuals, nlags=_LJUNG_BOX_LAGS, fft=True)
+    statistics, _ = q_stat(correlations[1:], len(residuals))
+    # Less one degree of freedom for each coefficient fitted.
+    return float(stats.chi2.sf(statistics[-1], _LJUNG_BOX_LAGS - len(phi) - len(theta)))
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ not cut, because the models live on the correlation from one sample to the next.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.identify.blocks import block_means, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
 
@@ -166,24 +166,11 @@ def mean_deviation(values: Floats, fitted: int = 0) -> float:
     return float(max(estimates))
 
 
-def block_means(values: Floats, blocks: int) -> Floats:
-    """Return the means of `blocks` parts of equal length, to a sample: (blocks,)."""
-    edges = np.arange(blocks + 1) * len(values) // blocks
-    return np.asarray(np.add.reduceat(values, edges[:-1]) / np.diff(edges), float)
-
-
 def _course(piece: Floats, size: int) -> Floats:
     """Return the line through the medians of blocks of about `size` samples, (n,)."""
     count = max(1, len(piece) // size)
     edges = np.arange(count + 1) * len(piece) // count
-    medians = np.array(
-        [
-            np.nanmedian(np.where(np.isfinite(piece[a:b]), piece[a:b], np.nan))
-            if np.isfinite(piece[a:b]).any()
-            else np.nan
-            for a, b in pairwise(edges)
-        ]
-    )
+    medians = row_medians(block_rows(piece, edges[:-1], edges[1:]))
     centres = 0.5 * (edges[:-1] + edges[1:] - 1)
     known = np.isfinite(medians)
     return np.asarray(np.interp(np.arange(len(piece)), centres[known], medians[known]), float)

@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.identify.blocks import block_rows, row_means, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 
 Floats = NDArray[np.float64]
@@ -217,12 +218,13 @@ def _judge(
     step_size = _step_of_still_sensor(values)
     first_level = max(_level(_trimmed_deviations(values, windows))[0], step_size)
     clean = _without_spikes(values, SPIKE * first_level)
-    mean, deviation, enough = _statistics(clean, windows)
+    rows = block_rows(clean, windows.first, windows.stop)
+    mean, deviation, enough = _statistics(rows, windows)
     level, limit = _level(deviation[enough])
     level, limit = max(level, step_size), max(limit, LEAST_RATIO * step_size)
     calm = enough & (deviation <= limit)
     fits = calm.copy()
-    if smooth_is_motion and _is_smooth(clean, windows, calm, lag):
+    if smooth_is_motion and _is_smooth(rows[calm], deviation[calm], lag):
         fits[:] = False
     step = np.abs(np.diff(mean))
     neighbours = np.diff(windows.part) == 0
@@ -247,16 +249,14 @@ def _step_of_still_sensor(values: Floats) -> float:
 
 
 def _trimmed_deviations(values: Floats, windows: _Windows) -> Floats:
-    """Return the deviation of each window without its farthest samples, (w,); empty ones not."""
-    out = []
-    for first, stop in zip(windows.first, windows.stop, strict=True):
-        window = values[first:stop]
-        window = window[np.isfinite(window)]
-        if len(window) < 2:
-            continue
-        squares = np.sort((window - np.median(window)) ** 2)
-        out.append(np.sqrt(squares[: max(1, int((1 - TRIMMED) * len(squares)))].mean()))
-    return np.array(out)
+    """Return the deviation of each window without its farthest samples; nearly empty ones not."""
+    rows = block_rows(values, windows.first, windows.stop)
+    count = np.isfinite(rows).sum(axis=1)
+    rows, count = rows[count > 1], count[count > 1]
+    squares = np.sort((rows - row_medians(rows)[:, None]) ** 2, axis=1)
+    kept = np.maximum(1, ((1.0 - TRIMMED) * count).astype(int))
+    squares[np.arange(squares.shape[1]) >= kept[:, None]] = np.nan
+    return np.sqrt(row_means(squares))
 
 
 def _level(deviations: Floats) -> tuple[float, float]:
@@ -293,39 +293,22 @@ def _without_spikes(values: Floats, size: float) -> Floats:
     return out
 
 
-def _statistics(values: Floats, windows: _Windows) -> tuple[Floats, Floats, Bools]:
+def _statistics(rows: Floats, windows: _Windows) -> tuple[Floats, Floats, Bools]:
     """Return means and deviations of the windows, and which have half their samples or more."""
-    finite = np.isfinite(values)
-    centre = float(np.median(values[finite])) if finite.any() else 0.0
-    shifted = np.where(finite, values - centre, 0.0)
-    count = _sums(finite.astype(float), windows)
-    size = np.maximum(count, 1.0)
-    mean = _sums(shifted, windows) / size
-    # About the window's own mean, as a difference of two squares cancels.
-    about = np.zeros_like(shifted)
-    for k, (first, stop) in enumerate(zip(windows.first, windows.stop, strict=True)):
-        about[first:stop] = shifted[first:stop] - mean[k]
-    deviation = np.sqrt(_sums(np.where(finite, about, 0.0) ** 2, windows) / size)
-    return mean + centre, deviation, count >= 0.5 * (windows.stop - windows.first)
+    mean = row_means(rows)
+    deviation = np.sqrt(row_means((rows - mean[:, None]) ** 2))
+    count = np.isfinite(rows).sum(axis=1)
+    return mean, deviation, count >= 0.5 * (windows.stop - windows.first)
 
 
-def _sums(values: Floats, windows: _Windows) -> Floats:
-    """Return the sum over each window, (w,)."""
-    sums = [values[a:b].sum() for a, b in zip(windows.first, windows.stop, strict=True)]
-    return np.array(sums, float)
-
-
-def _is_smooth(values: Floats, windows: _Windows, calm: Bools, lag: int) -> bool:
+def _is_smooth(rows: Floats, deviation: Floats, lag: int) -> bool:
     """Tell whether the quietest windows are themselves smooth motion, not noise."""
-    roughness = []
-    for k in np.flatnonzero(calm):
-        window = values[windows.first[k] : windows.stop[k]]
-        window = window[np.isfinite(window)]
-        variance = window.var()
-        if variance > 0.0 and len(window) > lag:
-            difference = window[lag:] - window[:-lag]
-            roughness.append(0.5 * float((difference**2).mean()) / variance)
-    return bool(roughness) and float(np.median(roughness)) < LEAST_ROUGHNESS
+    if rows.shape[1] <= lag:
+        return False
+    differences = row_means((rows[:, lag:] - rows[:, :-lag]) ** 2)
+    moving = (deviation > 0.0) & np.isfinite(differences)
+    roughness = 0.5 * differences[moving] / deviation[moving] ** 2
+    return bool(len(roughness)) and float(np.median(roughness)) < LEAST_ROUGHNESS
 
 
 def _step_limit(steps: Floats, level: float, windows: _Windows) -> float:
