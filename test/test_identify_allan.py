@@ -6,7 +6,8 @@ import pytest
 from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import preprocess
-from gyro_drift_filter.identify.quiet import find_quiet_spans
+from gyro_drift_filter.identify.quiet import find_quiet
+from gyro_drift_filter.identify.timing import learn_timing
 
 PERIOD = 0.01
 DEGREES_PER_HOUR = np.degrees(1.0) * 3600
@@ -87,7 +88,7 @@ def test_a_tau_beyond_the_curve_is_an_error(random):
 
 def test_a_real_sensor_has_its_known_figures(real):
     stamps, rates, accelerations = real('static_adis16405')
-    spans = find_quiet_spans(stamps, rates, accelerations, PERIOD)
+    spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
     curves = [
         allan_deviation(preprocess(rates[:, axis], spans, PERIOD).cleaned, PERIOD)
         for axis in range(3)

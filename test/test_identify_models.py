@@ -103,7 +103,8 @@ def test_the_filters_own_model_is_found():
 def test_the_likeliest_noise_smooths_where_the_papers_hardly_does():
     """A motionless sensor: Q and R as the paper takes them, and the likeliest ones."""
     data = arma(20_000, [0.218], [], seed=6, deviation=0.005)
-    phi, paper = paper_noise([data])
+    (drift,) = fit_arma([data], [(1, 0)])
+    phi, paper = drift.phi[0], paper_noise(drift, data.std())
     assert phi == pytest.approx(0.218, abs=0.02)
     assert paper.process_noise == pytest.approx(0.005**2, rel=0.03)
     assert paper.measurement_noise == pytest.approx(data.var(), rel=1e-3)

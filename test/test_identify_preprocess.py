@@ -6,7 +6,8 @@ from scipy.signal import lfilter
 
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation, preprocess
-from gyro_drift_filter.identify.quiet import Span, find_quiet_spans
+from gyro_drift_filter.identify.quiet import Span, find_quiet
+from gyro_drift_filter.identify.timing import learn_timing
 
 PERIOD = 0.01
 NOISE = 0.005
@@ -124,6 +125,6 @@ def test_too_little_is_an_error(values, text):
 
 def test_the_bias_of_a_real_sensor(real):
     stamps, rates, accelerations = real('static_adis16405')
-    spans = find_quiet_spans(stamps, rates, accelerations, PERIOD)
+    spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
     biases = [preprocess(rates[:, axis], spans, PERIOD).bias for axis in range(3)]
     np.testing.assert_allclose(np.degrees(biases), [0.401, -0.388, -0.276], atol=0.01)

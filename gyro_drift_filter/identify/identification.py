@@ -30,7 +30,8 @@ from gyro_drift_filter.identify.models import (
     paper_noise,
 )
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
-from gyro_drift_filter.identify.quiet import Quiet, Span, describe_absence, find_quiet
+from gyro_drift_filter.identify.quiet import SHORTEST_SECONDS, Quiet, Span, find_quiet
+from gyro_drift_filter.identify.timing import Timing, learn_timing
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +39,8 @@ SHORTEST_QUIET = 20.0  # s
 SHORT_QUIET = 60.0  # s: below that a warning
 # The models are fitted to spans of at least this many samples, where there is one.
 _SHORTEST_FITTED = 500
+# Losses below this are left unsaid: they change a filtered deviation by half of it.
+_MATERIAL_LOSS = 0.01
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class AxisModel:
         checks: What the model assumes, tested.
         fits: ARMA models, the paper's Table 1.
         chosen: The one that is adequate.
+        lost: Share of the noise's variance that the chosen model predicts and AR(1) does not.
         description: AR(1) plus white noise.
         phi: Of the AR(1) that the filter takes.
         noise: Q and R for the filter.
@@ -60,6 +64,7 @@ class AxisModel:
     checks: tuple[Check, ...]
     fits: tuple[ArmaFit, ...]
     chosen: ArmaFit
+    lost: float
     description: DriftAndWhite
     phi: float
     noise: FilterNoise
@@ -72,7 +77,7 @@ class Identification:
     """What is known of a gyroscope from one recording.
 
     Attributes:
-        sample_rate: In Hz.
+        timing: How the samples lie in time.
         quiet: The motionless spans.
         begins: Begin of each span in s from the first sample.
         seconds: Length of all of them together.
@@ -80,31 +85,12 @@ class Identification:
         warnings: Sentences on how far it can be trusted.
     """
 
-    sample_rate: float
+    timing: Timing
     quiet: Quiet
     begins: tuple[float, ...]
     seconds: float
     axes: tuple[AxisModel, ...]
     warnings: tuple[str, ...]
-
-
-def sample_period(stamps: NDArray[np.int64]) -> float:
-    """Return the time per sample in s: that of blocks of two seconds, the median of all.
-
-    Raises:
-        IdentificationError: The stamps don't advance.
-    """
-    seconds = (stamps - stamps[0]) * 1e-9
-    if len(stamps) < 2 or not seconds[-1] > 0.0:
-        raise IdentificationError(
-            'the stamps do not advance: there is no sample rate to be learned'
-        )
-    edges = np.searchsorted(seconds, np.arange(0.0, seconds[-1], 2.0))
-    edges = np.append(edges[np.append(True, np.diff(edges) >= 10)], len(stamps) - 1)
-    counts = np.diff(edges)
-    if not (counts > 0).any():
-        return float(seconds[-1] / (len(stamps) - 1))
-    return float(np.median(np.diff(seconds[edges])[counts > 0] / counts[counts > 0]))
 
 
 def identify(
@@ -121,43 +107,72 @@ def identify(
         stamps: (n,) in ns.
         rates: (n, 3) in rad/s.
         accelerations: (n, 3) in m/s^2, NaN or zero where there is none.
-        orders: ARMA orders to compare.
+        orders: ARMA orders to compare; (1, 0), which the filter takes, among them.
         paper: Take Q and R as the paper does, instead of those of the filter's own likelihood.
 
     Raises:
         IdentificationError: There is no rest of `SHORTEST_QUIET` s, or an axis shows no noise.
     """
-    period = sample_period(stamps)
-    quiet = find_quiet(stamps, rates, accelerations, period)
-    seconds = sum(span.stop - span.first for span in quiet.spans) * period
-    if seconds < SHORTEST_QUIET:
-        raise IdentificationError(
-            f'{describe_absence(quiet, stamps, period)}; {SHORTEST_QUIET:g} s of rest are needed'
-        )
+    timing = learn_timing(stamps)
+    quiet = find_quiet(timing, rates, accelerations)
     begins = tuple(float((stamps[span.first] - stamps[0]) * 1e-9) for span in quiet.spans)
+    seconds = _require_rest(quiet, stamps, timing.period)
     axes = tuple(
-        _identify_axis(rates[:, axis], quiet.spans, begins, period, AXES[axis], orders, paper)
+        _identify_axis(
+            rates[:, axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper
+        )
         for axis in range(3)
     )
-    warnings = []
-    if seconds < SHORT_QUIET:
-        warnings.append(
-            f'only {seconds:.0f} s of rest: the figures are rough below {SHORT_QUIET:g} s'
+    return Identification(timing, quiet, begins, seconds, axes, _warnings(seconds, axes))
+
+
+def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> float:
+    """Return the length of all rests in s.
+
+    Raises:
+        IdentificationError: It is too short; the text tells the longest rest.
+    """
+    seconds = sum(map(len, quiet.spans)) * period
+    if seconds >= SHORTEST_QUIET:
+        return seconds
+    needed = f'{SHORTEST_QUIET:g} s of rest are needed'
+    if quiet.longest is None:
+        raise IdentificationError(
+            f'no rest: even the quietest second of the recording moves; {needed}'
         )
+    begin = (int(stamps[quiet.longest.first]) - int(stamps[0])) * 1e-9
+    longest = f'{len(quiet.longest) * period:.1f} s, from {begin:.1f} s after the start'
+    if not quiet.spans:
+        raise IdentificationError(
+            f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
+        )
+    raise IdentificationError(f'only {seconds:.1f} s of rest, the longest {longest}; {needed}')
+
+
+def _warnings(seconds: float, axes: Sequence[AxisModel]) -> tuple[str, ...]:
+    """Return one sentence each, with the axes that it is about."""
+    about: dict[str, list[str]] = {}
     for name, axis in zip(AXES, axes, strict=True):
-        warnings += [
-            f'axis {name}: {check.name}: {check.consequence}'
-            for check in axis.checks
-            if not check.passed
-        ]
-        if axis.chosen.order not in ((1, 0), (0, 0)):
-            warnings.append(
-                f'axis {name}: ARMA{axis.chosen.order} describes the noise better than AR(1); the '
-                "filters' AR(1) leaves that correlation in"
+        sentences = [f'{c.name}: {c.consequence}' for c in axis.checks if not c.passed]
+        if axis.lost > _MATERIAL_LOSS:
+            sentences.append(
+                'ARMA({}, {}) describes the noise better than the AR(1) that the filters take, '
+                'which leaves {:.2g} % of its variance in that could be predicted'.format(
+                    *axis.chosen.order, 100.0 * axis.lost
+                )
             )
-    return Identification(
-        1.0 / period, quiet, begins, seconds, axes, tuple(dict.fromkeys(warnings))
-    )
+        sentences += axis.allan.warnings
+        for sentence in sentences:
+            about.setdefault(sentence, []).append(name)
+    warnings = [
+        f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}: {sentence}'
+        for sentence, names in about.items()
+    ]
+    if seconds < SHORT_QUIET:
+        warnings.insert(
+            0, f'only {seconds:.0f} s of rest: the figures are rough below {SHORT_QUIET:g} s'
+        )
+    return tuple(warnings)
 
 
 def _identify_axis(
@@ -177,9 +192,9 @@ def _identify_axis(
     fitted = [piece for piece in residuals if len(piece) >= min(_SHORTEST_FITTED, longest)]
     deviation = float(np.sqrt(np.mean(np.concatenate(fitted) ** 2)))
     fits = fit_arma(fitted, orders)
-    phi, noise = paper_noise(fitted)
-    if not paper:
-        noise = fit_filter_noise(fitted, phi)
+    chosen = choose(fits)
+    drift = next(candidate for candidate in fits if candidate.order == (1, 0))
+    phi = float(drift.phi[0])
     return AxisModel(
         preprocessed=clean,
         checks=(
@@ -189,10 +204,11 @@ def _identify_axis(
             check_quantisation(raw, deviation),
         ),
         fits=tuple(fits),
-        chosen=choose(fits),
+        chosen=chosen,
+        lost=max(1.0 - chosen.variance / drift.variance, 0.0),
         description=fit_drift_and_white(fitted),
         phi=phi,
-        noise=noise,
+        noise=paper_noise(drift, deviation) if paper else fit_filter_noise(fitted, phi),
         deviation=deviation,
         allan=allan_deviation(clean.cleaned, period),
     )

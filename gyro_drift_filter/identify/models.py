@@ -14,7 +14,7 @@ from scipy import signal, stats
 from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
 from statsmodels.tsa.stattools import acf, q_stat
 
-from gyro_drift_filter.identify.spectrum import Fit, Spectrum, fit, spectrum
+from gyro_drift_filter.identify.spectrum import Spectrum, climb, fit, likelihood_interval, spectrum
 
 Array = NDArray[np.float64]
 Delays = NDArray[np.complex128]
@@ -29,10 +29,9 @@ MATERIAL = 10.0
 _LJUNG_BOX_LAGS = 20
 _LJUNG_BOX_SAMPLES = 50_000
 _START_SAMPLES = 20_000
-_NORMAL_95 = 1.959964
 # The drift can be told from white noise where its correlation at lag 1 is so many standard errors
-# from zero and its phi is known this well; or where that correlation is more distinct, and the
-# drift that explains it has no more than so many times the variance of the whole.
+# from zero and its phi is known this well, or where that correlation is more distinct; and where
+# the drift that explains it has no more than so many times the variance of the whole.
 _PRESENT = 4.0
 _PRECISE = 0.1
 _DISTINCT = 10.0
@@ -207,49 +206,50 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     cosine = np.cos(data.frequency)
 
     def density(v: Array) -> Array:
-        """Of phi, covariance at lag 1 and total variance."""
-        phi, covariance, total = v
+        """Of phi, the drift's variance and the white noise's."""
+        phi, drift, white = v
         if not 1e-9 < abs(phi) < 1.0:
             return np.full_like(cosine, np.nan)
-        drift = covariance / phi
-        return np.asarray(
-            drift * (1 - phi * phi) / (1 - 2 * phi * cosine + phi * phi) + total - drift
-        )
+        return np.asarray(drift * (1 - phi * phi) / (1 - 2 * phi * cosine + phi * phi) + white)
+
+    def by_moments(v: Array) -> Array:
+        """Return phi and both variances from phi, covariance at lag 1 and variance of the sum."""
+        phi, covariance, total = v
+        return np.array([phi, covariance / phi, total - covariance / phi])
 
     starts = ((0.2, 0.2, 1.0), (0.9, 0.5, 1.0), (0.9, 0.1, 1.0), (-0.2, -0.1, 1.0))
-    results = [fit(data, density, start) for start in starts]
-    best = max(results, key=lambda result: result.log_likelihood)
-    return _described(best, scale, data.samples)
-
-
-def _described(result: Fit, scale: float, samples: int) -> DriftAndWhite:
-    phi, covariance, total = (float(v) for v in result.parameters)
-    drift = covariance / phi
-    # Of the drift's variance by phi, covariance and total; the ratio of two estimates is biased.
-    slope = np.array([-drift / phi, 1.0 / phi, 0.0])
-    spread = result.covariance[0, 0]
-    relative = (spread - result.covariance[0, 1] * phi / covariance) / (phi**2 + spread)
-    drift_deviation = math.sqrt(max(float(slope @ result.covariance @ slope), 0.0))
-    white_slope = np.array([0.0, 0.0, 1.0]) - slope
-    white_deviation = math.sqrt(max(float(white_slope @ result.covariance @ white_slope), 0.0))
-    phi_deviation = float(result.deviations[0])
-    drift /= 1.0 + max(relative, -0.5)
-    white = total - drift
-    factor = math.exp(min(_NORMAL_95 * drift_deviation / max(drift, 1e-12), 50.0))
-    distinct = abs(covariance / total) * math.sqrt(samples)
-    return DriftAndWhite(
-        identifiable=(distinct > _PRESENT and phi_deviation < _PRECISE * abs(phi))
-        or (distinct > _DISTINCT and abs(drift) < _ABSURD * total),
-        phi=phi,
-        phi_interval=(phi - _NORMAL_95 * phi_deviation, phi + _NORMAL_95 * phi_deviation),
-        drift_variance=scale**2 * drift,
-        drift_variance_interval=(scale**2 * drift / factor, scale**2 * drift * factor),
-        white_variance=scale**2 * white,
-        white_variance_interval=(
-            scale**2 * (white - _NORMAL_95 * white_deviation),
-            scale**2 * (white + _NORMAL_95 * white_deviation),
-        ),
+    results = [fit(data, lambda v: density(by_moments(v)), start) for start in starts]
+    likeliest = max(results, key=lambda result: result.log_likelihood)
+    best = climb(data, density, by_moments(likeliest.parameters))
+    phi, drift, white = (float(v) for v in best.parameters)
+    total = drift + white
+    distinct = abs(drift * phi / total) * math.sqrt(data.samples)
+    spread = float(best.covariance[0, 0])
+    # The drift's variance is a ratio, the covariance at lag 1 over phi, and so too large on
+    # average; to second order by this share.
+    excess = -best.covariance[0, 1] * phi / (drift * (phi**2 + spread))
+    drift /= 1.0 + max(float(excess), -0.5)
+    bounds = ((-1.0, 1.0), (0.0, math.inf), (-math.inf, math.inf))
+    phi_interval, drift_interval, white_interval = (
+        likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
+    return DriftAndWhite(
+        identifiable=abs(drift) < _ABSURD * total
+        and (
+            distinct > _DISTINCT
+            or (distinct > _PRESENT and math.sqrt(spread) < _PRECISE * abs(phi))
+        ),
+        phi=phi,
+        phi_interval=phi_interval,
+        drift_variance=scale**2 * drift,
+        drift_variance_interval=_scaled(drift_interval, scale),
+        white_variance=scale**2 * (total - drift),
+        white_variance_interval=_scaled(white_interval, scale),
+    )
+
+
+def _scaled(interval: tuple[float, float], scale: float) -> tuple[float, float]:
+    return scale**2 * interval[0], scale**2 * interval[1]
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,11 @@ def fit_filter_noise(pieces: Sequence[Array], phi: float) -> FilterNoise:
     return FilterNoise(ratio * measurement, measurement)
 
 
-def paper_noise(pieces: Sequence[Array]) -> tuple[float, FilterNoise]:
-    """Return phi, and Q and R as the paper takes them: Q the residuals' variance, R the data's."""
-    (fitted,) = fit_arma(pieces, [(1, 0)])
-    return float(fitted.phi[0]), FilterNoise(fitted.variance, _deviation(pieces) ** 2)
+def paper_noise(drift: ArmaFit, deviation: float) -> FilterNoise:
+    """Return Q and R as the paper takes them: Q the variance of the residuals, R of the data.
+
+    Args:
+        drift: The fitted AR(1).
+        deviation: Of the data.
+    """
+    return FilterNoise(drift.variance, deviation**2)

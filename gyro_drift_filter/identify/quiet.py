@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.blocks import block_rows, row_means, row_medians
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.timing import Timing
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,10 +33,6 @@ WINDOW_SECONDS = 1.0
 LEAST_WINDOW = 16  # samples
 # Shorter stretches are not used: their ends are motion settling.
 SHORTEST_SECONDS = 5.0
-
-# A step of the stamps beyond both is a gap. Bursty delivery waits up to half a second.
-GAP_PERIODS = 10.0
-GAP_SECONDS = 0.6
 
 # Share of windows that are taken as the quietest, and their least number.
 QUIETEST_SHARE, QUIETEST_WINDOWS = 0.05, 5
@@ -80,7 +76,6 @@ class Quiet:
     Attributes:
         spans: The stretches that are long enough, in order.
         longest: The longest stretch, long enough or not; None where nothing is quiet.
-        gaps: Gaps in the stamps; each ends a span.
         missing: Samples with a rate that is not finite, in the whole recording.
         noise: (3,) deviation of the rate within a motionless window in rad/s.
         accelerometer: True where the accelerometer could be used.
@@ -88,7 +83,6 @@ class Quiet:
 
     spans: tuple[Span, ...]
     longest: Span | None
-    gaps: int
     missing: int
     noise: tuple[float, float, float]
     accelerometer: bool
@@ -103,59 +97,20 @@ class _Windows:
     part: Integers  # (w,)
 
 
-def find_quiet_spans(
-    stamps: Integers, rates: Floats, accelerations: Floats, period: float
-) -> list[Span]:
-    """Return the motionless spans of a recording, of five seconds or more, in order.
+def find_quiet(timing: Timing, rates: Floats, accelerations: Floats) -> Quiet:
+    """Return the motionless stretches of five seconds or more, and what was seen besides.
 
     Args:
-        stamps: (n,) in ns.
+        timing: Of the n samples.
         rates: (n, 3) in rad/s; may hold NaN.
         accelerations: (n, 3) in m/s^2; zeros or NaN where there is no accelerometer.
-        period: Mean sample period in s.
-
-    Raises:
-        IdentificationError: None is that long; the text tells the longest.
     """
-    quiet = find_quiet(stamps, rates, accelerations, period)
-    if not quiet.spans:
-        raise IdentificationError(describe_absence(quiet, stamps, period))
-    return list(quiet.spans)
-
-
-def describe_absence(quiet: Quiet, stamps: Integers, period: float) -> str:
-    """Return one line that says that nothing is motionless for long enough, and what comes next."""
-    if quiet.longest is None:
-        return 'no motionless part: even the quietest second of the recording moves'
-    begin = (int(stamps[quiet.longest.first]) - int(stamps[0])) * 1e-9
-    return (
-        f'no motionless part of {SHORTEST_SECONDS:g} s or more: the longest quiet stretch is '
-        f'{len(quiet.longest) * period:.1f} s, from {begin:.1f} s after the start'
-    )
-
-
-def find_quiet(
-    stamps: Integers,
-    rates: Floats,
-    accelerations: Floats,
-    period: float,
-    shortest: float = SHORTEST_SECONDS,
-) -> Quiet:
-    """Return the motionless stretches of `shortest` seconds or more, and what was seen besides.
-
-    Args:
-        stamps: (n,) in ns.
-        rates: (n, 3) in rad/s; may hold NaN.
-        accelerations: (n, 3) in m/s^2; zeros or NaN where there is no accelerometer.
-        period: Mean sample period in s.
-        shortest: In s.
-    """
+    period = timing.period
     missing = int((~np.isfinite(rates).all(axis=1)).sum())
-    breaks = np.flatnonzero(find_gaps(stamps, period)) + 1
+    breaks = np.flatnonzero(timing.gaps) + 1
     windows = _cut(len(rates), breaks, max(LEAST_WINDOW, round(WINDOW_SECONDS / period)))
-    nothing = Quiet((), None, len(breaks), missing, (0.0, 0.0, 0.0), False)
     if not len(windows.first):
-        return nothing
+        return Quiet((), None, missing, (0.0, 0.0, 0.0), False)
     lag = max(1, round(SMOOTH_SECONDS / period))
     # An acceleration that is partly NaN beside good rates says nothing about the rates.
     measured = [axis for axis in range(3) if _measures(accelerations[:, axis])]
@@ -172,21 +127,15 @@ def find_quiet(
         still &= fits & _gravity_stands(mean, level, windows, still & fits)
     stretches = _join(_shrink(still, windows), windows)
     longest = max(stretches, key=len, default=None)
-    spans = [span for span in stretches if len(span) * period >= shortest]
+    spans = [span for span in stretches if len(span) * period >= SHORTEST_SECONDS]
     spans = _same_rate(spans, windows, np.array(means), np.array(limits))
     return Quiet(
         tuple(spans),
         longest,
-        len(breaks),
         missing,
         (noise[0], noise[1], noise[2]),
         bool(measured),
     )
-
-
-def find_gaps(stamps: Integers, period: float) -> Bools:
-    """Tell for each step of (n,) stamps in ns whether it is a gap: (n - 1,)."""
-    return np.diff(stamps) * 1e-9 > max(GAP_PERIODS * period, GAP_SECONDS)
 
 
 def _cut(n: int, breaks: Integers, size: int) -> _Windows:

@@ -5,6 +5,7 @@ about the spectral density (Whittle, 1953). So the averages over narrow bins hol
 likelihood needs: a million samples become some hundred numbers, the same for every model.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,12 @@ _SKIPPED = 3
 _SINGLE = 64
 _GROWTH = 1.03
 _WIDEST = 512
+
+# Fisher scoring ends when a step gains less than this in log-likelihood.
+_SCORING_STEPS, _HALVINGS, _LEAST_GAIN = 30, 6, 1e-6
+# A 95 % interval ends where the log-likelihood has fallen by half the 95 % quantile of chi squared
+# with one degree of freedom; the root of it.
+_FALL_95 = math.sqrt(1.920729)
 
 
 @dataclass(frozen=True)
@@ -51,13 +58,11 @@ class Fit:
         parameters: (p,).
         covariance: (p, p) from the Fisher information.
         log_likelihood: Up to a constant that all models of the same spectrum share.
-        converged: False where the optimiser found no maximum.
     """
 
     parameters: Array
     covariance: Array
     log_likelihood: float
-    converged: bool
 
     @property
     def deviations(self) -> Array:
@@ -114,33 +119,85 @@ def fit(data: Spectrum, density: Density, start: Sequence[float]) -> Fit:
             are not positive where the parameters describe no process.
         start: First guess (p,).
     """
-
-    def cost(parameters: Array) -> float:
-        value = density(parameters)
-        if not (np.isfinite(value).all() and value.min() > 0.0):
-            return np.inf
-        return float(np.sum(data.weight * (np.log(value) + data.power / value)))
-
-    first = np.asarray(start, float)
-    # The simplex needs no derivatives and takes infinite costs; its end is polished by Newton's
-    # method with the Fisher information, which costs next to nothing.
+    # The simplex needs no derivatives and takes infinite costs; scoring makes its end exact.
     found: Any = optimize.minimize(
-        cost,
-        first,
+        lambda parameters: _cost(data, density, parameters),
+        np.asarray(start, float),
         method='Nelder-Mead',
-        options={'xatol': 1e-5, 'fatol': 1e-4, 'maxiter': 400 * len(first), 'adaptive': True},
+        options={'xatol': 1e-5, 'fatol': 1e-4, 'maxiter': 400 * len(start), 'adaptive': True},
     )
-    parameters, lowest = np.asarray(found.x), float(found.fun)
-    for _ in range(8):
-        covariance, score = _information(data, density, parameters)
-        step = covariance @ score
-        candidate = parameters + step
-        value = cost(candidate)
-        if not value < lowest:
+    return climb(data, density, found.x)
+
+
+def climb(data: Spectrum, density: Density, start: Array) -> Fit:
+    """Return the parameters of largest likelihood near a good first guess, by Fisher scoring.
+
+    Args:
+        data: The spectrum.
+        density: As for `fit`.
+        start: (p,).
+    """
+    parameters, lowest = np.asarray(start, float), _cost(data, density, start)
+    covariance, score = _information(data, density, parameters)
+    for _ in range(_SCORING_STEPS if np.isfinite(lowest) else 0):
+        step, before = covariance @ score, lowest
+        for _ in range(_HALVINGS):
+            value = _cost(data, density, parameters + step)
+            if value < lowest:
+                parameters, lowest = parameters + step, value
+                covariance, score = _information(data, density, parameters)
+                break
+            step = 0.5 * step
+        if before - lowest < _LEAST_GAIN:
             break
-        parameters, lowest = candidate, value
-    covariance, _ = _information(data, density, parameters)
-    return Fit(parameters, covariance, -lowest, bool(np.isfinite(lowest)))
+    return Fit(parameters, covariance, -lowest)
+
+
+def likelihood_interval(
+    data: Spectrum, density: Density, best: Fit, index: int, bounds: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the 95 % interval of one parameter by its profile likelihood.
+
+    The profile at a value is the largest likelihood that the other parameters can give it. Unlike
+    an interval by standard errors, this one is as lopsided as the data ask for.
+
+    Args:
+        data: The spectrum.
+        density: As for `fit`.
+        best: Most likely parameters (p,).
+        index: Of the parameter.
+        bounds: The interval ends there where the likelihood is still high.
+    """
+    estimate, deviation = float(best.parameters[index]), float(best.deviations[index])
+    others = np.delete(best.parameters, index)
+
+    def shortfall(value: float) -> float:
+        """Return how far the profile has fallen, less what ends the interval."""
+        profile = climb(data, lambda v: density(np.insert(v, index, value)), others)
+        # Of the root, which is nearly a straight line, and finite for those who interpolate.
+        fallen = min(best.log_likelihood - profile.log_likelihood, 1e6)
+        return math.sqrt(max(fallen, 0.0)) - _FALL_95
+
+    def limit(bound: float) -> float:
+        inner, step = estimate, math.copysign(deviation, bound - estimate)
+        while abs(bound - inner) > abs(step):
+            outer = inner + step
+            if shortfall(outer) >= 0.0:
+                return float(optimize.brentq(shortfall, inner, outer, xtol=0.01 * deviation))
+            inner, step = outer, 1.5 * step
+        return bound
+
+    if not (deviation > 0.0 and bounds[0] < estimate < bounds[1]):
+        return bounds
+    return limit(bounds[0]), limit(bounds[1])
+
+
+def _cost(data: Spectrum, density: Density, parameters: Array) -> float:
+    """Return minus the log-likelihood, infinite where the parameters describe no process."""
+    value = density(parameters)
+    if not (np.isfinite(value).all() and value.min() > 0.0):
+        return np.inf
+    return float(np.sum(data.weight * (np.log(value) + data.power / value)))
 
 
 def _information(data: Spectrum, density: Density, parameters: Array) -> tuple[Array, Array]:

@@ -1,0 +1,59 @@
+"""What the stamps say."""
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.timing import learn_timing
+
+PERIOD_NS = 10_000_000
+
+
+def even(n):
+    return 10**18 + PERIOD_NS * np.arange(n)
+
+
+def test_even_stamps():
+    timing = learn_timing(even(1000))
+    assert timing.period == pytest.approx(0.01)
+    assert timing.cuts == 0
+    assert timing.uneven == 0.0
+
+
+@pytest.mark.parametrize('size', [3, 45])
+def test_bursts_are_seen_and_cut_nothing(size):
+    stamps = even(6000)
+    stamps = stamps[np.minimum(np.arange(6000) // size * size + size - 1, 5999)]
+    timing = learn_timing(stamps)
+    assert timing.period == pytest.approx(0.01, rel=0.02)
+    assert timing.cuts == 0
+    assert timing.uneven > 0.9
+
+
+def test_gaps_and_jumps_back_cut_and_leave_the_period_alone():
+    stamps = even(6000)
+    stamps[1000:] += 700_000_000
+    stamps[3000:] -= 20_000_000_000
+    timing = learn_timing(stamps)
+    assert np.flatnonzero(timing.gaps).tolist() == [999, 2999]
+    assert timing.period == pytest.approx(0.01, rel=1e-3)
+    assert timing.uneven == 0.0
+
+
+def test_a_slow_sensor_has_no_gaps():
+    timing = learn_timing(10**18 + 10**9 * np.arange(100))
+    assert timing.period == pytest.approx(1.0)
+    assert timing.cuts == 0
+
+
+@pytest.mark.parametrize('stamps', [np.zeros(0, np.int64), even(1), np.full(100, 10**18)])
+def test_stamps_that_do_not_advance_are_an_error(stamps):
+    with pytest.raises(IdentificationError, match='do not advance'):
+        learn_timing(stamps)
+
+
+def test_a_real_bursty_recording(real):
+    timing = learn_timing(real('static_mpu6050_bursty')[0])
+    assert 1.0 / timing.period == pytest.approx(99.3, abs=0.5)
+    assert timing.cuts == 0
+    assert timing.uneven > 0.3
