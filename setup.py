@@ -35,8 +35,13 @@ setup(
         'fast': ['numba>=0.59'],
         # Bags: replay and simulate.
         'offline': ['rosbags>=0.11,<0.12'],
-        # Identification of the drift model.
-        'identify': ['allantools>=2024.6', 'scipy>=1.11', 'statsmodels>=0.14'],
+        # Identification of the drift model, and its figures.
+        'identify': [
+            'allantools>=2024.6',
+            'matplotlib>=3.8',
+            'scipy>=1.11',
+            'statsmodels>=0.14',
+        ],
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',

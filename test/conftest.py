@@ -20,13 +20,24 @@ NAMES = (
 )
 
 
+def path_of(name):
+    """Return the path of a real recording, or skip the test where there is none."""
+    path = RECORDINGS / name
+    if not path.exists():
+        pytest.skip(f'the real recording {name} is not beside this clone')
+    return path
+
+
 @pytest.fixture(params=NAMES)
 def recording(request):
     """Path of each real recording in turn."""
-    path = RECORDINGS / request.param
-    if not path.exists():
-        pytest.skip(f'the real recording {request.param} is not beside this clone')
-    return path
+    return path_of(request.param)
+
+
+@pytest.fixture
+def real_bag():
+    """Return a function of a recording's name to its path."""
+    return path_of
 
 
 @pytest.fixture
@@ -43,9 +54,7 @@ def real():
     known = {}
 
     def load(name):
-        path = RECORDINGS / name
-        if not path.exists():
-            pytest.skip(f'the real recording {name} is not beside this clone')
+        path = path_of(name)
         if name not in known:
             with open_bag(path) as reader:
                 read = [read_imu(d) for c, _, d in messages(reader) if c.msgtype == IMU_TYPE]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.ladder import LADDER, LEVELS, derive_ladder
+from gyro_drift_filter.core.simulation import autoregressive
 
 START = 10**18
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
@@ -267,6 +268,28 @@ def test_a_known_noise_level_is_used_from_the_first_sample(random):
     results = run(z, model_noise_deviation=(0.05, 0.05, 0.05))
     np.testing.assert_allclose(results['measurement_noise'][0], 0.05**2)
     np.testing.assert_allclose(np.sqrt(results['measurement_noise'][-1]), 0.05, rtol=0.2)
+
+
+def test_a_known_noise_level_survives_a_start_in_motion(random):
+    """The first changes between samples are motion then, not the sensor's resolution."""
+    turn = 5.0 * np.sin(2 * np.pi * np.arange(300) / 100.0)[:, None]
+    z = turn + at_rest(random, 300, 0.005)
+    results = run(z, model_noise_deviation=(0.005, 0.005, 0.005))
+    assert np.sqrt(results['measurement_noise'].max()) < 0.0075
+    error = results['angular_velocity'] - turn
+    assert np.sqrt((error**2).mean()) < 1.1 * np.sqrt(((z - turn) ** 2).mean())
+
+
+@pytest.mark.parametrize(('phi', 'correlation'), [(0.01, 0.8), (0.8, 0.0)])
+def test_the_correlation_of_a_known_noise_is_taken_out_from_the_first_sample(
+    phi, correlation, random
+):
+    """The late innovations of a start at rest, before any block of noise has been judged."""
+    starts = autoregressive(random, 40_000, 0.8, 0.005).reshape(-1, 16, 3)[:500]
+    known = {'model_noise_deviation': (0.0083,) * 3, 'model_phi': (phi,) * 3}
+    innovations = np.array([run(z, **known)['innovation'][8:] for z in starts])
+    products = innovations[:, 1:] * innovations[:, :-1]
+    assert products.mean() / (innovations**2).mean() == pytest.approx(correlation, abs=0.3)
 
 
 @pytest.mark.parametrize('deviation', [1e-4, 1e-3, 1e-2, 1e-1])

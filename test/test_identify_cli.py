@@ -1,30 +1,38 @@
 """`gyro_drift identify` as a person meets it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from matplotlib import image
 
+from gyro_drift_filter.bags.recording import message_type, serialize
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core.simulation import SimulationSettings, simulate
-from test.conftest import RECORDINGS
 from test.test_replay import IMU_TYPE, write
 
+START = 10**18
 
-def bag(path, seconds=90.0, change=None):
+
+def bag(path, seconds=90.0, change=None, gap=0.0, burst=1):
+    """Write a motionless recording at 100 Hz; `gap` in s in its middle."""
     data = simulate(
         SimulationSettings(static_seconds=seconds, dynamic_seconds=0, white_deviation=1e-4)
     )
     rates = data.angular_velocity if change is None else change(data.angular_velocity.copy())
+    stamps = data.stamps.copy()
+    stamps[len(stamps) // 2 :] += round(gap * 1e9)
+    stamps = stamps[np.minimum(np.arange(len(stamps)) // burst * burst, len(stamps) - 1)]
     return write(
         path,
         {
             (TOPIC, IMU_TYPE): [
                 (stamp, imu_message(stamp, rate, acceleration))
                 for stamp, rate, acceleration in zip(
-                    data.stamps.tolist(), rates, data.linear_acceleration, strict=True
+                    stamps.tolist(), rates, data.linear_acceleration, strict=True
                 )
             ]
         },
@@ -41,6 +49,9 @@ def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert 'bias (deg/s)' in printed
     assert 'ARMA(1, 0) *' in printed
+    assert 'time: 100 Hz, samples taken as evenly spaced\n' in printed
+    assert len(re.findall(r'^  [xyz]  [a-z ]{12}  (holds|FAILS)  ', printed, re.MULTILINE)) == 12
+    assert 'x  stationarity  holds  stationary: ADF' in printed
     parameters = read_parameters(tmp_path / 'model.yaml')
     assert parameters.sample_rate == pytest.approx(100.0, rel=1e-3)
     np.testing.assert_allclose(parameters.model_phi, 0.218, atol=0.04)
@@ -50,6 +61,33 @@ def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):
     np.testing.assert_allclose(biases, [0.01, -0.02, 0.005], atol=3e-4)
     arguments = ['--params', str(tmp_path / 'model.yaml'), '--method', 'kalman']
     assert main(['replay', str(source), '-o', str(tmp_path / 'out'), *arguments]) == 0
+
+
+def test_more_orders_on_request(tmp_path, capsys):
+    assert identify(tmp_path, bag(tmp_path / 'in', 30), '--order', '5,3', '--order', '0,2') == 0
+    printed = capsys.readouterr().out
+    assert printed.count('ARMA(5, 3)') == printed.count('ARMA(0, 2)') == 3
+
+
+@pytest.mark.parametrize('order', ['6,0', '1,4', '-1,0', '2', 'one,two'])
+def test_orders_beyond_are_refused(order, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        identify(tmp_path, tmp_path / 'in', f'--order={order}')
+    assert '--order' in capsys.readouterr().err
+
+
+def test_figures(tmp_path, capsys):
+    source = bag(tmp_path / 'in')
+    assert identify(tmp_path, source, '--plot', str(tmp_path / 'figures')) == 0
+    names = ('allan', 'autocorrelation', 'recording', 'spectrum')
+    printed = capsys.readouterr().out
+    drawn = sorted((tmp_path / 'figures').iterdir())
+    assert [path.name for path in drawn] == [f'{name}.png' for name in names]
+    for path in drawn:
+        picture = image.imread(path)
+        assert min(picture.shape[:2]) > 500
+        assert picture[..., :3].std() > 0.05
+        assert str(path) in printed
 
 
 def test_noise_as_the_paper_takes_it(tmp_path):
@@ -79,13 +117,25 @@ def zero(rates):
     return rates
 
 
+def deadband(rates):
+    rates[:, 0] = np.where(np.abs(rates[:, 0] - 0.01) < 0.006, 0.0, rates[:, 0] - 0.01)
+    return rates
+
+
+def missing(rates):
+    rates[:, 1] = np.nan
+    return rates
+
+
 @pytest.mark.parametrize(
     ('change', 'options', 'message'),
     [
-        (moving, [], '20 s of rest are needed'),
-        (None, ['--end', '10'], '20 s of rest are needed'),
-        (constant, [], 'axis y'),
-        (zero, [], 'axis z'),
+        (moving, [], 'no rest: even the quietest second of the recording moves; 20 s of rest are'),
+        (None, ['--end', '10'], 'only 10.0 s of rest, the longest 10.0 s, from 0.0 s after the st'),
+        (constant, [], 'axis y is constant at 0.25 rad/s: it does not measure'),
+        (zero, [], 'axis z is zero throughout: it does not measure'),
+        (deadband, [], 'axis x has a dead band'),
+        (missing, [], 'no rest'),
         (None, ['--start', '500'], 'no sample between --start 500'),
     ],
 )
@@ -104,18 +154,55 @@ def test_a_file_that_exists_is_left_alone(tmp_path, capsys):
     assert (tmp_path / 'model.yaml').read_text() == 'mine'
 
 
-def test_nans_and_a_gap_are_bridged(tmp_path):
+def test_nans_and_a_gap(tmp_path, capsys):
     def broken(rates):
         rates[1000::500] = np.nan
         return rates
 
-    assert identify(tmp_path, bag(tmp_path / 'in', change=broken)) == 0
+    assert identify(tmp_path, bag(tmp_path / 'in', change=broken, gap=20.0)) == 0
+    printed = capsys.readouterr().out
+    assert 'in 2 spans, by gyroscope and accelerometer: 0.0 to 45.0 s, 65.0 to 110.0 s' in printed
+    assert '100 Hz, samples taken as evenly spaced; cut at 1 gap\n' in printed
+    assert 'missing: 16 samples are not finite' in printed
+    assert read_parameters(tmp_path / 'model.yaml').model_phi[0] == pytest.approx(0.218, abs=0.04)
 
 
-def test_a_real_recording(tmp_path, capsys):
-    source = RECORDINGS / 'static_adis16405'
-    if not source.exists():
-        pytest.skip('the real recording static_adis16405 is not beside this clone')
+def test_what_is_done_about_bursts_is_said(tmp_path, capsys):
+    assert identify(tmp_path, bag(tmp_path / 'in', burst=10)) == 0
+    assert 'evenly spaced, though 100 % of the stamps come in bursts' in capsys.readouterr().out
+    assert read_parameters(tmp_path / 'model.yaml').sample_rate == pytest.approx(100.0, rel=0.01)
+
+
+def test_a_bag_with_temperature_only(tmp_path, capsys):
+    name = 'sensor_msgs/msg/Temperature'
+    header = message_type('std_msgs/msg/Header')(
+        stamp=message_type('builtin_interfaces/msg/Time')(sec=1, nanosec=0), frame_id='imu'
+    )
+    data = serialize(message_type(name)(header=header, temperature=21.0, variance=0.0), name)
+    source = write(tmp_path / 'in', {('/imu/temperature', name): [(START, data)]})
+    assert identify(tmp_path, source) == 1
+    error = capsys.readouterr().err
+    assert 'sensor_msgs/msg/Imu' in error
+    assert '/imu/temperature' in error
+    assert error.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'said'),
+    [
+        ('static_mpu6050_bursty', r'99\.\d+ Hz, .* though \d\d % of the stamps come in bursts'),
+        ('xio_fusion', r'rest: \d\d\.\d s in \d spans, by gyroscope and accelerometer'),
+        ('broad_24_tapping', r'rest: \d\d\.\d s in \d spans, by gyroscope and accelerometer'),
+    ],
+)
+def test_real_recordings_with_bursts_and_motion(name, said, real_bag, tmp_path, capsys):
+    assert identify(tmp_path, real_bag(name)) == 0
+    assert re.search(said, capsys.readouterr().out)
+    read_parameters(tmp_path / 'model.yaml')
+
+
+def test_a_real_recording(real_bag, tmp_path):
+    source = real_bag('static_adis16405')
     assert identify(tmp_path, source, '--json', str(tmp_path / 'model.json')) == 0
     axes = json.loads((tmp_path / 'model.json').read_text())['axes']
     biases = np.degrees([axis['preprocessed']['bias'] for axis in axes])

@@ -111,13 +111,13 @@ def derive_adaptive(
 
 
 @compiled
-def start_adaptive(axis: Any, sample: float, deviation: float) -> None:
+def start_adaptive(axis: Any, sample: float, deviation: float, phi: float) -> None:
     """Begin at a sample: nothing known but that the rate is near it.
 
-    What was learned of the noise is kept; before that it is `deviation` (rad/s), 0 to learn it.
+    What was learned of the noise is kept; before that it is as for `start_noise`.
     """
     if not axis['learning']:
-        start_noise(axis['noise'], deviation)
+        start_noise(axis['noise'], deviation, phi)
         axis['jolt']['usual_change'] = FIRST_CHANGE
         axis['learning'] = True
     restart_block(axis['noise'])

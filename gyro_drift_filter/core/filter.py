@@ -264,7 +264,8 @@ def _step_adaptive(
             if not usable:
                 result['status'] = REFUSED
                 continue
-            start_adaptive(adaptive, rate[axis], settings['model'][axis]['noise_deviation'])
+            model = settings['model'][axis]
+            start_adaptive(adaptive, rate[axis], model['noise_deviation'], model['phi'])
         else:
             for _ in range(missing):
                 predict_adaptive(adaptive, ladder)
@@ -362,7 +363,7 @@ class Filter:
                 state['paper'][name] = settings['model'][name]
         for axis, deviation in enumerate(parameters.model_noise_deviation):
             if deviation not in (0.0, before.model_noise_deviation[axis]):
-                start_noise(state['adaptive'][axis]['noise'], deviation)
+                start_noise(state['adaptive'][axis]['noise'], deviation, parameters.model_phi[axis])
         if parameters.sample_rate != before.sample_rate and parameters.sample_rate > 0.0:
             state['clock']['period'] = period_of(parameters.sample_rate)
         if (parameters.method == 'adaptive') != (before.method == 'adaptive'):

@@ -19,6 +19,7 @@ BLOCK_SECONDS = 0.5
 FORGETTING_SECONDS = 0.1
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
 FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
+KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
 LEAST_THIRDS = 10  # third differences, without which a block tells nothing
 
 # A block is noise alone where third differences carry at least this share of its variance.
@@ -40,7 +41,8 @@ NOISE = np.dtype(
         ('variance', np.float64),  # R, (rad/s)^2
         ('correlation', np.float64),  # of consecutive samples: phi of equation (2)
         ('roughness', np.float64),  # share of R that no smooth prediction can follow
-        ('blocks', np.int64),  # k of equation (13); 0: noise not seen yet
+        ('blocks', np.int64),  # k of equation (13); 0: noise not known yet
+        ('seen', np.bool_),  # a block of noise has been learned from
         ('bounded', np.bool_),  # R is a bound, taken from a block of motion
         ('resolution', np.float64),  # rad/s, the smallest change seen; 0 before the first
         # the block under way
@@ -64,14 +66,21 @@ NOISE = np.dtype(
 
 
 @compiled
-def start_noise(noise: Any, deviation: float) -> None:
-    """Begin with a standard deviation in rad/s, 0 where it is to be learned."""
+def start_noise(noise: Any, deviation: float, phi: float) -> None:
+    """Begin with a standard deviation in rad/s, 0 where it is to be learned.
+
+    `phi` is the correlation of consecutive samples that goes with it, of AR(1) noise.
+    """
     known = deviation > 0.0
+    correlation = min(max(phi, 0.0), STRONGEST_CORRELATION) if known else 0.0
     noise['variance'] = (deviation if known else FIRST_NOISE) ** 2
-    noise['blocks'] = 1 if known else 0
+    noise['blocks'] = KNOWN_BLOCKS if known else 0
+    noise['seen'] = False
     noise['bounded'] = False
-    noise['roughness'] = 1.0
-    noise['correlation'] = 0.0
+    # Of third differences, x(k) - 3 x(k-1) + 3 x(k-2) - x(k-3), of AR(1) noise.
+    roughness = 1.0 - correlation * (1.5 - correlation * (0.6 - 0.1 * correlation))
+    noise['roughness'] = max(roughness, LEAST_ROUGHNESS)
+    noise['correlation'] = correlation
     noise['resolution'] = 0.0
     restart_block(noise)
 
@@ -133,7 +142,7 @@ def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting:
     noise['count'] += 1
     noise['place'] += 1
     noise['run'] = run + 1
-    if noise['count'] >= (block_samples if noise['blocks'] > 0 else FIRST_BLOCK):
+    if noise['count'] >= (block_samples if noise['seen'] else FIRST_BLOCK):
         if noise['thirds'] >= LEAST_THIRDS:
             _judge_block(noise, block_forgetting)
         _next_block(noise)
@@ -167,7 +176,7 @@ def _judge_block(noise: Any, block_forgetting: float) -> None:
         noise['variance'] = min(noise['variance'], bound) if noise['bounded'] else bound
         noise['bounded'] = True
     noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
-    if noise['blocks'] > 0:
+    if noise['seen']:
         # A sensor of coarse steps that shows no noise still errs by a step's rounding.
         rounding = noise['resolution'] * noise['resolution'] / 12.0
         noise['variance'] = max(noise['variance'], rounding)
@@ -175,6 +184,7 @@ def _judge_block(noise: Any, block_forgetting: float) -> None:
 
 @compiled
 def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgetting: float) -> None:
+    noise['seen'] = True
     if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
         noise['variance'] = variance
         noise['blocks'] = 0

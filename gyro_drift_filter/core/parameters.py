@@ -233,8 +233,8 @@ class Parameters:
         (0.0, 0.0, 0.0),
         'model.noise_deviation',
         'double_array',
-        'Standard deviation of the noise at rest per axis, in rad/s, that learning starts from; '
-        '0 learns it from the first samples. Of adaptive.',
+        'Standard deviation of the noise at rest per axis, in rad/s, that learning starts from, '
+        'with model.phi as its correlation; 0 learns both from the first samples. Of adaptive.',
         low=0.0,
         high=1.0e3,
     )

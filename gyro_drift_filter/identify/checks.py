@@ -115,8 +115,8 @@ def check_zero_mean(residuals: Sequence[Floats]) -> Check:
         'zero mean',
         passed,
         worst,
-        f'the largest mean of {len(residuals)} spans is {worst:.2f} of its deviations off zero '
-        f'(span {where + 1}; limit {MEAN_LIMIT:g})',
+        f'the mean of span {where + 1} of {len(residuals)}, the largest, is {worst:.2f} of its '
+        f'deviations off zero (limit {MEAN_LIMIT:g})',
         ''
         if passed
         else 'the bias differs from one motionless span to another by more than the noise '

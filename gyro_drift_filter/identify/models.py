@@ -65,6 +65,14 @@ class ArmaFit:
     bic: float
     ljung_box: float
 
+    def density(self, frequency: Array) -> Array:
+        """Return the spectral density (m,) at angular frequencies (m,) in radians per sample.
+
+        As the power of a `Spectrum`, its mean over all frequencies is the variance of x.
+        """
+        parameters = np.r_[self.phi, self.theta, math.log(self.variance)]
+        return _arma_density(_delays(frequency, self.order), self.order, parameters)
+
 
 def fit_arma(pieces: Sequence[Array], orders: Sequence[Order] = ORDERS) -> list[ArmaFit]:
     """Return a fit for each order.
@@ -93,10 +101,15 @@ def _deviation(pieces: Sequence[Array]) -> float:
     return math.sqrt(float(np.mean(np.concatenate(pieces) ** 2)))
 
 
+def _delays(frequency: Array, order: Order) -> Delays:
+    """Return exp(-i w k) for k from 1 up to what the order needs, at each frequency w."""
+    return np.asarray(np.exp(-1j * np.outer(frequency, np.arange(1, max(order) + 1))))
+
+
 def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
     """Return the spectral density of phi (p,), theta (q,) and the logarithm of the variance.
 
-    `delays` (m, k) holds exp(-i w k) for k from 1, at each of m frequencies w.
+    `delays` (m, k) as of `_delays`.
     """
     p, q = order
     phi, theta = parameters[:p], parameters[p : p + q]
@@ -117,7 +130,7 @@ def _is_stable(coefficients: Array) -> bool:
 def _fit_one(pieces: Sequence[Array], data: Spectrum, order: Order, scale: float) -> ArmaFit:
     p, q = order
     starts = [_start(pieces, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
-    delays = np.exp(-1j * np.outer(data.frequency, np.arange(1, max(p, q, 1) + 1)))
+    delays = _delays(data.frequency, order)
     results = [
         fit(data, lambda v: _arma_density(delays, order, v), [*start.tolist(), 0.0])
         for start in starts
@@ -172,8 +185,8 @@ class DriftAndWhite:
     """AR(1) drift plus white noise, as a description of the sensor.
 
     Attributes:
-        identifiable: False where the recording can't tell the two apart; the rest is then of little
-            worth.
+        identifiable: False where the recording can't tell the two apart, or the noise is of another
+            kind; the rest is then of little worth.
         phi: Coefficient of the drift, and its 95 % interval.
         phi_interval: (low, high).
         drift_variance: Stationary variance of the drift, in the units of the data squared.
@@ -234,7 +247,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
     return DriftAndWhite(
-        identifiable=abs(drift) < _ABSURD * total
+        identifiable=0.0 < drift < _ABSURD * total
         and (
             distinct > _DISTINCT
             or (distinct > _PRESENT and math.sqrt(spread) < _PRECISE * abs(phi))

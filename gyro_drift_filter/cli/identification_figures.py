@@ -1,0 +1,149 @@
+"""Figures of an identification as PNG files; needs matplotlib."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from statsmodels.tsa.arima_process import ArmaProcess
+from statsmodels.tsa.stattools import acf
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.identify.identification import AxisModel, Identification
+from gyro_drift_filter.identify.spectrum import spectrum
+
+mpl.use('Agg')
+from matplotlib import pyplot as plt
+
+_RAW, _MODEL, _CHOSEN, _REST = '#8a94a6', '#d1722b', '#1f5fa8', '#2a8a57'
+_LAGS = 40
+
+
+def draw(
+    folder: Path,
+    result: Identification,
+    stamps: NDArray[np.int64],
+    rates: NDArray[np.float64],
+) -> list[Path]:
+    """Draw the recording, its Allan deviation, autocorrelation and spectrum.
+
+    Args:
+        folder: Made if it is missing; files of the same names in it are replaced.
+        result: Of the recording.
+        stamps: (n,) in ns.
+        rates: (n, 3) in rad/s.
+
+    Returns:
+        The files written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    period = result.timing.period
+    seconds = (stamps - stamps[0]) * 1e-9
+
+    def recording(panel: Axes, axis: AxisModel, index: int) -> None:
+        _recording(panel, axis, seconds, np.degrees(rates[:, index]), result)
+
+    drawn: tuple[tuple[str, str, Callable[[Axes, AxisModel, int], None], str], ...] = (
+        (
+            'recording',
+            'Static output (figure 1 of the paper), rests shaded',
+            recording,
+            'time (s)',
+        ),
+        ('allan', 'Overlapping Allan deviation', _allan, 'averaging time tau (s)'),
+        ('autocorrelation', 'Autocorrelation at rest', _autocorrelation, 'lag (samples)'),
+        (
+            'spectrum',
+            'Power spectral density at rest',
+            lambda panel, axis, _: _spectrum(panel, axis, period),
+            'frequency (Hz)',
+        ),
+    )
+    written = []
+    for name, title, draw_panel, label in drawn:
+        figure, panels = plt.subplots(3, 1, sharex=True, figsize=(9, 8.5), layout='constrained')
+        for index, (panel, axis) in enumerate(zip(panels, result.axes, strict=True)):
+            draw_panel(panel, axis, index)
+            panel.set_title(f'axis {AXES[index]}', fontsize=10, loc='left')
+            panel.grid(alpha=0.3)
+        panels[0].legend(loc='best', fontsize=8)
+        panels[-1].set_xlabel(label)
+        figure.suptitle(title)
+        path = folder / f'{name}.png'
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+        written.append(path)
+    return written
+
+
+def _recording(
+    panel: Axes,
+    axis: AxisModel,
+    seconds: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    result: Identification,
+) -> None:
+    panel.plot(seconds, rate, linewidth=0.4, color=_RAW, label='raw')
+    for begin, span in zip(result.begins, result.quiet.spans, strict=True):
+        panel.axvspan(
+            begin, begin + len(span) * result.timing.period, color=_REST, alpha=0.12, linewidth=0
+        )
+    bias = float(np.degrees(axis.preprocessed.bias))
+    panel.axhline(bias, color=_MODEL, linewidth=1.0, label='bias')
+    # The rests are the subject: motion may leave the frame.
+    within = np.degrees(np.concatenate(axis.preprocessed.cleaned))
+    reach = 1.2 * float(np.abs(within - bias).max())
+    panel.set_ylim(bias - reach, bias + reach)
+    panel.set_ylabel('deg/s')
+
+
+def _allan(panel: Axes, axis: AxisModel, _: int) -> None:
+    allan = axis.allan
+    panel.loglog(
+        allan.taus, 3600 * np.degrees(allan.deviations), '.-', color=_CHOSEN, label='measured'
+    )
+    lines: tuple[tuple[str, Any, float], ...] = (
+        ('angle random walk', allan.angle_random_walk, -0.5),
+        ('rate random walk', allan.rate_random_walk, 0.5),
+    )
+    for (label, reading, slope), colour in zip(lines, (_MODEL, _REST), strict=True):
+        if reading is not None:
+            taus = np.array([reading.shortest, reading.longest])
+            # K is defined at tau = 3 s, N at 1 s.
+            value = reading.value * (taus if slope < 0 else taus / 3.0) ** slope
+            panel.plot(taus, 3600 * np.degrees(value), color=colour, linewidth=3, label=label)
+    panel.set_ylabel('deg/h')
+
+
+def _autocorrelation(panel: Axes, axis: AxisModel, _: int) -> None:
+    piece = max(axis.preprocessed.residuals, key=len)
+    lags = np.arange(1, _LAGS + 1)
+    measured = np.asarray(acf(piece, nlags=_LAGS, fft=True))[1:]
+    limit = 1.96 / np.sqrt(len(piece))
+    panel.axhspan(-limit, limit, color=_RAW, alpha=0.3, linewidth=0, label='95 % of white noise')
+    panel.vlines(lags, 0.0, measured, color=_RAW)
+    panel.plot(lags, measured, '.', color=_CHOSEN, label='measured')
+    drift = ArmaProcess([1.0, -axis.phi], [1.0]).acf(_LAGS + 1)[1:]
+    panel.plot(lags, drift, color=_MODEL, linewidth=1, label='AR(1) of the filters')
+    if axis.chosen.order not in ((0, 0), (1, 0)):
+        chosen = ArmaProcess(np.r_[1.0, -axis.chosen.phi], np.r_[1.0, -axis.chosen.theta])
+        panel.plot(lags, chosen.acf(_LAGS + 1)[1:], '--', color=_REST, linewidth=1, label='chosen')
+    panel.set_ylabel('correlation')
+
+
+def _spectrum(panel: Axes, axis: AxisModel, period: float) -> None:
+    data = spectrum(axis.preprocessed.residuals)
+    frequency = data.frequency / (2.0 * np.pi * period)
+    # One-sided, (deg/s)^2 per Hz.
+    scale = 2.0 * period * np.degrees(1.0) ** 2
+    panel.loglog(frequency, scale * data.power, color=_RAW, linewidth=0.7, label='measured')
+    drift = next(fitted for fitted in axis.fits if fitted.order == (1, 0))
+    for label, fitted, colour in (
+        ('chosen', axis.chosen, _REST),
+        ('AR(1) of the filters', drift, _MODEL),
+    ):
+        panel.plot(frequency, scale * fitted.density(data.frequency), color=colour, label=label)
+    panel.set_ylabel('(deg/s)²/Hz')
