@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.80665
 START = 1_600_000_000_000_000_000
@@ -97,13 +98,25 @@ def motion(seconds: float, rate: float, random: np.random.Generator, speed: floa
         at += length + random.uniform(8.0, 12.0)
     truth = _low_pass(truth, min(_MOTION_BAND, rate / 4), order=6)
     truth = truth[np.round(np.arange(int(seconds * rate)) * _FINE / rate).astype(int)]
-    gravity = np.tile([0.0, 0.0, GRAVITY], (len(truth), 1))
-    acceleration = gravity + 0.05 * np.gradient(truth, 1 / rate, axis=0)[:, [1, 2, 0]]
+    acceleration = _gravity(truth, rate) + 0.05 * np.gradient(truth, 1 / rate, axis=0)[:, [1, 2, 0]]
     acceleration += 0.02 * random.standard_normal(truth.shape)
     margin = int(_STILL_SECONDS * rate)
     still = np.pad((np.abs(truth) < _STILL).all(axis=1), margin, mode='edge').astype(float)
     rest = np.convolve(still, np.ones(2 * margin + 1), 'valid') > 2 * margin + 0.5
     return Trial(truth, acceleration, rest)
+
+
+def _gravity(truth: Array, rate: float) -> Array:
+    """Return gravity in the axes of a body that turns at the rates `truth`, (n, 3) in m/s^2."""
+    stride = max(1, round(rate / 100.0))
+    turns = Rotation.from_rotvec(truth[::stride] * stride / rate).inv().as_matrix()
+    coarse = np.empty((len(turns), 3))
+    vector = np.array([0.0, 0.0, GRAVITY])
+    for k, turn in enumerate(turns):
+        coarse[k] = vector
+        vector = turn @ vector
+    index, known = np.arange(len(truth)), np.arange(len(turns)) * stride
+    return np.column_stack([np.interp(index, known, coarse[:, axis]) for axis in range(3)])
 
 
 def _low_pass(values: Array, hertz: float, order: int = 3) -> Array:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -53,7 +54,9 @@ class LiveNode:
         returncode: The node's exit status after the end.
     """
 
-    def __init__(self, arguments: Sequence[str] = LOSSLESS, node: Path = NODE) -> None:
+    def __init__(
+        self, arguments: Sequence[str] = LOSSLESS, node: Path = NODE, home: Path | None = None
+    ) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         domain = own_domain()
         self._context = rclpy.Context()
@@ -65,9 +68,11 @@ class LiveNode:
         self._player = self.node.create_publisher(Imu, 'imu/data_raw', qos)
         self.received: list[bytes] = []
         self.node.create_subscription(Imu, 'imu/data_filtered', self.received.append, qos, raw=True)
+        # What other runs of the node remember is of no concern here.
+        self._home = tempfile.TemporaryDirectory()
         self.process = subprocess.Popen(
             [str(node), '--ros-args', *arguments],
-            env=environment(domain),
+            env=environment(domain) | {'ROS_HOME': str(home or self._home.name)},
             stderr=subprocess.PIPE,
             text=True,
         )
@@ -102,6 +107,7 @@ class LiveNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+        self._home.cleanup()
 
     def wait(self, condition: Callable[[], object], what: str) -> None:
         """Run callbacks until a condition holds.

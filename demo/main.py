@@ -3,7 +3,7 @@
     python -m demo.main OUTPUT_FOLDER
 
 Both experiments of the paper (its section 4): a motionless gyroscope, and a sinusoid with isolated
-and consecutive outliers.
+and consecutive outliers. The bias is left in, as the paper does.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def main() -> int:
 
     print('playing them into the node over ROS 2 ...')
     filter_live(bag, live)
-    parameters = read_parameters(SHIPPED)
+    parameters = read_parameters(SHIPPED).with_names({'bias.enabled': False})
     flags = {}
     rates = {'raw': read_rates(bag, TOPIC)}
     for method, path in replayed.items():
@@ -85,7 +85,8 @@ def filter_live(bag: Path, destination: Path) -> None:
         played = [
             (time, data) for connection, time, data in messages(reader) if connection.topic == TOPIC
         ]
-    with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
+    arguments = ['--params-file', str(SHIPPED), '-p', 'bias.enabled:=false', *LOSSLESS]
+    with LiveNode(arguments) as node:
         published = node.play([data for _, data in played])
     with BagWriter(destination) as writer:
         connection = writer.add_connection(_TOPICS.filtered, IMU_TYPE)

@@ -13,6 +13,7 @@ from gyro_drift_filter.bags.cdr import (
     frame_id,
     patch_imu,
     read_imu,
+    read_imus,
     vector3_stamped,
 )
 from gyro_drift_filter.bags.simulated import imu_message
@@ -116,3 +117,45 @@ def test_garbage_is_read_or_refused_but_never_crashes(garbage, cut):
             continue
         assert len(patch_imu(data, imu, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))) == len(data)
         frame_id(data, imu)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.tuples(stamps, vectors, covariances, vectors, covariances), max_size=5),
+    frames,
+    st.booleans(),
+)
+def test_many_at_once_are_what_they_are_one_by_one(parts, frame, little):
+    data = [
+        bytes(
+            STORE.serialize_cdr(
+                message(stamp, frame, rate, covariance, acceleration, its_covariance),
+                IMU_TYPE,
+                little_endian=little,
+            )
+        )
+        for stamp, rate, covariance, acceleration, its_covariance in parts
+    ]
+    found = read_imus(data)
+    if not data:
+        assert found is None
+        return
+    for imu, row in zip(map(read_imu, data), found, strict=True):
+        assert row['stamp'] == imu.stamp
+        assert tuple(row['angular_velocity']) == imu.angular_velocity
+        assert (row['angular_velocity_variance'] != -1) == imu.angular_velocity_reported
+        if row['linear_acceleration_variance'] != -1:
+            assert tuple(row['linear_acceleration']) == imu.linear_acceleration
+
+
+@pytest.mark.parametrize('place', [0, 1, 9, 15, 17, 20])
+def test_many_that_differ_in_form_are_left_to_be_read_one_by_one(place):
+    data = imu_message(10**18, (1, 2, 3), (0, 0, 9.8))
+    other = bytearray(data)
+    other[place] ^= 0xFF
+    assert read_imus([data, data]) is not None
+    same_form = place == 9  # the middle of the nanoseconds, which then are too many or fine
+    result = read_imus([data, bytes(other)])
+    assert (result is None) or same_form
+    assert read_imus([data, data + bytes(4)]) is None
+    assert read_imus([data[:40]]) is None

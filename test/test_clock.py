@@ -78,7 +78,7 @@ def test_a_gap_is_predicted_through_by_as_many_steps():
 
 
 def test_a_gap_beyond_the_limit_restarts_at_the_sample():
-    filter_ = Filter(Parameters(gap_limit=0.5))
+    filter_ = Filter(Parameters(gap_limit=0.5, bias_enabled=False))
     feed(filter_, regular(500))
     result = filter_.step(START + 600 * 10 * MS, (3.0, 2.0, 1.0), ZERO)
     assert result['angular_velocity'].tolist() == pytest.approx([3.0, 2.0, 1.0], rel=1e-12)
@@ -96,7 +96,7 @@ def test_a_restart_keeps_what_was_learned_of_the_noise():
 
 
 def test_backward_stamps():
-    filter_ = Filter()
+    filter_ = Filter(Parameters(bias_enabled=False))
     feed(filter_, regular(500))
     filter_.step(START + 480 * 10 * MS, ZERO, ZERO)
     assert clock(filter_) == QUIET | {'backward_stamps': 1}

@@ -63,11 +63,15 @@ def test_restore_refuses_another_version():
         Filter().restore(b'short')
 
 
-def test_reset_starts_afresh():
+def test_reset_starts_afresh_but_for_the_bias():
     data = recording()
     filter_ = Filter()
     first = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    learned = filter_.state['bias']['bias'].copy()
+    assert (learned != 0.0).all()
     filter_.reset()
+    assert (filter_.state['bias']['bias'] == learned).all()
+    filter_ = Filter()
     again = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
     assert same(first, again)
 

@@ -65,6 +65,8 @@ def get_parameter(live, name):
 @pytest.fixture
 def fresh(live):
     """The node as it is after its start."""
+    # A bias that is given replaces the one that was learned.
+    assert set_parameters(live, bias__initial=[0.1, 0.1, 0.1])[0].successful
     for name, value in Parameters().names().items():
         value = list(value) if isinstance(value, tuple) else value
         assert set_parameters(live, **{name.replace('.', '__'): value})[0].successful

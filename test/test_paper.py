@@ -15,7 +15,7 @@ METHODS = ('kalman', 'sage_husa')
 
 def run(z, **parameters):
     stamps = 10**18 + 10_000_000 * np.arange(len(z))
-    filter_ = Filter(Parameters(**parameters))
+    filter_ = Filter(Parameters(**({'bias_enabled': False} | parameters)))
     return filter_, filter_.run(stamps, z, np.zeros_like(z))
 
 

@@ -12,7 +12,11 @@ Their place depends on the length of the frame name alone, so nothing has to be 
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
@@ -34,6 +38,16 @@ _HEADER = {order: struct.Struct(order + 'iII') for order in '<>'}
 _FIELDS = {order: struct.Struct(order + '4d64x4d') for order in '<>'}
 # Angular velocity and its covariance, which lie side by side.
 _RATE_AND_COVARIANCE = {order: struct.Struct(order + '12d') for order in '<>'}
+
+
+# Of the 37 doubles: name, kind and place.
+_VECTOR_FIELDS = (
+    ('angular_velocity', '3f8', 13 * _DOUBLE),
+    ('angular_velocity_variance', 'f8', 16 * _DOUBLE),
+    ('linear_acceleration', '3f8', 25 * _DOUBLE),
+    ('linear_acceleration_variance', 'f8', 28 * _DOUBLE),
+)
+IMUS = np.dtype([('stamp', 'i8'), *((name, kind) for name, kind, _ in _VECTOR_FIELDS)])
 
 
 class MalformedMessageError(GyroDriftFilterError):
@@ -99,6 +113,51 @@ def read_imu(data: bytes) -> Imu:
         order,
         doubles,
     )
+
+
+def read_imus(messages: Sequence[bytes]) -> NDArray[np.void] | None:
+    """Return the fields of serialized Imus of one frame all at once, or None: take `read_imu` then.
+
+    None is returned wherever the messages differ in length, byte order or frame_id, or one of them
+    is malformed.
+
+    Returns:
+        (n,) with `stamp` in ns, `angular_velocity` and `linear_acceleration` (3,), and the first
+        elements of their covariances, `angular_velocity_variance` and
+        `linear_acceleration_variance`.
+    """
+    try:
+        first = read_imu(messages[0])
+    except (IndexError, MalformedMessageError):
+        return None
+    size, n = len(messages[0]), len(messages)
+    if any(len(message) != size for message in messages):
+        return None
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(n, size)
+    encapsulation, frame = slice(0, _ENCAPSULATION), slice(_ENCAPSULATION + 8, first.offset)
+    if (rows[:, encapsulation] != rows[0, encapsulation]).any():
+        return None
+    if (rows[:, frame] != rows[0, frame]).any():
+        return None
+    order, offset = first.byte_order, first.offset
+    fields = np.dtype(
+        {
+            'names': ['seconds', 'nanoseconds'] + [name for name, _, _ in _VECTOR_FIELDS],
+            'formats': [order + 'i4', order + 'u4']
+            + [kind.replace('f', order + 'f') for _, kind, _ in _VECTOR_FIELDS],
+            'offsets': [_ENCAPSULATION, _ENCAPSULATION + 4]
+            + [offset + place for _, _, place in _VECTOR_FIELDS],
+            'itemsize': size,
+        }
+    )
+    raw = rows.reshape(-1).view(fields)
+    if (raw['nanoseconds'] >= 1_000_000_000).any():
+        return None
+    out = np.empty(n, IMUS)
+    out['stamp'] = raw['seconds'].astype(np.int64) * 1_000_000_000 + raw['nanoseconds']
+    for name, _, _ in _VECTOR_FIELDS:
+        out[name] = raw[name]
+    return out
 
 
 def patch_imu(

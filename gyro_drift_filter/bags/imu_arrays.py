@@ -1,18 +1,21 @@
 """The Imu topic of a bag as arrays, for programs that look at all of it."""
 
-from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import MalformedMessageError, frame_id, read_imu
-from gyro_drift_filter.bags.recording import BagError, messages, open_bag
+from gyro_drift_filter.bags.cdr import IMUS, MalformedMessageError, frame_id, read_imu, read_imus
+from gyro_drift_filter.bags.recording import BagError, Connection, messages, open_bag
 from gyro_drift_filter.bags.replay import choose_topic
 
-_PROGRESS_EVERY = 4096
+Message = tuple[Connection, int, bytes]
+
+_BATCH = 4096
 
 
 @dataclass(frozen=True)
@@ -51,37 +54,53 @@ def read_imu_arrays(
     Raises:
         BagError: The bag can't be read or holds no usable Imu message.
     """
-    stamps, values = array('q'), array('d')
-    refused, frame = 0, ''
+    parts: list[NDArray[np.void]] = []
+    refused = 0
     with open_bag(bag) as reader:
         chosen = choose_topic(reader, topic)
-        total = reader.message_count
-        for done, (connection, _, data) in enumerate(messages(reader), 1):
-            if done % _PROGRESS_EVERY == 0:
-                progress(done, total)
-            if connection.topic != chosen:
+        total, done, frame = reader.message_count, 0, None
+        for batch in _batches(messages(reader)):
+            done += len(batch)
+            progress(done, total)
+            ours = [data for connection, _, data in batch if connection.topic == chosen]
+            if not ours:
                 continue
-            try:
-                imu = read_imu(data)
-            except MalformedMessageError:
-                refused += 1
-                continue
-            if not imu.angular_velocity_reported:
-                refused += 1
-                continue
-            if not stamps:
-                frame = frame_id(data, imu).decode('utf-8', 'replace')
-            stamps.append(imu.stamp)
-            values.extend(imu.angular_velocity)
-            values.extend(imu.linear_acceleration)
-    if not stamps:
+            part = read_imus(ours)
+            usable = _one_by_one(ours) if part is None else part
+            usable = usable[usable['angular_velocity_variance'] != -1.0]
+            refused += len(ours) - len(usable)
+            if frame is None and len(usable):
+                frame = _frame(ours)
+            parts.append(usable)
+    table = np.concatenate(parts) if parts else np.zeros(0, IMUS)
+    if not len(table):
         raise BagError(f'topic {chosen} has no message with an angular velocity')
-    table = np.frombuffer(values, np.float64).reshape(-1, 6)
+    accelerations = table['linear_acceleration'].copy()
+    accelerations[table['linear_acceleration_variance'] == -1.0] = np.nan
     return ImuArrays(
         chosen,
-        frame,
-        np.frombuffer(stamps, np.int64),
-        table[:, :3].copy(),
-        table[:, 3:].copy(),
+        frame or '',
+        table['stamp'].copy(),
+        table['angular_velocity'].copy(),
+        accelerations,
         refused,
     )
+
+
+def _batches(stream: Iterator[Message]) -> Iterator[list[Message]]:
+    while batch := list(islice(stream, _BATCH)):
+        yield batch
+
+
+def _one_by_one(messages_: Sequence[bytes]) -> NDArray[np.void]:
+    """Return what is readable of messages that differ in form."""
+    parts = [read_imus([message]) for message in messages_]
+    return np.concatenate([np.zeros(0, IMUS), *(part for part in parts if part is not None)])
+
+
+def _frame(messages_: Sequence[bytes]) -> str:
+    """Return the frame of the first message that can be read."""
+    for data in messages_:
+        with suppress(MalformedMessageError):
+            return frame_id(data, read_imu(data)).decode('utf-8', 'replace')
+    return ''

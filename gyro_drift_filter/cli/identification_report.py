@@ -184,9 +184,10 @@ gyro_drift_filter:
   ros__parameters:
     # Hz
     sample_rate: {1.0 / result.timing.period:.6f}
-    # Bias at that time and its standard error, rad/s. No parameter: the filters leave the bias in.
-    # {row([axis.preprocessed.bias for axis in axes])}
-    # {row([axis.preprocessed.bias_deviation for axis in axes])}
+    bias:
+      # At that time, rad/s. It holds until the first rest; standard error:
+      # {row([axis.preprocessed.bias_deviation for axis in axes])}
+      initial: {row([axis.preprocessed.bias for axis in axes])}
     model:
       # AR(1) coefficient of the drift
       phi: {row([axis.phi for axis in axes])}

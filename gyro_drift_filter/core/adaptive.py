@@ -45,6 +45,10 @@ from gyro_drift_filter.core.outliers import (
 )
 
 LEAST_PROBABILITY = 1e-30
+# What was motion among held samples is made up for within this time, so that the heading holds, as
+# far as it is no more than this angle: more at once no knock turns a body.
+MAKE_UP_SECONDS = 0.2
+LARGEST_DEBT = 0.02  # rad
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to say reports zeros;
 # a robot at rest may, too.
@@ -85,6 +89,10 @@ ADAPTIVE_STATE = np.dtype(
         ('noise', NOISE),
         ('doubt', DOUBT),
         ('jolt', JOLTS),  # of the accelerometer along the same axis
+        ('confirmed', np.bool_),  # the last sample showed those held back to be motion
+        ('knocked', np.bool_),  # a jolt was felt while samples were held back
+        ('withheld', np.float64),  # rad, what the held samples turned beyond what was put out
+        ('owed', np.float64),  # rad, of it that was motion and is still to be made up for
     ],
     align=True,
 )
@@ -123,6 +131,9 @@ def start_adaptive(axis: Any, sample: float, deviation: float, phi: float) -> No
     restart_block(axis['noise'])
     _restart(axis, sample)
     _believe_level(axis, LEVELS - 1)
+    axis['withheld'] = 0.0
+    axis['owed'] = 0.0
+    axis['knocked'] = False
     axis['tracking'] = True
     axis['sample_believed'] = False
     axis['believed'] = sample
@@ -234,6 +245,7 @@ def update_adaptive(
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
         _correct(axis, sample, steps, coefficients['ladder'])
+    axis['confirmed'] = verdict == RESTART
     doubt['sample'] = sample
     note_verdict(doubt, verdict == HOLD and not dropout)
     axis['sample_believed'] = verdict != HOLD
@@ -246,6 +258,27 @@ def update_adaptive(
     else:
         restart_block(noise)
     return False
+
+
+@compiled
+def make_up(axis: Any, sample: float, rate: float, jolted: bool, period: float) -> float:
+    """Return what to add to `rate`, the output in rad/s, for motion that was held back before.
+
+    Motion it was where it was confirmed, or where the accelerometer felt a knock.
+    """
+    if axis['doubt']['held'] > 0:
+        axis['withheld'] += (sample - rate) * period
+        axis['knocked'] = axis['knocked'] or jolted
+    elif axis['withheld'] != 0.0:
+        moved = axis['confirmed'] or axis['knocked']
+        if moved and abs(axis['withheld']) <= LARGEST_DEBT:
+            owed = axis['owed'] + axis['withheld']
+            axis['owed'] = min(max(owed, -LARGEST_DEBT), LARGEST_DEBT)
+        axis['withheld'] = 0.0
+        axis['knocked'] = False
+    payment = axis['owed'] * min(period / MAKE_UP_SECONDS, 1.0)
+    axis['owed'] -= payment
+    return float(payment / period)
 
 
 @compiled

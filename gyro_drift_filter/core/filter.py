@@ -13,12 +13,24 @@ from gyro_drift_filter.core.adaptive import (
     derive_adaptive,
     estimate_adaptive,
     jolts,
+    make_up,
     miss_adaptive,
     predict_adaptive,
     rescale_adaptive,
     start_adaptive,
     surprises,
     update_adaptive,
+)
+from gyro_drift_filter.core.bias import (
+    BIAS,
+    HINT_SECONDS,
+    MOVES,
+    STANDS,
+    bias_variance,
+    calibrate_bias,
+    start_bias,
+    track_bias,
+    warm_bias,
 )
 from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, period_of, start_clock
 from gyro_drift_filter.core.compiled import compiled
@@ -36,6 +48,7 @@ from gyro_drift_filter.core.paper import (
     update_paper,
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
+from gyro_drift_filter.core.rest import start_rest
 
 SAGE_HUSA = METHODS.index('sage_husa')
 ADAPTIVE = METHODS.index('adaptive')
@@ -45,6 +58,9 @@ LARGEST_RATE = 1.0e6
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
+
+# The bias walks no further than in this time, whatever the stamps say, in s.
+LONGEST_ABSENCE = 86_400.0
 
 # What became of a sample.
 FILTERED = 0
@@ -73,6 +89,10 @@ SETTINGS = np.dtype(
         ('outlier_run', np.int64),  # samples
         ('sample_rate', np.float64),  # Hz
         ('gap_limit', np.float64),  # s
+        ('bias_enabled', np.bool_),
+        ('bias_max', np.float64),  # rad/s
+        ('bias_random_walk', np.float64),  # rad/s/sqrt(s)
+        ('bias_calibration_time', np.float64),  # s
         ('model', MODEL, _AXES),
     ],
     align=True,
@@ -102,7 +122,7 @@ COUNTS = np.dtype(
 RESULT = np.dtype(
     [
         ('status', np.int64),
-        ('angular_velocity', np.float64, _AXES),  # filtered, rad/s
+        ('angular_velocity', np.float64, _AXES),  # filtered, the bias taken off, rad/s
         ('angular_velocity_variance', np.float64, _AXES),  # (rad/s)^2
         ('innovation', np.float64, _AXES),  # rad/s
         ('innovation_variance', np.float64, _AXES),  # (rad/s)^2, fixed before the sample is seen
@@ -110,6 +130,7 @@ RESULT = np.dtype(
         ('measurement_noise', np.float64, _AXES),  # R, (rad/s)^2
         ('outlier', np.float64, _AXES),  # 0 or 1
         ('bias', np.float64, _AXES),  # subtracted from the rate, rad/s
+        ('at_rest', np.float64),  # 0 or 1
     ],
     align=True,
 )
@@ -122,6 +143,7 @@ STATE = np.dtype(
         ('bridged', np.int64, _AXES),  # unusable samples in a row
         ('paper', PAPER_STATE, _AXES),
         ('adaptive', ADAPTIVE_STATE, _AXES),
+        ('bias', BIAS),
         ('result', RESULT),  # of the last sample
     ],
     align=True,
@@ -144,6 +166,7 @@ def step(
         if result['status'] == FILTERED:
             result['status'] = REPEATED
         return
+    elapsed = _elapsed(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     if coefficients['period'] != clock['period']:
         if coefficients['period'] > 0.0:
@@ -156,6 +179,7 @@ def step(
         _step_adaptive(rate, acceleration, missing, settings, coefficients['adaptive'], state)
     else:
         _step_paper(rate, missing, settings, coefficients['paper'], state)
+    _take_bias_off(rate, acceleration, elapsed, missing, settings, state)
     for axis in range(3):
         state['measured'][axis] = rate[axis]
         if not _usable(rate[axis]):
@@ -166,6 +190,47 @@ def step(
         counts['refused'] += 1
     if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
         counts['beyond_range'] += 1
+
+
+@compiled
+def _elapsed(clock: Any, stamp: int) -> float:
+    """Return the time in s since the last sample, as far as the stamps tell."""
+    if stamp == 0 or not clock['started']:
+        return float(clock['period'])
+    return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+
+
+@compiled
+def _take_bias_off(
+    rate: Any, acceleration: Any, elapsed: float, missing: int, settings: Any, state: Any
+) -> None:
+    """Learn the bias if this is rest, and subtract it from the result."""
+    bias, result = state['bias'], state['result']
+    if missing == RESTART:
+        start_rest(bias['rest'])
+    believed = result['status'] == FILTERED
+    for axis in range(3):
+        if result['outlier'][axis] > 0.0:
+            believed = False
+    track_bias(
+        bias,
+        rate,
+        acceleration,
+        believed,
+        max(missing, 0),
+        elapsed,
+        state['clock']['period'],
+        settings['bias_max'],
+        settings['bias_random_walk'],
+        settings['bias_calibration_time'],
+    )
+    result['at_rest'] = bias['rest']['at_rest']
+    for axis in range(3):
+        result['bias'][axis] = 0.0
+        if settings['bias_enabled']:
+            result['bias'][axis] = bias['bias'][axis]
+            result['angular_velocity'][axis] -= bias['bias'][axis]
+            result['angular_velocity_variance'][axis] += bias_variance(bias, axis)
 
 
 @compiled
@@ -247,7 +312,6 @@ def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state
         result['outlier'][axis] = outlier
         result['angular_velocity'][axis] = paper_rate(paper, adaptive)
         result['angular_velocity_variance'][axis] = paper['rate_variance']
-        result['bias'][axis] = 0.0
 
 
 @compiled
@@ -291,11 +355,12 @@ def _step_adaptive(
             result['outlier'][axis] = 1.0
             miss_adaptive(adaptive)
         mean, variance, process_noise = estimate_adaptive(adaptive, ladder)
+        if _usable(rate[axis]) and not dropout:
+            mean += make_up(adaptive, rate[axis], mean, jolted, state['clock']['period'])
         result['angular_velocity'][axis] = mean
         result['angular_velocity_variance'][axis] = variance
         result['process_noise'][axis] = process_noise
         result['measurement_noise'][axis] = adaptive['noise']['variance']
-        result['bias'][axis] = 0.0
 
 
 @compiled
@@ -327,6 +392,7 @@ class Filter:
         self._state = np.zeros(1, STATE)
         self.parameters = parameters or Parameters()
         self.configure(self.parameters)
+        self.set_bias(self.parameters.bias_initial)
         self.reset()
 
     @property
@@ -352,6 +418,10 @@ class Filter:
         settings['outlier_run'] = parameters.outlier_run
         settings['sample_rate'] = parameters.sample_rate
         settings['gap_limit'] = parameters.gap_limit
+        settings['bias_enabled'] = parameters.bias_enabled
+        settings['bias_max'] = parameters.bias_max
+        settings['bias_random_walk'] = parameters.bias_random_walk
+        settings['bias_calibration_time'] = parameters.bias_calibration_time
         settings['model']['phi'] = parameters.model_phi
         settings['model']['process_noise'] = parameters.model_process_noise
         settings['model']['measurement_noise'] = parameters.model_measurement_noise
@@ -366,14 +436,69 @@ class Filter:
                 start_noise(state['adaptive'][axis]['noise'], deviation, parameters.model_phi[axis])
         if parameters.sample_rate != before.sample_rate and parameters.sample_rate > 0.0:
             state['clock']['period'] = period_of(parameters.sample_rate)
+        if parameters.bias_initial != before.bias_initial:
+            self.set_bias(parameters.bias_initial)
         if (parameters.method == 'adaptive') != (before.method == 'adaptive'):
             # The state that takes over is as old as the last switch.
             state['adaptive' if parameters.method == 'adaptive' else 'paper']['tracking'] = False
 
     def reset(self) -> None:
-        """Forget all samples, counts and what was learned of noise and time."""
+        """Forget all samples, counts and what was learned of noise and time; not the bias."""
+        bias = self.state['bias'].copy()
         self._state[:] = np.zeros(1, STATE)
+        self.state['bias'] = bias
+        start_rest(self.state['bias']['rest'])
         start_clock(self.state['clock'], self.parameters.sample_rate)
+
+    def set_bias(self, bias: Sequence[float], deviation: Sequence[float] | None = None) -> None:
+        """Begin with a bias from elsewhere, and forget what was learned of rest.
+
+        Args:
+            bias: (3,) in rad/s.
+            deviation: (3,) its standard deviation in rad/s; None where it is a mere guess that the
+                first rest replaces.
+        """
+        variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
+        self.state['bias'] = np.zeros(1, BIAS)[0]
+        start_bias(self.state['bias'], np.asarray(bias, np.float64), variance)
+
+    def hint(self, moves: bool) -> None:
+        """Take a word of the robot on whether it moves; it holds for a second."""
+        self.state['bias']['hint'] = MOVES if moves else STANDS
+        self.state['bias']['hint_seconds'] = HINT_SECONDS
+
+    def note_temperature(self, temperature: float) -> None:
+        """Take the sensor's temperature in deg C; a change makes the bias uncertain."""
+        warm_bias(
+            self.state['bias'],
+            temperature,
+            self.parameters.bias_temperature_step,
+            self.parameters.bias_temperature_coefficient,
+        )
+
+    def calibrate(self) -> None:
+        """Take the mean rate of the rest under way for the bias, whatever it was before.
+
+        Raises:
+            GyroDriftFilterError: The sensor moves, has stood still for less than
+                `bias.calibration_time`, or its rate is beyond `bias.max`; the text says so.
+        """
+        bias, needed = self.state['bias'], self.parameters.bias_calibration_time
+        seconds = float(bias['still_seconds'])
+        if seconds < needed:
+            what = f'has stood still for {seconds:.1f} s only' if seconds else 'moves'
+            raise GyroDriftFilterError(
+                f'the sensor {what}: leave it alone for {needed:g} s and try again'
+            )
+        rates = bias['still_sum'] / bias['still_blocks']
+        if (np.abs(rates) > self.parameters.bias_max).any():
+            listed = ', '.join(f'{math.degrees(rate):.2f}' for rate in rates)
+            limit = math.degrees(self.parameters.bias_max)
+            raise GyroDriftFilterError(
+                f'the rates at rest, {listed} deg/s, are beyond bias.max, {limit:g} deg/s: does it '
+                'turn? Else raise bias.max'
+            )
+        calibrate_bias(bias)
 
     def snapshot(self) -> bytes:
         """Return the state; `restore` on a filter of the same parameters continues bit for bit."""

@@ -197,6 +197,79 @@ class Parameters:
         low=0.001,
         high=10.0,
     )
+    bias_enabled: bool = _parameter(
+        True,
+        'bias.enabled',
+        'bool',
+        'Whether the bias, learned whenever the sensor stands still, is taken off the rates. It is '
+        'learned in any case.',
+    )
+    bias_max: float = _parameter(
+        0.17453292519943295,
+        'bias.max',
+        'double',
+        'Largest bias per axis, in rad/s (0.1745 is 10 deg/s). A faster constant rate counts as a '
+        'turn.',
+        low=0.0,
+        high=10.0,
+    )
+    bias_random_walk: float = _parameter(
+        1.6e-4,
+        'bias.random_walk',
+        'double',
+        'How fast the bias may wander at most, in rad/s per square root of a second (1.6e-4: 0.07 '
+        'deg/s in a minute). How fast it does is learned. Lower it if slow turns are taken for '
+        'bias, raise it if a bias that warms up is not followed.',
+        low=1.0e-8,
+        high=0.1,
+    )
+    bias_initial: tuple[float, float, float] = _parameter(
+        (0.0, 0.0, 0.0),
+        'bias.initial',
+        'double_array',
+        'Bias per axis until the first rest, in rad/s, where none is remembered.',
+        low=-10.0,
+        high=10.0,
+    )
+    bias_calibration_time: float = _parameter(
+        5.0,
+        'bias.calibration_time',
+        'double',
+        'How long ~/calibrate averages the rate at rest, in s.',
+        low=0.5,
+        high=600.0,
+    )
+    bias_memory: bool = _parameter(
+        True,
+        'bias.memory',
+        'bool',
+        'Whether the bias is kept in a file under ROS_HOME (~/.ros) and taken from there at the '
+        'next start. Of the node.',
+    )
+    motion_hint: str = _parameter(
+        'none',
+        'motion_hint',
+        'string',
+        'Type of the messages on the topic motion_hint, by which the robot says whether it moves: '
+        'a motion says that this is no rest, standing still that a constant rate is bias.',
+        choices=('none', 'twist', 'twist_stamped', 'odometry'),
+    )
+    bias_temperature_step: float = _parameter(
+        2.0,
+        'bias.temperature_step',
+        'double',
+        'Change of imu/temperature in K from which on the bias becomes uncertain.',
+        low=0.1,
+        high=100.0,
+    )
+    bias_temperature_coefficient: float = _parameter(
+        5.0e-4,
+        'bias.temperature_coefficient',
+        'double',
+        'How far the bias may move per K, in rad/s (5e-4 is 0.03 deg/s).',
+        low=0.0,
+        high=0.1,
+    )
     model_phi: tuple[float, float, float] = _parameter(
         (0.218, 0.218, 0.218),
         'model.phi',

@@ -31,11 +31,13 @@ _LJUNG_BOX_SAMPLES = 50_000
 _START_SAMPLES = 20_000
 # The drift can be told from white noise where its correlation at lag 1 is so many standard errors
 # from zero and its phi is known this well, or where that correlation is more distinct; and where
-# the drift that explains it has no more than so many times the variance of the whole.
+# the drift that explains it has no more than so many times the variance of the whole, and forgets
+# so often within the recording.
 _PRESENT = 4.0
 _PRECISE = 0.1
 _DISTINCT = 10.0
-_ABSURD = 4.0
+_ABSURD = 10.0
+_LEAST_TIMES = 10.0
 _LEAST_RATIO = 1e-10
 
 
@@ -246,12 +248,16 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     phi_interval, drift_interval, white_interval = (
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
+    precise = math.sqrt(spread) < _PRECISE * abs(phi)
+    identifiable = (
+        (distinct > _DISTINCT or (distinct > _PRESENT and precise))
+        and abs(drift) < _ABSURD * total
+        and (1.0 - abs(phi)) * data.samples > _LEAST_TIMES
+        # A negative variance is chance where phi may as well be positive, else another model.
+        and (drift > 0.0 or phi_interval[0] < 0.0 < phi_interval[1])
+    )
     return DriftAndWhite(
-        identifiable=0.0 < drift < _ABSURD * total
-        and (
-            distinct > _DISTINCT
-            or (distinct > _PRESENT and math.sqrt(spread) < _PRECISE * abs(phi))
-        ),
+        identifiable=identifiable,
         phi=phi,
         phi_interval=phi_interval,
         drift_variance=scale**2 * drift,

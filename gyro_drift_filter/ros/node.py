@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.clock import Clock
@@ -11,22 +12,31 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_sensor_data,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, Temperature
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE
 from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, Health, Status
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
-from gyro_drift_filter.core import ParameterError
+from gyro_drift_filter.core import Filter, GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.core.compiled import is_compiled
+from gyro_drift_filter.ros.memory import BiasMemory
+from gyro_drift_filter.ros.motion_hint import MotionHint
 from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
 # Best effort matches every publisher, reliable matches every subscriber. The input's depth rides
 # out half a second without the processor at 400 Hz.
 _INPUT_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+_LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OUTPUT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -56,12 +66,12 @@ class GyroDriftFilterNode(Node):
             )
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
-        parameters = LiveParameters(self, lambda new: self._messages.filter.configure(new))
+        parameters = LiveParameters(self, self._configure)
         self._messages = MessageFilter(parameters.current)
         # The first step loads or compiles the kernels: before there is a message to wait for it.
-        self._messages.filter.step(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        self._messages.filter.reset()
+        Filter(parameters.current).step(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._health = Health(self._messages, self.get_name())
+        self._memory = BiasMemory(self, self._messages.filter)
         self._status: dict[str, Status] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
@@ -73,8 +83,11 @@ class GyroDriftFilterNode(Node):
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
+        self._at_rest: float | None = None
+        self._rest_output = self.create_publisher(Bool, '~/at_rest', _LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
+        self.create_service(Trigger, '~/calibrate', self._calibrate)
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
         with _reporting_qos('imu/data_raw'):
             self._input = self.create_subscription(
@@ -85,6 +98,10 @@ class GyroDriftFilterNode(Node):
                 raw=True,
                 qos_overriding_options=overridable,
             )
+        self.create_subscription(
+            Temperature, 'imu/temperature', self._note_temperature, qos_profile_sensor_data
+        )
+        self._hint = MotionHint(self, self._messages.filter, parameters.current.motion_hint)
         self.get_logger().info(
             f'filtering {self._input.topic_name} into {self._output.topic_name} by '
             f'{parameters.current.method}'
@@ -105,11 +122,20 @@ class GyroDriftFilterNode(Node):
             event_callbacks=PublisherEventCallbacks(matched=matched),
         )
 
+    def _configure(self, parameters: Parameters) -> None:
+        self._messages.filter.configure(parameters)
+        self._hint.listen(parameters.motion_hint)
+
     def _filter(self, data: bytes) -> None:
+        if not self._memory.recalled:
+            self._memory.recall(data)
         outcome = self._messages.process(data)
         if outcome.data is None:
             return
         self._output.publish(outcome.data)
+        if outcome.result is not None and outcome.result['at_rest'] != self._at_rest:
+            self._at_rest = outcome.result['at_rest']
+            self._rest_output.publish(Bool(data=bool(self._at_rest)))
         if self._listened and outcome.imu is not None and outcome.result is not None:
             for name, output in self._listened.items():
                 output.publish(sample_message(data, outcome.imu, outcome.result, name))
@@ -120,7 +146,27 @@ class GyroDriftFilterNode(Node):
         response.message = 'the filter starts from the next sample; parameters are kept'
         return response
 
+    def _calibrate(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._messages.filter.calibrate()
+        except GyroDriftFilterError as error:
+            response.success, response.message = False, str(error)
+            return response
+        bias = np.degrees(self._messages.filter.state['bias']['bias'])
+        response.success = True
+        response.message = 'bias {:.4f}, {:.4f}, {:.4f} deg/s'.format(*bias)
+        return response
+
+    def _note_temperature(self, message: Temperature) -> None:
+        self._messages.filter.note_temperature(message.temperature)
+
+    def destroy_node(self) -> None:
+        """Keep what was learned, and end."""
+        self._memory.save()
+        super().destroy_node()
+
     def _report(self) -> None:
+        self._memory.save_if_due()
         now = self._steady.now()
         seconds = (now - self._reported).nanoseconds * 1e-9
         self._reported = now

@@ -1,0 +1,404 @@
+"""Where the sensor stands still, judged against its own noise on all axes at once.
+
+Gyroscope and accelerometer give six signals. Each is averaged over hundredths of a second, "values"
+below, so that all sample rates are alike, and cut into blocks of an eighth of a second. Blocks that
+stand still are gathered into packages of up to two seconds. A block stands still where, on every
+signal,
+
+- the values vary about the block's mean no more than the noise does, and
+- the mean lies where those of the package lie, as far as the noise allows.
+
+The first and the last block of a rest are left out: motion begins and ends gently. What the noise
+is on each signal, within blocks and from block to block, is learned from packages that hold
+together: from the first one on, whose values must be rough and whose means must scatter as the
+values say. The motion of a body is smooth, and its means scatter more. A vibration that lasts
+counts as noise after some minutes. Nothing here is a limit in rad/s.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.core.compiled import compiled
+
+VALUE_SECONDS = 0.01
+BLOCK_SECONDS = 0.125
+LEAST_BLOCK = 10  # values
+PACKAGE = 16  # blocks
+HALF = 8  # blocks
+LEAST_PACKAGE = 4  # blocks: half a second, at the end of a rest
+
+# A block varies as noise does up to 1 + so many deviations of a variance of n values.
+VARIANCE_DEVIATIONS = 8.0
+# A mean lies with the others within so many deviations of the scatter of means.
+MEAN_DEVIATIONS = 5.0
+# Of the means of a package's halves, which differ where a slow turn begins or ends.
+HALVES_DEVIATIONS = 4.0
+# Of two packages' means of gravity, one after the other.
+GRAVITY_DEVIATIONS = 6.0
+# Of a first package, the variance of the means may be so many times what that of the values says,
+# as correlated noise scatters more, and the squared differences of values this share of what they
+# are of white noise.
+LARGEST_SCATTER = 4.0
+LEAST_ROUGHNESS = 0.3
+LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
+# The noise is learned with this weight per package. After so long without rest it is learned anew,
+# as vibration may have come to stay.
+LEARNING = 0.1
+FORGOTTEN_SECONDS = 300.0
+
+SIGNALS = 6
+
+SIGNAL = np.dtype(
+    [
+        ('variance', np.float64),  # of values about their block's mean
+        ('scatter', np.float64),  # variance of the means of blocks
+        ('value', np.float64),  # sum over the value under way, then its mean
+        ('previous', np.float64),  # the value before
+        # the block under way, and the one before, which waits for the verdict on this one
+        ('origin', np.float64),
+        ('sum', np.float64),
+        ('squares', np.float64),
+        ('differences', np.float64),  # squares of differences of values
+        ('waiting_mean', np.float64),
+        ('waiting_variance', np.float64),
+        ('waiting_roughness', np.float64),
+        # the package
+        ('means', np.float64),  # sum of means less the first one
+        ('mean_squares', np.float64),
+        ('early_means', np.float64),  # of the first `HALF` blocks
+        ('variances', np.float64),
+        ('largest_variance', np.float64),
+        ('roughness', np.float64),  # sum of half the mean squared differences
+        ('first', np.float64),  # mean of the first block
+        # the package before in the same rest
+        ('before', np.float64),
+        ('before_blocks', np.int64),
+    ],
+    align=True,
+)
+
+REST = np.dtype(
+    [
+        ('signals', SIGNAL, (SIGNALS,)),
+        ('known', np.bool_),  # what the noise is
+        ('restless', np.int64),  # blocks since the last rest
+        ('at_rest', np.bool_),
+        ('samples', np.int64),  # since the begin of the value, missing ones among them
+        ('believed', np.int64),  # of them
+        ('place', np.int64),  # values since the begin of the block, missing ones among them
+        ('count', np.int64),  # values in it
+        ('run', np.int64),  # still blocks in a row
+        ('blocks', np.int64),  # in the package
+    ],
+    align=True,
+)
+
+# What a block brought.
+NOTHING, PACKED, MOVED = 0, 1, 2
+
+
+@compiled
+def value_length(period: float) -> int:
+    """Return the number of samples that are averaged to a value."""
+    return max(1, int(VALUE_SECONDS / period + 0.5))
+
+
+@compiled
+def block_length(period: float) -> int:
+    """Return the number of values of a block."""
+    return max(LEAST_BLOCK, int(BLOCK_SECONDS / (value_length(period) * period) + 0.5))
+
+
+@compiled
+def block_seconds(period: float) -> float:
+    """Return the length of a block in s."""
+    return block_length(period) * value_length(period) * period
+
+
+@compiled
+def start_rest(rest: Any) -> None:
+    """Forget the rest under way; what is known of the noise is kept."""
+    rest['at_rest'] = False
+    rest['run'] = 0
+    _start_value(rest)
+    _start_block(rest)
+    _start_package(rest)
+
+
+@compiled
+def _start_block(rest: Any) -> None:
+    rest['place'] = 0
+    rest['count'] = 0
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['sum'] = 0.0
+        signal['squares'] = 0.0
+        signal['differences'] = 0.0
+
+
+@compiled
+def _start_value(rest: Any) -> None:
+    rest['samples'] = 0
+    rest['believed'] = 0
+    for i in range(SIGNALS):
+        rest['signals'][i]['value'] = 0.0
+
+
+@compiled
+def _start_package(rest: Any) -> None:
+    rest['blocks'] = 0
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['means'] = 0.0
+        signal['mean_squares'] = 0.0
+        signal['variances'] = 0.0
+        signal['largest_variance'] = 0.0
+        signal['roughness'] = 0.0
+
+
+@compiled
+def note_sample(
+    rest: Any, rate: Any, acceleration: Any, believed: bool, missing: int, period: float
+) -> None:
+    """Take a sample (3,), (3,) and `missing` ones before it; the latter only take their place.
+
+    An acceleration that is not finite counts as zero: who has none has none all the time.
+    """
+    length = value_length(period)
+    rest['samples'] += 1 + missing
+    if believed:
+        rest['believed'] += 1
+        for i in range(SIGNALS):
+            value = rate[i] if i < 3 else acceleration[i - 3]
+            if abs(value) < np.inf:
+                rest['signals'][i]['value'] += value
+    if rest['samples'] < length:
+        return
+    rest['place'] += rest['samples'] // length
+    if 2 * rest['believed'] >= rest['samples']:
+        _note_value(rest)
+    _start_value(rest)
+
+
+@compiled
+def _note_value(rest: Any) -> None:
+    rest['count'] += 1
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        value = signal['value'] / rest['believed']
+        if rest['count'] == 1:
+            signal['origin'] = value
+        else:
+            difference = value - signal['previous']
+            signal['differences'] += difference * difference
+        deviation = value - signal['origin']
+        signal['sum'] += deviation
+        signal['squares'] += deviation * deviation
+        signal['previous'] = value
+
+
+@compiled
+def close_block(rest: Any, period: float) -> int:
+    """Judge the block if it is full; `period` in s.
+
+    Returns:
+        PACKED where a package is ready, for `package_mean` to be read and `next_package` to be
+        called; MOVED where the block ended the rest, with the same; else NOTHING.
+    """
+    length = block_length(period)
+    if rest['place'] < length:
+        return NOTHING
+    still = 2 * rest['count'] >= length
+    if still:
+        for i in range(SIGNALS):
+            if not _is_still(rest, rest['signals'][i]):
+                still = False
+    rest['restless'] += 1
+    if rest['restless'] * block_seconds(period) > FORGOTTEN_SECONDS:
+        rest['known'] = False
+    if not still:
+        ready = (
+            rest['at_rest'] and rest['blocks'] >= LEAST_PACKAGE and _holds_together(rest, length)
+        )
+        rest['at_rest'] = False
+        rest['run'] = 0
+        _start_block(rest)
+        if ready:
+            return MOVED
+        _start_package(rest)
+        _forget_before(rest)
+        return NOTHING
+    if rest['run'] >= 2:
+        _pack(rest)
+    rest['run'] += 1
+    _let_wait(rest)
+    _start_block(rest)
+    if rest['blocks'] < PACKAGE:
+        return NOTHING
+    if not _holds_together(rest, length):
+        rest['at_rest'] = False
+        rest['run'] = 0
+        _start_package(rest)
+        _forget_before(rest)
+        return NOTHING
+    _learn(rest, length)
+    return PACKED
+
+
+@compiled
+def _is_still(rest: Any, signal: Any) -> bool:
+    """Tell whether the block is noise, as far as the noise is known."""
+    if not rest['known']:
+        return True
+    count = rest['count']
+    mean, variance = _block(rest, signal)
+    limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (count - 1.0))
+    if variance > limit * signal['variance']:
+        return False
+    blocks = rest['blocks']
+    if blocks == 0:
+        return True
+    distance = mean - (signal['first'] + signal['means'] / blocks)
+    spread = signal['scatter'] * (1.0 + 1.0 / blocks)
+    return bool(distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread)
+
+
+@compiled
+def _block(rest: Any, signal: Any) -> tuple[float, float]:
+    """Return mean and variance of the block."""
+    count = 1.0 * rest['count']
+    mean = signal['sum'] / count
+    variance = max(signal['squares'] - mean * signal['sum'], 0.0) / (count - 1.0)
+    return signal['origin'] + mean, variance
+
+
+@compiled
+def _let_wait(rest: Any) -> None:
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        mean, variance = _block(rest, signal)
+        signal['waiting_mean'] = mean
+        signal['waiting_variance'] = variance
+        signal['waiting_roughness'] = signal['differences'] / (2.0 * rest['count'] - 2.0)
+
+
+@compiled
+def _pack(rest: Any) -> None:
+    """Take the waiting block into the package."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        mean, variance = signal['waiting_mean'], signal['waiting_variance']
+        if rest['blocks'] == 0:
+            signal['first'] = mean
+        deviation = mean - signal['first']
+        signal['means'] += deviation
+        signal['mean_squares'] += deviation * deviation
+        signal['variances'] += variance
+        signal['roughness'] += signal['waiting_roughness']
+        signal['largest_variance'] = max(signal['largest_variance'], variance)
+    rest['blocks'] += 1
+    if rest['blocks'] == HALF:
+        for i in range(SIGNALS):
+            signal = rest['signals'][i]
+            signal['early_means'] = signal['means']
+
+
+@compiled
+def package_mean(rest: Any, index: int) -> float:
+    """Return the mean of signal `index` over the package."""
+    signal = rest['signals'][index]
+    return float(signal['first'] + signal['means'] / rest['blocks'])
+
+
+@compiled
+def package_variance(rest: Any, index: int) -> float:
+    """Return the variance of `package_mean`."""
+    return float(rest['signals'][index]['scatter'] / rest['blocks'])
+
+
+@compiled
+def next_package(rest: Any, moved: bool) -> None:
+    """Begin the next package; `moved` where the rest is over."""
+    if moved:
+        _forget_before(rest)
+    else:
+        rest['at_rest'] = True
+        for i in range(SIGNALS):
+            rest['signals'][i]['before'] = package_mean(rest, i)
+            rest['signals'][i]['before_blocks'] = rest['blocks']
+    _start_package(rest)
+
+
+@compiled
+def _forget_before(rest: Any) -> None:
+    for i in range(SIGNALS):
+        rest['signals'][i]['before_blocks'] = 0
+
+
+@compiled
+def _scatter(rest: Any, signal: Any) -> float:
+    """Return the variance of the means in the package."""
+    blocks = 1.0 * rest['blocks']
+    squares = signal['mean_squares'] - signal['means'] * signal['means'] / blocks
+    return float(max(squares, 0.0) / (blocks - 1.0))
+
+
+@compiled
+def _holds_together(rest: Any, length: int) -> bool:
+    """Tell whether the means of the package scatter as noise does, and gravity stands."""
+    blocks = 1.0 * rest['blocks']
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        scatter = _scatter(rest, signal)
+        if rest['known']:
+            limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (blocks - 1.0))
+            if scatter > limit * signal['scatter'] or (i < 3 and _has_halves(rest, signal)):
+                return False
+        else:
+            count = 1.0 * length
+            variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
+            if scatter > LARGEST_SCATTER * variance / count:
+                return False
+            limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (count - 1.0))
+            if signal['largest_variance'] > limit * variance:
+                return False
+            smooth = signal['roughness'] < LEAST_ROUGHNESS * signal['variances']
+            if smooth and variance > LEAST_VARIANCE:
+                return False
+        if i >= 3 and signal['before_blocks'] > 0:
+            step = signal['first'] + signal['means'] / blocks - signal['before']
+            spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
+            if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
+                return False
+    return True
+
+
+@compiled
+def _has_halves(rest: Any, signal: Any) -> bool:
+    """Tell whether the mean of the package moves from its first half to its second."""
+    late = rest['blocks'] - HALF
+    if late <= 0:
+        return False
+    step = (signal['means'] - signal['early_means']) / late - signal['early_means'] / HALF
+    spread = signal['scatter'] * (1.0 / HALF + 1.0 / late)
+    return bool(step * step > HALVES_DEVIATIONS * HALVES_DEVIATIONS * spread)
+
+
+@compiled
+def _learn(rest: Any, length: int) -> None:
+    """Learn the noise from a package that holds together."""
+    blocks = 1.0 * rest['blocks']
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
+        scatter = max(_scatter(rest, signal), variance / length)
+        if not rest['known']:
+            signal['variance'] = variance
+            signal['scatter'] = scatter
+        else:
+            signal['variance'] += LEARNING * (variance - signal['variance'])
+            signal['scatter'] += LEARNING * (scatter - signal['scatter'])
+    rest['known'] = True
+    rest['restless'] = 0

@@ -1,0 +1,84 @@
+"""When the node recalls and saves its bias."""
+
+import time
+
+import numpy as np
+from rclpy.node import Node
+
+from gyro_drift_filter.bags.cdr import MalformedMessageError, frame_id, read_imu
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.bias import bias_variance
+from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
+
+# Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
+_SAVE_SECONDS = 60.0
+# What the bias differs by from one power-up to the next, in rad/s: 0.5 deg/s.
+_TURN_ON_DEVIATION = 8.7e-3
+
+
+class BiasMemory:
+    """Recall the bias at the first message, which names the frame, and save it seldom.
+
+    Attributes:
+        recalled: True once the first good message has been seen.
+    """
+
+    def __init__(self, node: Node, filter_: Filter) -> None:
+        self.recalled = False
+        self._node = node
+        self._filter = filter_
+        self._frame = ''
+        self._saved_packages = 0
+        self._saved_at = -np.inf
+        self._warned = False
+
+    def recall(self, data: bytes) -> None:
+        """Take the bias of the last run, before a serialized Imu goes through the filter."""
+        try:
+            imu = read_imu(data)
+        except MalformedMessageError:
+            return
+        self.recalled = True
+        self._frame = frame_id(data, imu).decode('utf-8', 'replace')
+        parameters = self._filter.parameters
+        if not parameters.bias_memory:
+            return
+        log = self._node.get_logger()
+        try:
+            name = self._node.get_fully_qualified_name()
+            path = file_of(name, self._frame)
+            found = recall(path, name, self._frame, parameters.bias_max)
+        except (MemoryFileError, RuntimeError) as error:  # RuntimeError: a user without a home
+            log.warning(f'the bias of the last run is not used: {error}')
+            return
+        if found is None:
+            return
+        deviation = np.hypot(found.deviation, _TURN_ON_DEVIATION)
+        self._filter.set_bias(found.bias, deviation.tolist())
+        degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
+        log.info(f'bias of {found.age / 3600.0:.1f} h ago, {degrees} deg/s, from {path}')
+
+    def save_if_due(self) -> None:
+        """Save what was learned, if the last time is long enough ago."""
+        if time.monotonic() - self._saved_at >= _SAVE_SECONDS:
+            self.save()
+
+    def save(self) -> None:
+        """Save what was learned since the last time, if anything was."""
+        bias = self._filter.state['bias']
+        packages = int(bias['packages'])
+        if not self._filter.parameters.bias_memory or packages in (0, self._saved_packages):
+            return
+        self._saved_packages, self._saved_at = packages, time.monotonic()
+        deviation = [float(np.sqrt(bias_variance(bias, axis))) for axis in range(3)]
+        try:
+            name = self._node.get_fully_qualified_name()
+            path = file_of(name, self._frame)
+            remember(path, name, self._frame, bias['bias'].tolist(), deviation)
+        except (MemoryFileError, RuntimeError) as error:
+            if not self._warned:
+                self._node.get_logger().warning(
+                    f'the bias will not be remembered: {error}; set bias.memory to false if that '
+                    'is how it is meant to be'
+                )
+            self._warned = True

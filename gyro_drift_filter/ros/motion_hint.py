@@ -1,0 +1,41 @@
+"""What the robot says of its own motion: wheel odometry, or the command it was given."""
+
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+
+from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
+from gyro_drift_filter.core import Filter
+
+_CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
+assert set(_CLASSES) == set(HINT_TYPES)
+
+
+class MotionHint:
+    """Subscribe to `motion_hint` with the type that the parameter names."""
+
+    def __init__(self, node: Node, filter_: Filter, kind: str) -> None:
+        self._node = node
+        self._filter = filter_
+        self._kind = 'none'
+        self._subscription: Any = None
+        self.listen(kind)
+
+    def listen(self, kind: str) -> None:
+        """Listen to messages of another type, 'none' for not at all."""
+        if kind == self._kind:
+            return
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+        self._kind = kind
+        if kind != 'none':
+            self._subscription = self._node.create_subscription(
+                _CLASSES[kind], 'motion_hint', self._take, qos_profile_sensor_data
+            )
+
+    def _take(self, message: Any) -> None:
+        self._filter.hint(moves(message))

@@ -1,0 +1,257 @@
+"""The bias, learned at rest: real motion and rests, slow turns, warm-up, what can't be known."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
+from gyro_drift_filter.core.simulation import autoregressive
+
+START = 10**18
+# As of the ADIS16405 at 100 Hz, in rad/s.
+NOISE, PHI = 6.1e-3, 0.167
+GRAVITY = np.array([0.0, 0.0, 9.81])
+DEGREE = np.pi / 180
+
+
+def at_rest(random, seconds, bias=(0.0, 0.0, 0.0), rate=100.0):
+    """Return rates and accelerations (n, 3) of a motionless sensor."""
+    n = round(seconds * rate)
+    rates = autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2))
+    return rates + np.asarray(bias), GRAVITY + 0.02 * random.standard_normal((n, 3))
+
+
+def by_hand(random, seconds, rate=100.0):
+    """Return rates and accelerations (n, 3) that smooth motion adds."""
+    n = round(seconds * rate)
+    window = np.minimum(1.0, np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.3 * rate))[:, None]
+    sections = signal.butter(3, 2.0, fs=rate, output='sos')
+    motion = [signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0) for _ in '12']
+    return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
+
+
+def run(filter_, rates, accelerations, rate=100.0, start=START):
+    stamps = start + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+    return filter_.run(stamps, rates, accelerations)
+
+
+def moving_and_resting(random, spells, bias):
+    """Return rates and accelerations of spells (seconds, whether it moves)."""
+    parts = []
+    for seconds, moves in spells:
+        rates, accelerations = at_rest(random, seconds)
+        if moves:
+            turn, push = by_hand(random, seconds)
+            rates, accelerations = rates + turn, accelerations + push
+        parts.append((rates, accelerations))
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return rates + bias(np.arange(len(rates)) / 100.0), accelerations
+
+
+@pytest.mark.parametrize('method', ['kalman', 'sage_husa', 'adaptive'])
+@pytest.mark.parametrize('rate', [50.0, 100.0, 1000.0])
+def test_the_bias_is_taken_off_after_the_first_rest(method, rate, random):
+    truth = np.array([4.5, -3.0, 1.0]) * DEGREE
+    results = run(
+        Filter(Parameters(method=method, epsilon=1.0)), *at_rest(random, 30, truth, rate), rate
+    )
+    assert (results['bias'][0] == 0.0).all()
+    late = results[len(results) // 2 :]
+    np.testing.assert_allclose(late['bias'], np.tile(truth, (len(late), 1)), atol=0.04 * DEGREE)
+    assert np.abs(late['angular_velocity'].mean(axis=0)).max() < 0.03 * DEGREE
+    assert late['at_rest'].mean() > 0.9
+    assert (late['angular_velocity_variance'] > 0).all()
+
+
+def test_off_it_is_learned_but_left_in(random):
+    truth = np.array([1.0, 2.0, -1.0]) * DEGREE
+    filter_ = Filter(Parameters(bias_enabled=False))
+    data = at_rest(random, 20, truth)
+    results = run(filter_, *data)
+    assert (results['bias'] == 0.0).all()
+    np.testing.assert_allclose(results['angular_velocity'].mean(axis=0), truth, atol=2e-3)
+    filter_.configure(Parameters())
+    result = filter_.step(START + 20 * 10**9, data[0][-1], data[1][-1])
+    np.testing.assert_allclose(result['bias'], truth, atol=0.05 * DEGREE)
+
+
+def test_rests_between_motion_are_found_and_motion_is_none(random):
+    spells = [(10, False), (20, True), (6, False), (20, True), (6, False)]
+    truth = np.array([0.3, -0.2, 0.5]) * DEGREE
+    rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
+    results = run(Filter(), rates, accelerations)
+    moving = np.repeat([moves for _, moves in spells], [100 * s for s, _ in spells])
+    assert results['at_rest'][~moving].mean() > 0.5
+    # Rest is known to be over an eighth of a second after its end.
+    assert results['at_rest'][moving].mean() < 0.02
+    assert np.abs(results['bias'][1000:] - truth).max() < 0.06 * DEGREE
+
+
+@pytest.mark.parametrize('accelerometer', [True, False])
+def test_a_start_in_motion_invents_no_bias(accelerometer, random):
+    rates, accelerations = moving_and_resting(random, [(120, True)], lambda time: 0.0)
+    results = run(Filter(), rates, accelerations if accelerometer else 0.0 * accelerations)
+    assert (results['bias'] == 0.0).all()
+    assert (results['at_rest'] == 0.0).all()
+
+
+@pytest.mark.parametrize('hint', [False, True])
+@pytest.mark.parametrize('speed', [0.5, 1.0, 2.0, 5.0])
+def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
+    """A minute of it after 10 s of rest: no more than a fifth is learned, with a hint nothing."""
+    for _ in range(3):
+        filter_ = Filter()
+        run(filter_, *at_rest(random, 10))
+        before = filter_.state['bias']['bias'].copy()
+        for second in range(60):
+            if hint:
+                filter_.hint(moves=True)
+            turning = at_rest(random, 1, (0.0, 0.0, speed * DEGREE))
+            run(filter_, *turning, start=START + (10 + second) * 10**9)
+        change = np.abs(filter_.state['bias']['bias'] - before) / (speed * DEGREE)
+        assert change[2] < (0.01 if hint else 0.2)
+
+
+def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
+    filter_ = Filter()
+    rates, accelerations = at_rest(random, 120)
+    time = np.arange(len(rates)) / 100
+    rates[:, 2] += 0.5 * DEGREE * np.sin(2 * np.pi * 0.1 * time) * (time > 20)
+    results = run(filter_, rates, accelerations)
+    assert np.abs(results['bias'][2000:] - results['bias'][1999]).max() < 0.05 * DEGREE
+
+
+def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
+    """From the start, where no bias is known that it could be compared with."""
+    rates, accelerations = at_rest(random, 60, (1.0 * DEGREE, 0.0, 0.0))
+    angle = 1.0 * DEGREE * np.arange(len(rates)) / 100
+    accelerations += 9.81 * np.column_stack([0 * angle, np.sin(angle), np.cos(angle) - 1])
+    results = run(Filter(), rates, accelerations)
+    assert (results['bias'] == 0.0).all()
+
+
+def test_standing_still_by_the_robots_own_word_is_believed_at_once(random):
+    """After a slow turn the filter would wait for a second package that agrees."""
+    filter_ = Filter()
+    run(filter_, *at_rest(random, 10))
+    shift = np.array([0.0, 0.0, 0.6]) * DEGREE
+    for second in range(5):
+        filter_.hint(moves=False)
+        run(filter_, *at_rest(random, 1, shift), start=START + (10 + second) * 10**9)
+    np.testing.assert_allclose(filter_.state['bias']['bias'][2], shift[2], atol=0.1 * DEGREE)
+
+
+def test_a_turn_learned_at_the_start_is_unlearned(random):
+    """Two minutes of rest tell that it was none."""
+    filter_ = Filter()
+    run(filter_, *at_rest(random, 10, (0.0, 0.0, 5.0 * DEGREE)))
+    assert filter_.state['bias']['bias'][2] == pytest.approx(5.0 * DEGREE, rel=0.05)
+    run(filter_, *at_rest(random, 120), start=START + 10 * 10**9)
+    assert abs(filter_.state['bias']['bias'][2]) < 0.05 * DEGREE
+
+
+def test_a_rate_beyond_the_largest_bias_is_left_in_and_counted(random):
+    filter_ = Filter()
+    results = run(filter_, *at_rest(random, 60, (0.0, 0.0, 12.0 * DEGREE)))
+    assert (results['bias'] == 0.0).all()
+    assert filter_.state['bias']['beyond_max'] > 20
+    filter_ = Filter(Parameters(bias_max=0.3))
+    results = run(filter_, *at_rest(random, 60, (0.0, 0.0, 12.0 * DEGREE)))
+    assert results['bias'][-1, 2] == pytest.approx(12.0 * DEGREE, rel=0.01)
+
+
+def test_warm_up_is_followed_from_rest_to_rest(random):
+    """A degree a second in ten minutes, three seconds of rest a minute."""
+    errors, slope = [], DEGREE / 600.0
+    for _ in range(3):
+        spells = [(57, True), (3, False)] * 10 + [(1, True)]
+        spells[:1] = [(3, False), (54, True)]
+        rates, accelerations = moving_and_resting(
+            random, spells, lambda time: (slope * time)[:, None]
+        )
+        results = run(Filter(), rates, accelerations)
+        after = 6000 * np.arange(1, 11) + 50
+        errors.append(results['bias'][after] - (slope * after / 100.0)[:, None])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03 * DEGREE
+    assert np.abs(errors).max() < 0.1 * DEGREE
+
+
+@pytest.mark.parametrize('nothing', [0.0, np.nan])
+def test_without_an_accelerometer(nothing, random):
+    truth = np.array([0.3, -0.2, 0.5]) * DEGREE
+    spells = [(10, False), (20, True), (6, False)]
+    rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
+    results = run(Filter(), rates, np.full_like(accelerations, nothing))
+    assert np.isfinite(results['angular_velocity']).all()
+    assert np.abs(results['bias'][1000:] - truth).max() < 0.06 * DEGREE
+
+
+def test_outliers_missing_samples_and_bursts_do_not_hide_a_rest(random):
+    truth = np.array([0.3, -0.2, 0.5]) * DEGREE
+    rates, accelerations = at_rest(random, 60, truth)
+    spikes = random.choice(len(rates), 60, replace=False)
+    rates[spikes, 0] += 10.0
+    rates[random.choice(len(rates), 60, replace=False)] = np.nan
+    filter_ = Filter(Parameters(sample_rate=100.0))
+    stamps = START + 10_000_000 * (np.arange(len(rates)) // 45 * 45)
+    results = filter_.run(stamps, rates, accelerations)
+    np.testing.assert_allclose(results['bias'][-1], truth, atol=0.05 * DEGREE)
+    assert results['at_rest'][1000:].mean() > 0.3
+
+
+def test_a_change_of_temperature_widens_the_bias(random):
+    filter_ = Filter()
+    run(filter_, *at_rest(random, 30))
+
+    def variance():
+        bias = filter_.state['bias']
+        return bias['variance'][0] + bias['growth']
+
+    filter_.note_temperature(25.0)
+    before = variance()
+    filter_.note_temperature(26.0)
+    filter_.note_temperature(float('nan'))
+    assert variance() == before
+    filter_.note_temperature(35.0)
+    assert variance() == pytest.approx(before + (10 * 5e-4) ** 2)
+
+
+def test_a_known_bias_is_taken_off_the_first_sample(random):
+    truth = np.array([2.0, -1.0, 0.5]) * DEGREE
+    guessed = Filter(Parameters(bias_initial=tuple(truth + 0.1)))
+    known = Filter()
+    known.set_bias(truth, (0.002,) * 3)
+    data = at_rest(random, 20, truth)
+    np.testing.assert_allclose(
+        run(guessed, *data)['bias'][[0, -1]], [truth + 0.1, truth], atol=1e-3
+    )
+    np.testing.assert_allclose(run(known, *data)['bias'][[0, -1]], [truth, truth], atol=1e-3)
+
+
+def test_calibrate(random):
+    truth = np.array([1.0, 0.0, -1.0]) * DEGREE
+    filter_ = Filter()
+    with pytest.raises(GyroDriftFilterError, match='leave it alone for 5 s and try again'):
+        filter_.calibrate()
+    run(filter_, *at_rest(random, 10))
+    run(filter_, *at_rest(random, 20, truth), start=START + 10 * 10**9)
+    assert np.abs(filter_.state['bias']['bias']).max() < 0.1 * DEGREE  # a turn, for all it knows
+    filter_.calibrate()
+    np.testing.assert_allclose(filter_.state['bias']['bias'], truth, atol=0.05 * DEGREE)
+    rates, accelerations = moving_and_resting(random, [(5, True)], lambda time: 0.0)
+    run(filter_, rates, accelerations, start=START + 30 * 10**9)
+    with pytest.raises(GyroDriftFilterError, match='the sensor moves'):
+        filter_.calibrate()
+    run(filter_, *at_rest(random, 20, (0, 0, 0.3)), start=START + 35 * 10**9)
+    with pytest.raises(
+        GyroDriftFilterError, match=r'17\.\d\d deg/s, are beyond bias.max, 10 deg/s'
+    ):
+        filter_.calibrate()
+
+
+@pytest.mark.parametrize('name', ['static_adis16405', 'static_mpu6050_bursty'])
+def test_the_mean_of_a_real_sensor_goes(name, real):
+    stamps, rates, accelerations = real(name)
+    out = Filter().run(stamps, rates, accelerations)['angular_velocity'][3000:]
+    left, raw = out.mean(axis=0), rates[3000:].mean(axis=0)
+    assert np.sqrt((left**2).mean()) < 0.01 * np.sqrt((raw**2).mean())

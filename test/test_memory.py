@@ -1,0 +1,99 @@
+"""The file that remembers the bias: what is damaged, foreign, stale or can't be written."""
+
+import json
+import time
+
+import pytest
+
+from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
+
+NODE, FRAME = '/robot1/gyro_drift_filter', 'imu_link'
+BIAS, DEVIATION = (0.01, -0.02, 0.005), (1e-4, 2e-4, 3e-4)
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
+    return file_of(NODE, FRAME)
+
+
+def test_what_is_remembered_is_recalled(path):
+    assert recall(path, NODE, FRAME, 0.1) is None
+    remember(path, NODE, FRAME, BIAS, DEVIATION)
+    found = recall(path, NODE, FRAME, 0.1)
+    assert (found.bias, found.deviation) == (BIAS, DEVIATION)
+    assert 0.0 <= found.age < 60.0
+    remember(path, NODE, FRAME, DEVIATION, DEVIATION)
+    assert recall(path, NODE, FRAME, 0.1).bias == DEVIATION
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ('node', 'frame'),
+    [('/a/b', ''), ('/../../etc', '../../passwd'), ('/n', 'x' * 5000), ('/n', '\x00\n')],
+)
+def test_any_name_gives_a_file_within_the_folder(node, frame, path):
+    other = file_of(node, frame)
+    assert other.parent == path.parent
+    remember(other, node, frame, BIAS, DEVIATION)
+    assert recall(other, node, frame, 0.1).bias == BIAS
+
+
+def test_without_ros_home_it_is_in_the_users_home(tmp_path, monkeypatch):
+    monkeypatch.delenv('ROS_HOME', raising=False)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert file_of(NODE, FRAME).parent == tmp_path / '.ros' / 'gyro_drift_filter'
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'',
+        b'{',
+        b'null',
+        b'[1, 2]',
+        b'\xff\xfe\x00',
+        b'[' * 100_000,
+        b'{"format": 1}',
+    ],
+)
+def test_a_damaged_file_is_refused(content, path):
+    path.parent.mkdir(parents=True)
+    path.write_bytes(content)
+    with pytest.raises(MemoryFileError, match='is damaged') as error:
+        recall(path, NODE, FRAME, 0.1)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'bias': [0.1, 0.2]}, 'is damaged'),
+        ({'bias': [0.1, float('nan'), 0.2]}, 'is damaged'),
+        ({'deviation': 'abc'}, 'is damaged'),
+        ({'time': None}, 'is damaged'),
+        ({'node': '/other'}, 'of another node, frame or version'),
+        ({'frame': 'other'}, 'of another node, frame or version'),
+        ({'format': 2}, 'of another node, frame or version'),
+        ({'time': time.time() - 40 * 86_400}, 'is from 40.0 days ago'),
+        ({'time': time.time() + 40 * 86_400}, 'is from -40.0 days ago'),
+        ({'bias': [0.0, 5.0, 0.0]}, 'beyond bias.max'),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, message, path):
+    remember(path, NODE, FRAME, BIAS, DEVIATION)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(MemoryFileError, match=message):
+        recall(path, NODE, FRAME, 0.1)
+
+
+def test_a_folder_that_can_not_be_written(path):
+    path.parent.parent.write_text('a file where the folder should be')
+    with pytest.raises(MemoryFileError, match='can not be written'):
+        remember(path, NODE, FRAME, BIAS, DEVIATION)
+
+
+def test_what_can_not_be_read(path):
+    path.mkdir(parents=True)
+    with pytest.raises(MemoryFileError, match='can not be read'):
+        recall(path, NODE, FRAME, 0.1)
