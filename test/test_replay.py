@@ -247,7 +247,7 @@ def test_recorded_sample_topics_are_kept_unless_they_are_written_anew(tmp_path):
     assert set(summary.left_out) == {'/imu/data_filtered'}
     summary = run(tmp_path / 'once', tmp_path / 'anew', diagnostics=True)
     assert len(read(tmp_path / 'anew')[0]['/gyro_drift_filter/innovation']) == len(imu)
-    assert len(summary.left_out) == 1 + len(SAMPLE_TOPICS)
+    assert len(summary.left_out) == 2 + len(SAMPLE_TOPICS)  # the filtered topic and at_rest
 
 
 def test_diagnostics_of_another_type_are_left_alone(tmp_path):
@@ -439,22 +439,28 @@ def test_a_failure_leaves_nothing_that_looks_like_a_bag(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('topic', 'filtered', 'node'),
+    ('topic', 'filtered', 'node', 'temperature'),
     [
-        ('/imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter'),
-        ('imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter'),
-        ('/robot1/imu/data_raw', '/robot1/imu/data_filtered', '/robot1/gyro_drift_filter'),
-        ('/camera/imu', '/camera/imu_filtered', '/camera/gyro_drift_filter'),
+        ('/imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter', '/imu/temperature'),
+        ('imu/data_raw', '/imu/data_filtered', '/gyro_drift_filter', '/imu/temperature'),
+        (
+            '/robot1/imu/data_raw',
+            '/robot1/imu/data_filtered',
+            '/robot1/gyro_drift_filter',
+            '/robot1/imu/temperature',
+        ),
+        ('/camera/imu', '/camera/imu_filtered', '/camera/gyro_drift_filter', '/camera/temperature'),
         (
             '/os_cloud_node/data_raw',
             '/os_cloud_node/data_filtered',
             '/os_cloud_node/gyro_drift_filter',
+            '/os_cloud_node/temperature',
         ),
-        ('/imu', '/imu_filtered', '/gyro_drift_filter'),
+        ('/imu', '/imu_filtered', '/gyro_drift_filter', '/temperature'),
     ],
 )
-def test_names_of_the_outputs(topic, filtered, node):
-    assert Topics.of(topic) == Topics(filtered, node)
+def test_names_of_the_outputs(topic, filtered, node, temperature):
+    assert Topics.of(topic) == Topics(filtered, node, temperature)
 
 
 def test_simulated_bag_and_truth(tmp_path):

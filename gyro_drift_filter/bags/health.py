@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.core.bias import bias_variance
 from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.parameters import AXES
 
@@ -147,7 +148,15 @@ class Health:
         values |= _per_axis('Outliers since last report (%)', [100.0 * share for share in recent])
         values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'])
         values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'])
-        values |= _per_axis('Bias (rad/s)', result['bias'])
+        bias = state['bias']
+        deviations = [bias_variance(bias, axis) ** 0.5 for axis in range(3)]
+        values |= _per_axis('Bias (rad/s)', bias['bias'])
+        values |= _per_axis('Bias deviation (rad/s)', deviations if bias['known'] else _UNKNOWN)
+        values['At rest'] = str(bool(bias['rest']['at_rest']))
+        values['Time since rest (s)'] = _number(bias['rest_seconds'])
+        values['Rests the bias was learned from'] = str(bias['packages'])
+        values['Rests with a rate beyond bias.max'] = str(bias['beyond_max'])
+        values['Slow turns told from rest'] = str(bias['turning'])
         values |= _per_axis('Divergences', now.divergences)
         level, message = OK, 'filtering'
         method = self._messages.filter.parameters.method
@@ -156,9 +165,17 @@ class Health:
             message = f'more than half of the samples count as outliers: {_REMEDIES[method]}'
         elif now.divergences != before.divergences:
             level, message = WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
+        elif bias['beyond']:
+            limit = math.degrees(self._messages.filter.parameters.bias_max)
+            level = WARN
+            message = (
+                f'steady as at rest, but the rate is beyond bias.max ({limit:g} deg/s) and stays '
+                'in: if it does not turn, raise bias.max, and have the sensor looked at'
+            )
         return Status(level, f'{self._name}: filter', message, values)
 
 
+_UNKNOWN = (math.nan,) * 3
 _METHOD_FOR_STANDSTILL = 'for a robot that moves, set method to adaptive; else raise epsilon'
 _REMEDIES = {
     'kalman': _METHOD_FOR_STANDSTILL,

@@ -1,6 +1,7 @@
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from gyro_drift_filter.bags.message_filter import (
     Outcome,
     sample_message,
 )
+from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.bags.recording import (
     AnyReader,
     BagError,
@@ -32,6 +34,9 @@ from gyro_drift_filter.core.filter import LARGEST_RATE
 
 DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
+BOOL_TYPE = 'std_msgs/msg/Bool'
+AT_REST = 'at_rest'
 _REPORT_PERIOD = 1_000_000_000  # ns
 _LARGEST_BATCH = 4096
 _LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
@@ -85,6 +90,7 @@ class Topics:
 
     filtered: str
     node: str
+    temperature: str
 
     @classmethod
     def of(cls, topic: str) -> 'Topics':
@@ -96,11 +102,12 @@ class Topics:
         topic = '/' + topic.strip('/')
         parent = topic.rpartition('/')[0]
         if topic.endswith('/imu/data_raw'):
-            return cls(f'{parent}/data_filtered', f'{parent.rpartition("/")[0]}/{NODE_NAME}')
+            node = f'{parent.rpartition("/")[0]}/{NODE_NAME}'
+            return cls(f'{parent}/data_filtered', node, f'{parent}/temperature')
         filtered = f'{topic}_filtered'
         if topic.endswith('/data_raw'):
             filtered = f'{parent}/data_filtered'
-        return cls(filtered, f'{parent}/{NODE_NAME}')
+        return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
 
     def sample(self, name: str) -> str:
         """Return the name of one of `SAMPLE_TOPICS`."""
@@ -170,17 +177,23 @@ class _Replay:
         topic: str,
         parameters: Parameters,
         diagnostics: bool,
+        hint: str | None,
     ) -> None:
+        self._reader = reader
         self._writer = writer
         self._topic = topic
         self._topics = Topics.of(topic)
         self._filter = MessageFilter(parameters)
+        self._told_by = _told_by(reader, self._topics.temperature, hint)
+        self._at_rest = -1.0
         self._health = Health(self._filter)
         self._health_in_all = Health(self._filter)
         self._raw, self._filtered = _Moments(), _Moments()
         self._written = 0
         names = SAMPLE_TOPICS if diagnostics else ()
         own = {self._topics.filtered} | {self._topics.sample(name) for name in names}
+        if diagnostics:
+            own.add(self._topics.sample(AT_REST))
         self._copies: dict[int, Connection] = {}
         self._left_out: dict[str, str] = {}
         for connection in reader.connections:
@@ -200,11 +213,14 @@ class _Replay:
         self._samples = {
             name: writer.add_connection(self._topics.sample(name), VECTOR_TYPE) for name in names
         }
+        self._rest = (
+            writer.add_connection(self._topics.sample(AT_REST), BOOL_TYPE) if diagnostics else None
+        )
 
     def take(self, batch: list[Message]) -> None:
         """Filter the Imu messages of a batch and write all of it, in its order."""
         ours = [data for connection, _, data in batch if connection.topic == self._topic]
-        outcomes = self._filter.process_batch(ours)
+        outcomes = self._process(batch)
         self._add_up(outcomes)
         following = iter(zip(ours, outcomes, strict=True))
         for connection, log_time, data in batch:
@@ -214,6 +230,28 @@ class _Replay:
             self._writer.write(copy, log_time, data)
             if connection.topic == self._topic:
                 self._write_outcome(log_time, *next(following))
+
+    def _process(self, batch: list[Message]) -> list[Outcome]:
+        """Filter the Imu messages between those that tell of temperature or motion."""
+        outcomes: list[Outcome] = []
+        waiting: list[bytes] = []
+        for connection, _, data in batch:
+            if connection.topic == self._topic:
+                waiting.append(data)
+            elif connection.topic in self._told_by:
+                outcomes += self._filter.process_batch(waiting)
+                waiting = []
+                self._tell(connection, data)
+        return outcomes + self._filter.process_batch(waiting)
+
+    def _tell(self, connection: Connection, data: bytes) -> None:
+        """Tell the filter what another topic says, passing over what can't be read."""
+        with suppress(Exception):
+            message: Any = self._reader.deserialize(data, connection.msgtype)
+            if connection.msgtype == TEMPERATURE_TYPE:
+                self._filter.filter.note_temperature(message.temperature)
+            else:
+                self._filter.filter.hint(moves(message))
 
     def _write_outcome(self, log_time: int, data: bytes, outcome: Outcome) -> None:
         if outcome.data is None:
@@ -225,6 +263,10 @@ class _Replay:
         for name, connection in self._samples.items():
             message = sample_message(data, outcome.imu, outcome.result, name)
             self._writer.write(connection, log_time, message)
+        if self._rest is not None and outcome.result['at_rest'] != self._at_rest:
+            self._at_rest = float(outcome.result['at_rest'])
+            told = message_type(BOOL_TYPE)(self._at_rest > 0.0)
+            self._writer.write(self._rest, log_time, serialize(told, BOOL_TYPE))
 
     def report(self, log_time: int, seconds: float) -> None:
         """Write the filter's health as of a log time in ns, `seconds` after the last report."""
@@ -257,6 +299,25 @@ class _Replay:
             period=float(state['clock']['period']),
             status=self._health_in_all.report(seconds),
         )
+
+
+def _told_by(reader: AnyReader, temperature: str, hint: str | None) -> set[str]:
+    """Return the topics that the filter listens to beside the Imu.
+
+    Raises:
+        BagError: The bag has no topic of that name that could tell of motion.
+    """
+    types = {connection.topic: connection.msgtype for connection in reader.connections}
+    topics = {temperature} if types.get(temperature) == TEMPERATURE_TYPE else set()
+    if hint is None:
+        return topics
+    found = [topic for topic in types if topic.strip('/') == hint.strip('/')]
+    if not found:
+        raise BagError(f'no topic {hint} in the bag')
+    if types[found[0]] not in HINT_TYPES.values():
+        wanted = ', '.join(HINT_TYPES.values())
+        raise BagError(f'topic {hint} is of type {types[found[0]]}, not one of {wanted}')
+    return topics | {found[0]}
 
 
 def _diagnostic_array(log_time: int, statuses: list[Status]) -> Any:
@@ -293,6 +354,7 @@ def replay(
     parameters: Parameters,
     topic: str | None = None,
     diagnostics: bool = False,
+    hint: str | None = None,
     progress: Progress = lambda done, total: None,
 ) -> Summary:
     """Filter the Imu topic of a bag and write all into a new bag.
@@ -306,6 +368,7 @@ def replay(
         parameters: Of the filter.
         topic: The Imu topic, needed where there are several.
         diagnostics: Whether the per-sample topics are written, too.
+        hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
         progress: Called with the number of messages done and their total.
 
     Raises:
@@ -315,7 +378,7 @@ def replay(
         chosen = choose_topic(reader, topic)
         total = reader.message_count
         with BagWriter(destination) as writer:
-            run = _Replay(reader, writer, chosen, parameters, diagnostics)
+            run = _Replay(reader, writer, chosen, parameters, diagnostics, hint)
             done = first = reported = now = 0
             for batch in _batches(messages(reader)):
                 if done == 0:

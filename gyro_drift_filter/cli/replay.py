@@ -30,6 +30,11 @@ def add_parser(subcommands: Any) -> None:
         action='store_true',
         help='write innovation, Q, R, bias and outlier flags of every sample, too',
     )
+    command.add_argument(
+        '--motion-hint',
+        metavar='TOPIC',
+        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
+    )
     command.add_argument('--quiet', action='store_true', help='no progress, no table')
     command.set_defaults(run=run)
 
@@ -49,6 +54,7 @@ def run(options: argparse.Namespace) -> None:
             parameters=parameters,
             topic=options.topic,
             diagnostics=options.diagnostics,
+            hint=options.motion_hint,
             progress=progress,
         )
     finally:

@@ -71,6 +71,7 @@ BIAS = np.dtype(
         ('doubt', np.int64),  # packages of rest to go until one is believed after a slow turn
         ('turn', np.float64, _AXES),  # rad/s, rate of rest that was not believed
         ('turn_seconds', np.float64),  # for how long
+        ('beyond', np.bool_),  # stillness under way has a rate beyond the largest bias
         # counts
         ('packages', np.int64),  # that the bias was learned from
         ('beyond_max', np.int64),  # at rest with a rate that no bias has
@@ -136,6 +137,7 @@ def track_bias(
     run = rest['run']
     found = close_block(rest, period)
     if rest['run'] < run:
+        state['beyond'] = False
         if state['doubt'] > 0:
             state['doubt'] = DOUBTED
         state['still_seconds'] = 0.0
@@ -207,6 +209,7 @@ def _is_bias(state: Any, largest: float, period: float) -> bool:
     for axis in range(3):
         if abs(package_mean(rest, axis)) > largest:
             state['beyond_max'] += 1
+            state['beyond'] = True
             return False
     if not state['known']:
         return True
@@ -274,6 +277,7 @@ def _learn(state: Any) -> None:
 def _settle(state: Any) -> None:
     """Begin to count anew what the bias may have done since it was learned."""
     state['known'] = True
+    state['beyond'] = False
     state['packages'] += 1
     state['growth'] = 0.0
     state['reach'] = 0.0

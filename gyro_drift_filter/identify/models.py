@@ -14,7 +14,13 @@ from scipy import signal, stats
 from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
 from statsmodels.tsa.stattools import acf, q_stat
 
-from gyro_drift_filter.identify.spectrum import Spectrum, climb, fit, likelihood_interval, spectrum
+from gyro_drift_filter.identify.spectrum import (
+    Spectrum,
+    climb,
+    fit_density,
+    likelihood_interval,
+    spectrum,
+)
 
 Array = NDArray[np.float64]
 Delays = NDArray[np.complex128]
@@ -134,7 +140,7 @@ def _fit_one(pieces: Sequence[Array], data: Spectrum, order: Order, scale: float
     starts = [_start(pieces, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
     delays = _delays(data.frequency, order)
     results = [
-        fit(data, lambda v: _arma_density(delays, order, v), [*start.tolist(), 0.0])
+        fit_density(data, lambda v: _arma_density(delays, order, v), [*start.tolist(), 0.0])
         for start in starts
     ]
     result = max(results, key=lambda candidate: candidate.log_likelihood)
@@ -233,7 +239,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
         return np.array([phi, covariance / phi, total - covariance / phi])
 
     starts = ((0.2, 0.2, 1.0), (0.9, 0.5, 1.0), (0.9, 0.1, 1.0), (-0.2, -0.1, 1.0))
-    results = [fit(data, lambda v: density(by_moments(v)), start) for start in starts]
+    results = [fit_density(data, lambda v: density(by_moments(v)), start) for start in starts]
     likeliest = max(results, key=lambda result: result.log_likelihood)
     best = climb(data, density, by_moments(likeliest.parameters))
     phi, drift, white = (float(v) for v in best.parameters)
@@ -301,7 +307,7 @@ def fit_filter_noise(pieces: Sequence[Array], phi: float) -> FilterNoise:
         ratio = max(math.exp(min(v[0], 50.0)), _LEAST_RATIO)
         return np.asarray(math.exp(min(v[1], 50.0)) * (ratio * drift + difference))
 
-    results = [fit(data, density, (math.log(ratio), 0.0)) for ratio in (1e-6, 1e-3, 1.0)]
+    results = [fit_density(data, density, (math.log(ratio), 0.0)) for ratio in (1e-6, 1e-3, 1.0)]
     best = max(results, key=lambda result: result.log_likelihood)
     ratio = max(math.exp(best.parameters[0]), _LEAST_RATIO)
     measurement = scale**2 * math.exp(best.parameters[1])

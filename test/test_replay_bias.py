@@ -1,0 +1,114 @@
+"""Bias in a replay: what the bag's other topics say of motion and temperature, and `at_rest`."""
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.bags.cdr import VECTOR_TYPE
+from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
+from gyro_drift_filter.bags.recording import BagError, message_type, serialize
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message
+from gyro_drift_filter.core import Filter, Parameters
+from test.test_bias import DEGREE, START, at_rest
+from test.test_replay import IMU_TYPE, STORE, read, write
+
+
+def imus(rates, accelerations):
+    return [
+        (START + 10_000_000 * k, imu_message(START + 10_000_000 * k, rate, acceleration))
+        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
+    ]
+
+
+def header(stamp):
+    time = message_type('builtin_interfaces/msg/Time')(*divmod(stamp, 10**9))
+    return message_type('std_msgs/msg/Header')(stamp=time, frame_id='base_link')
+
+
+def hint(kind, turn):
+    vector = message_type('geometry_msgs/msg/Vector3')
+    twist = message_type('geometry_msgs/msg/Twist')(vector(0.0, 0.0, 0.0), vector(0.0, 0.0, turn))
+    if kind == 'twist':
+        return twist
+    if kind == 'twist_stamped':
+        return message_type('geometry_msgs/msg/TwistStamped')(header(START), twist)
+    pose = message_type('geometry_msgs/msg/Pose')(
+        message_type('geometry_msgs/msg/Point')(0.0, 0.0, 0.0),
+        message_type('geometry_msgs/msg/Quaternion')(0.0, 0.0, 0.0, 1.0),
+    )
+    return message_type('nav_msgs/msg/Odometry')(
+        header(START),
+        'base_link',
+        message_type('geometry_msgs/msg/PoseWithCovariance')(pose, np.zeros(36)),
+        message_type('geometry_msgs/msg/TwistWithCovariance')(twist, np.zeros(36)),
+    )
+
+
+@pytest.mark.parametrize('kind', HINT_TYPES)
+def test_what_counts_as_motion(kind):
+    assert moves(hint(kind, 0.1))
+    assert moves(hint(kind, float('nan')))
+    assert not moves(hint(kind, 0.0))
+
+
+@pytest.mark.parametrize('kind', HINT_TYPES)
+def test_a_hint_in_the_bag_is_taken_as_the_node_takes_it(kind, tmp_path, random):
+    """From the first sample on the robot turns slowly, and says so for 20 of 40 s."""
+    data = at_rest(random, 40, (0.0, 0.0, 2.0 * DEGREE))
+    hints = [
+        (START + second * 10**9 + 1, serialize(hint(kind, 0.03), HINT_TYPES[kind]))
+        for second in range(20)
+    ]
+    source = write(
+        tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*data), ('/odom', HINT_TYPES[kind]): hints}
+    )
+    replay(source, tmp_path / 'out', parameters=Parameters(), diagnostics=True, hint='odom')
+    filter_ = Filter()
+    biases, rests = [], []
+    for k, (rate, acceleration) in enumerate(zip(*data, strict=True)):
+        result = filter_.step(START + 10_000_000 * k, rate, acceleration)
+        biases.append(result['bias'].copy())
+        if not rests or result['at_rest'] != rests[-1]:
+            rests.append(result['at_rest'])
+        if k % 100 == 0 and k < 2000:
+            filter_.hint(moves=True)
+    written, _ = read(tmp_path / 'out')
+    found = [
+        STORE.deserialize_cdr(data, VECTOR_TYPE).vector
+        for _, data in written['/gyro_drift_filter/bias']
+    ]
+    assert [(v.x, v.y, v.z) for v in found] == [tuple(bias) for bias in biases]
+    told = [
+        STORE.deserialize_cdr(data, 'std_msgs/msg/Bool').data
+        for _, data in written['/gyro_drift_filter/at_rest']
+    ]
+    assert told == [rest > 0 for rest in rests] == [False, True]
+    assert biases[2000][2] == 0.0
+    assert biases[-1][2] == pytest.approx(2.0 * DEGREE, rel=0.05)
+
+
+def test_hints_that_do_not_fit_are_refused(tmp_path, random):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 1))})
+    with pytest.raises(BagError, match='no topic odom in the bag'):
+        replay(source, tmp_path / 'out', parameters=Parameters(), hint='odom')
+    with pytest.raises(BagError, match='is of type sensor_msgs/msg/Imu, not one of geometry_msgs'):
+        replay(source, tmp_path / 'out', parameters=Parameters(), hint=TOPIC)
+
+
+def test_the_temperature_beside_the_imu_widens_the_bias(tmp_path, random):
+    name = 'sensor_msgs/msg/Temperature'
+    data = imus(*at_rest(random, 30))
+    warm = [
+        (START + seconds * 10**9, serialize(message_type(name)(header(START), kelvin, 0.0), name))
+        for seconds, kelvin in ((1, 20.0), (28, 60.0))
+    ]
+    for folder, topics in (('cold', {}), ('warm', {('/imu/temperature', name): warm})):
+        source = write(tmp_path / folder, {(TOPIC, IMU_TYPE): data, **topics})
+        replay(source, tmp_path / f'{folder}_out', parameters=Parameters())
+    variance = {}
+    for folder in ('cold', 'warm'):
+        messages, _ = read(tmp_path / f'{folder}_out')
+        _, message = messages['/imu/data_filtered'][2810]
+        filtered = STORE.deserialize_cdr(message, IMU_TYPE)
+        variance[folder] = filtered.angular_velocity_covariance[0]
+    assert variance['warm'] > variance['cold'] + 0.5 * (40 * 5e-4) ** 2
