@@ -96,7 +96,7 @@ def test_a_start_in_motion_invents_no_bias(accelerometer, random):
 
 
 @pytest.mark.parametrize('hint', [False, True])
-@pytest.mark.parametrize('speed', [0.5, 1.0, 2.0, 5.0])
+@pytest.mark.parametrize('speed', [0.3, 0.5, 1.0, 2.0, 5.0])
 def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
     """A minute of it after 10 s of rest: no more than a fifth is learned, with a hint nothing."""
     for _ in range(3):
@@ -110,6 +110,32 @@ def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
             run(filter_, *turning, start=START + (10 + second) * 10**9)
         change = np.abs(filter_.state['bias']['bias'] - before) / (speed * DEGREE)
         assert change[2] < (0.01 if hint else 0.2)
+
+
+def test_a_turn_that_only_several_packages_tell_is_taken_back(random):
+    """0.5 deg/s for 30 s after 20 s of rest, in ten times the noise."""
+    learned = []
+    for _ in range(5):
+        rates, accelerations = at_rest(random, 50)
+        rates *= 10.0
+        rates[2000:, 2] += 0.5 * DEGREE
+        bias = run(Filter(), rates, accelerations)['bias'][:, 2]
+        learned.append((bias[2000:].mean() - bias[1999]) / (0.5 * DEGREE))
+    assert np.mean(learned) < 0.15
+    assert max(learned) < 0.5
+
+
+def test_after_a_slow_turn_short_rests_are_believed_again(random):
+    """Each of them is one package long."""
+    filter_ = Filter()
+    run(filter_, *at_rest(random, 10))
+    run(filter_, *at_rest(random, 10, (0.0, 0.0, 5.0 * DEGREE)), start=START + 10 * 10**9)
+    assert filter_.state['bias']['turning'] > 0
+    truth = np.array([0.1, -0.1, 0.1]) * DEGREE
+    spells = 4 * [(20, True), (3, False)] + [(1, True)]
+    data = moving_and_resting(random, spells, lambda time: truth)
+    results = run(filter_, *data, start=START + 20 * 10**9)
+    np.testing.assert_allclose(results['bias'][-1], truth, atol=0.06 * DEGREE)
 
 
 def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):

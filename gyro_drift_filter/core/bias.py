@@ -5,7 +5,8 @@ by. Between rests the bias walks at random. A constant slow turn can't be told f
 alone, so a package is believed only where
 
 - its mean is within `bias.max` on all axes, and
-- it lies where the bias can have come since the last one, by the deviation of the bias.
+- it lies where the bias can have come since the last one, by the deviation of the bias, and so do
+  the last ones of this rest together, however many of them.
 
 A rate that stays elsewhere at rest for long, or that comes back after motion, is the bias after
 all: the filter had learned a turn.
@@ -34,6 +35,8 @@ _AXES = (3,)
 
 # A package is believed within so many deviations of where the bias can be.
 GATE = 3.5
+# Several packages in a row, up to so many, have to lie closer: they tell a turn of the bias's size.
+RECENT_GATE, RECENT = 3.0, 8
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 REST_SHARE = 0.02
 # How fast the bias walks is learned from how well it was foretold: this share per package, down to
@@ -41,8 +44,8 @@ REST_SHARE = 0.02
 LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # A rate of rest that is not believed is the bias after all if it stays for so long.
 LONGEST_TURN = 90.0  # s
-# After a slow turn so many packages of one rest have to agree before they are believed: a turn to
-# and fro passes the bias.
+# After a slow turn so many packages of rest in a row have to agree before they are believed: a turn
+# to and fro passes the bias.
 DOUBTED = 2
 # It stays where a package lies within so many deviations of those before.
 SAME = 4.0
@@ -50,6 +53,20 @@ SAME = 4.0
 # What the robot says of itself: nothing, that it moves, that it stands; good for so long.
 SILENT, MOVES, STANDS = 0, 1, 2
 HINT_SECONDS = 1.0
+
+PACKAGE = np.dtype(
+    [
+        ('mean', np.float64, _AXES),  # rad/s
+        ('noise', np.float64, _AXES),  # variance of the mean, (rad/s)^2
+        # of the bias before it was taken in
+        ('bias', np.float64, _AXES),
+        ('variance', np.float64, _AXES),
+        # of the state, that ended as it was taken in; 0 where it was not
+        ('growth', np.float64),
+        ('reach', np.float64),
+    ],
+    align=True,
+)
 
 BIAS = np.dtype(
     [
@@ -60,6 +77,8 @@ BIAS = np.dtype(
         ('walk', np.float64),  # share of the random walk's variance that the bias takes
         ('growth', np.float64),  # (rad/s)^2, of the variance since the last package
         ('reach', np.float64),  # (rad/s)^2, the same with all of the random walk
+        ('recent', PACKAGE, (RECENT,)),  # packages of this rest, the last one first
+        ('recent_count', np.int64),
         ('hint', np.int64),
         ('hint_seconds', np.float64),  # until it is forgotten
         ('temperature', np.float64),  # in deg C, at the last growth for it; NaN before the first
@@ -138,8 +157,7 @@ def track_bias(
     found = close_block(rest, period)
     if rest['run'] < run:
         state['beyond'] = False
-        if state['doubt'] > 0:
-            state['doubt'] = DOUBTED
+        state['recent_count'] = 0
         state['still_seconds'] = 0.0
         state['still_blocks'] = 0.0
         for axis in range(3):
@@ -213,22 +231,84 @@ def _is_bias(state: Any, largest: float, period: float) -> bool:
             return False
     if not state['known']:
         return True
-    farthest = 0.0
-    for axis in range(3):
-        distance = package_mean(rest, axis) - state['bias'][axis]
-        spread = state['variance'][axis] + state['reach'] + package_variance(rest, axis)
-        if distance * distance > GATE * GATE * spread:
-            farthest = max(farthest, distance * distance)
     if state['hint'] == STANDS:
         # It stands there by the robot's own word, so that is how far the bias has come.
-        state['growth'] = max(state['growth'], farthest)
+        for axis in range(3):
+            distance = package_mean(rest, axis) - state['bias'][axis]
+            spread = state['variance'][axis] + state['reach'] + package_variance(rest, axis)
+            if distance * distance > GATE * GATE * spread:
+                state['growth'] = max(state['growth'], distance * distance)
+        state['recent_count'] = 0
         return True
-    if farthest > 0.0:
+    _note_package(state)
+    turned = _turned(state)
+    if turned > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED
+        _take_back(state, turned)
         return _stays(state, rest['blocks'] * block_seconds(period))
     state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
+
+
+@compiled
+def _note_package(state: Any) -> None:
+    """Put the package before the others of this rest."""
+    recent = state['recent']
+    count = min(state['recent_count'], RECENT - 1)
+    for i in range(count, 0, -1):
+        recent[i] = recent[i - 1]
+    state['recent_count'] = count + 1
+    last = recent[0]
+    for axis in range(3):
+        last['mean'][axis] = package_mean(state['rest'], axis)
+        last['noise'][axis] = package_variance(state['rest'], axis)
+        last['bias'][axis] = state['bias'][axis]
+        last['variance'][axis] = state['variance'][axis]
+    last['growth'] = 0.0
+    last['reach'] = 0.0
+
+
+@compiled
+def _turned(state: Any) -> int:
+    """Return how many of the last packages lie together where no bias can have come, 0 for none."""
+    recent = state['recent']
+    for axis in range(3):
+        total = noise = 0.0
+        reach = state['reach']
+        for i in range(state['recent_count']):
+            package, count = recent[i], i + 1.0
+            total += package['mean'][axis]
+            noise += package['noise'][axis]
+            reach += package['reach']
+            distance = total / count - package['bias'][axis]
+            spread = package['variance'][axis] + reach + noise / (count * count)
+            gate = GATE if i == 0 else RECENT_GATE
+            if distance * distance > gate * gate * spread:
+                return i + 1
+    return 0
+
+
+@compiled
+def _take_back(state: Any, count: int) -> None:
+    """Unlearn the last `count` packages."""
+    if count == 1:
+        state['recent_count'] = 0
+        return
+    recent = state['recent']
+    before = recent[count - 1]
+    for axis in range(3):
+        state['bias'][axis] = before['bias'][axis]
+        state['variance'][axis] = before['variance'][axis]
+    for i in range(count):
+        package = recent[i]
+        state['growth'] += package['growth']
+        state['reach'] += package['reach']
+        package['growth'] = 0.0
+        package['reach'] = 0.0
+        for axis in range(3):
+            package['bias'][axis] = before['bias'][axis]
+            package['variance'][axis] = before['variance'][axis]
 
 
 @compiled
@@ -246,6 +326,7 @@ def _stays(state: Any, seconds: float) -> bool:
     if state['turn_seconds'] < LONGEST_TURN:
         return False
     state['known'] = False
+    state['recent_count'] = 0
     return True
 
 
@@ -270,6 +351,8 @@ def _learn(state: Any) -> None:
     if state['known']:
         exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
         state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
+        state['recent'][0]['growth'] = state['growth']
+        state['recent'][0]['reach'] = state['reach']
     _settle(state)
 
 

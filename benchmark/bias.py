@@ -1,0 +1,113 @@
+"""How much of a slow turn is learned as bias, and how well a bias that warms up is followed.
+
+    python -m benchmark.bias [--seeds N] [--rate HZ]
+
+Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of an ADIS16405 at
+100 Hz, gravity with 0.02 m/s^2 of noise.
+"""
+
+import argparse
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.simulation import autoregressive
+
+NOISE, PHI, GRAVITY = 6.1e-3, 0.167, 9.81
+SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s
+REST, TURN = 10, 60  # s
+WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
+START = 10**18
+# Whether the turn is about the vertical, and whether there is no accelerometer.
+TURNS = {
+    'vertical': (True, False),
+    'horizontal': (False, False),
+    'horizontal, gyroscope alone': (False, True),
+}
+_DEGREE = np.pi / 180
+
+Array = NDArray[np.float64]
+
+
+def at_rest(random: np.random.Generator, seconds: float, rate: float) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a motionless sensor."""
+    n = round(seconds * rate)
+    accelerations = 0.02 * random.standard_normal((n, 3))
+    accelerations[:, 2] += GRAVITY
+    return autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2)), accelerations
+
+
+def _biases(rates: Array, accelerations: Array, rate: float, silent: bool) -> Array:
+    stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+    if silent:
+        accelerations = np.full_like(accelerations, np.nan)
+    return np.array(Filter(Parameters()).run(stamps, rates, accelerations)['bias'])
+
+
+def slow_turn(
+    random: np.random.Generator, speed: float, rate: float, upright: bool, silent: bool
+) -> float:
+    """Return the share of a turn of `speed` deg/s that is learned as bias at its end.
+
+    About the vertical or, not `upright`, a horizontal axis; `silent` without an accelerometer.
+    """
+    rates, accelerations = at_rest(random, REST + TURN, rate)
+    begin, axis = round(REST * rate), 2 if upright else 0
+    rates[begin:, axis] += speed * _DEGREE
+    if not upright:
+        angle = speed * _DEGREE / rate * np.arange(len(rates) - begin)
+        accelerations[begin:, 1] += GRAVITY * np.sin(angle)
+        accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
+    bias = _biases(rates, accelerations, rate, silent)[:, axis]
+    return abs(float(bias[-1] - bias[begin - 1])) / (speed * _DEGREE)
+
+
+def warm_up(random: np.random.Generator, rate: float) -> Array:
+    """Return the errors in deg/s after each rest, (rests, 3), of a bias that moves 1 deg/s.
+
+    Between the rests it moves: smooth noise of 0.3 rad/s and 0.3 m/s^2.
+    """
+    rates, accelerations = at_rest(random, WARM_UP, rate)
+    time = np.arange(len(rates)) / rate
+    truth = _DEGREE * time / WARM_UP
+    since = (time + CYCLE - PAUSE) % CYCLE  # the recording begins with a rest
+    rests = since >= CYCLE - PAUSE
+    window = np.clip(np.minimum(since, CYCLE - PAUSE - since) / 0.5, 0.0, 1.0)
+    smooth = np.cumsum(random.standard_normal((len(rates), 3)), axis=0)
+    width = round(5 * rate)
+    smooth[width:] -= smooth[:-width].copy()
+    motion = 0.3 * (window * ~rests)[:, None] * smooth / smooth.std()
+    bias = _biases(rates + truth[:, None] + motion, accelerations + motion, rate, False)
+    ends = np.flatnonzero(rests[:-1] & ~rests[1:]) + round(0.5 * rate)
+    return np.asarray(bias[ends] - truth[ends, None]) / _DEGREE
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--seeds', type=int, default=100, help='default %(default)s')
+    parser.add_argument('--rate', type=float, default=100.0, help='Hz, default %(default)s')
+    options = parser.parse_args()
+    seeds = range(options.seeds)
+    rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
+    for speed in SPEEDS:
+        row = [f'{speed:g}']
+        for upright, silent in TURNS.values():
+            shares = [
+                slow_turn(np.random.default_rng(seed), speed, options.rate, upright, silent)
+                for seed in seeds
+            ]
+            row.append(f'{np.median(shares):.3f}  {max(shares):.3f}')
+        rows.append(row)
+    print(f'share of a turn of {TURN} s after {REST} s of rest that is bias at its end\n')
+    print(table(rows), end='\n\n')
+    errors = np.array([warm_up(np.random.default_rng(seed), options.rate) for seed in seeds])
+    print(f'bias that moves 1 deg/s in {WARM_UP} s, a rest of {PAUSE} s every {CYCLE} s\n')
+    rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
+    print(table([['error after a rest (deg/s), rms', 'worst'], [f'{rms:.3f}', f'{worst:.3f}']]))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,229 @@
+"""The bias in the real node: remembered over a kill, calibrated, hinted at, warmed, reported."""
+
+import json
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Twist
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from demo.live import LOSSLESS, LiveNode
+from gyro_drift_filter.bags.cdr import read_imu
+from gyro_drift_filter.bags.simulated import FRAME, imu_message
+from gyro_drift_filter.ros.memory_file import file_of, recall
+from test.test_bias import DEGREE, START, at_rest, by_hand
+from test.test_node import call, diagnostics, set_parameters, values
+
+NODE = '/gyro_drift_filter'
+FILTER = 'gyro_drift_filter: filter'
+TRUTH = np.array([1.0, -2.0, 0.5]) * DEGREE
+
+
+def serialized(rates, accelerations, start=0):
+    """Return messages at 100 Hz, the first of them `start` s after the test's beginning."""
+    return [
+        imu_message(START + int(start * 1e9) + 10_000_000 * k, rate, acceleration)
+        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
+    ]
+
+
+def rates_of(messages):
+    return np.array([read_imu(message).angular_velocity for message in messages])
+
+
+def bias_of(live):
+    """Return the bias in rad/s that the node knows of, from its diagnostics."""
+    found = values(diagnostics(live, lambda statuses: FILTER in statuses)[FILTER])
+    return np.array([float(found[f'Bias (rad/s) {axis}']) for axis in 'xyz'])
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A folder for ROS_HOME, here and in the node."""
+    folder = tmp_path / 'ros_home'
+    monkeypatch.setenv('ROS_HOME', str(folder))
+    return folder
+
+
+def test_after_a_kill_the_first_output_has_the_bias_off(home, random):
+    path = file_of(NODE, FRAME)
+    with LiveNode(home=home) as live:
+        live.play(serialized(*at_rest(random, 20, TRUTH)))
+        live.wait(path.exists, 'the file of the bias')
+        live.process.kill()
+        live.process.wait()
+    assert live.returncode == -9
+    remembered = recall(path, NODE, FRAME, 0.2)
+    np.testing.assert_allclose(remembered.bias, TRUTH, atol=0.03 * DEGREE)
+
+    data = serialized(*at_rest(random, 1, TRUTH), start=1000)
+    with LiveNode(home=home) as live:
+        out = live.play(data)
+    degrees = ', '.join(f'{value:.3f}' for value in np.degrees(remembered.bias))
+    assert f'bias of 0.0 h ago, {degrees} deg/s' in live.log
+    first = rates_of(data[:1])[0] - rates_of(out[:1])[0]
+    np.testing.assert_allclose(first, remembered.bias, rtol=1e-9)
+
+
+def test_an_end_by_interrupt_saves_what_came_since_the_last_time(home, random):
+    with LiveNode(home=home) as live:
+        live.play(serialized(*at_rest(random, 10, TRUTH)))
+        live.wait(file_of(NODE, FRAME).exists, 'the file of the bias')
+        before = file_of(NODE, FRAME).read_text()
+        live.play(serialized(*at_rest(random, 10, TRUTH), start=10))
+    assert live.returncode == 0
+    assert file_of(NODE, FRAME).read_text() != before
+
+
+def test_without_memory_nothing_is_kept(home, random):
+    with LiveNode([*LOSSLESS, '-p', 'bias.memory:=false'], home=home) as live:
+        live.play(serialized(*at_rest(random, 10, TRUTH)))
+        assert np.abs(bias_of(live) - TRUTH).max() < 0.1 * DEGREE
+    assert not home.exists() or not list(home.rglob('*.json'))
+
+
+FOREIGN = {
+    'format': 1,
+    'node': '/other',
+    'frame': FRAME,
+    'bias': [0.1, 0.1, 0.1],
+    'deviation': [1e-4, 1e-4, 1e-4],
+    'time': 2e9,
+}
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        ('', 'is damaged'),
+        ('{"bias": [0.1', 'is damaged'),
+        (json.dumps(FOREIGN), 'is of another node'),
+    ],
+)
+def test_a_file_that_does_not_fit_is_ignored_and_replaced(content, message, home, random):
+    path = file_of(NODE, FRAME)
+    path.parent.mkdir(parents=True)
+    path.write_text(content)
+    data = serialized(*at_rest(random, 10, TRUTH))
+    with LiveNode(home=home) as live:
+        out = live.play(data)
+        live.wait(lambda: path.read_text() != content, 'a new file')
+    assert f'the bias of the last run is not used: {path} {message}' in live.log
+    np.testing.assert_allclose(rates_of(out[:1]), rates_of(data[:1]), rtol=1e-12)
+    np.testing.assert_allclose(recall(path, NODE, FRAME, 0.2).bias, TRUTH, atol=0.1 * DEGREE)
+
+
+def test_a_disk_that_takes_nothing_costs_a_warning(home, random):
+    file_of(NODE, FRAME).parent.parent.mkdir()
+    file_of(NODE, FRAME).parent.write_text('a file where the folder should be')
+    with LiveNode(home=home) as live:
+        out = live.play(serialized(*at_rest(random, 10, TRUTH)))
+        diagnostics(live, lambda statuses: FILTER in statuses)
+        out += live.play(serialized(*at_rest(random, 10, TRUTH), start=10))
+    assert live.returncode == 0
+    assert len(out) == 2000
+    assert live.log.count('the bias will not be remembered') == 1
+    assert 'set bias.memory to false' in live.log
+
+
+@pytest.fixture(scope='module')
+def live():
+    with LiveNode([*LOSSLESS, '-p', 'bias.memory:=false', '-p', 'motion_hint:=twist']) as node:
+        yield node
+
+
+@pytest.fixture
+def fresh(live):
+    """The node without a bias and without a sample."""
+    for initial in ([0.1, 0.1, 0.1], [0.0, 0.0, 0.0]):
+        assert set_parameters(live, bias__initial=initial)[0].successful
+    assert call(live, Trigger, 'reset', Trigger.Request()).success
+    return live
+
+
+def test_rest_is_told_when_it_changes(fresh, random):
+    told = []
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    still, (turn, push) = at_rest(random, 10), by_hand(random, 3)
+    moving = at_rest(random, 3)
+    fresh.play(serialized(*still))
+    subscription = fresh.node.create_subscription(
+        Bool, f'{NODE}/at_rest', lambda message: told.append(message.data), latched
+    )
+    fresh.wait(lambda: told, 'what was last said of rest')
+    fresh.play(serialized(moving[0] + turn, moving[1] + push, start=10))
+    fresh.wait(lambda: len(told) > 1, 'the begin of motion')
+    fresh.play(serialized(*still, start=13))
+    fresh.wait(lambda: len(told) > 2, 'the next rest')
+    fresh.node.destroy_subscription(subscription)
+    assert told == [True, False, True]
+
+
+def test_calibrate(fresh, random):
+    def calibrate():
+        return call(fresh, Trigger, 'calibrate', Trigger.Request())
+
+    answer = calibrate()
+    assert not answer.success
+    assert answer.message == 'the sensor moves: leave it alone for 5 s and try again'
+    fresh.play(serialized(*at_rest(random, 4)))
+    answer = calibrate()
+    assert not answer.success
+    assert 'has stood still for' in answer.message
+    # A bias that jumps is a turn for all the filter knows, until somebody says that it is none.
+    fresh.play(serialized(*at_rest(random, 20, TRUTH), start=4))
+    assert np.abs(bias_of(fresh)).max() < 0.1 * DEGREE
+    answer = calibrate()
+    assert answer.success
+    found = np.array([float(word) for word in answer.message[5:-6].split(',')]) * DEGREE
+    np.testing.assert_allclose(found, TRUTH, atol=0.06 * DEGREE)
+    np.testing.assert_allclose(bias_of(fresh), found, atol=1e-5)
+
+
+def test_a_hint_of_motion_keeps_a_slow_turn_out(fresh, random):
+    hints = fresh.node.create_publisher(Twist, 'motion_hint', 10)
+    fresh.wait(lambda: hints.get_subscription_count() > 0, 'the node to listen')
+    turning, word = Twist(), serialized(*at_rest(random, 20, (0.0, 0.0, 2.0 * DEGREE)))
+    turning.angular.z = 0.03
+    for start in range(0, len(word), 40):
+        hints.publish(turning)
+        fresh.play(word[start : start + 40])
+    assert (bias_of(fresh) == 0.0).all()
+    for start in range(0, len(word), 40):
+        hints.publish(Twist())
+        fresh.play(
+            serialized(*at_rest(random, 0.4, (0.0, 0.0, 2.0 * DEGREE)), start=20 + start / 100)
+        )
+    assert bias_of(fresh)[2] == pytest.approx(2.0 * DEGREE, rel=0.1)
+    fresh.node.destroy_publisher(hints)
+
+
+def test_warmth_widens_the_bias(fresh, random):
+    def deviation():
+        found = values(diagnostics(fresh, lambda statuses: FILTER in statuses)[FILTER])
+        return float(found['Bias deviation (rad/s) x'])
+
+    thermometer = fresh.node.create_publisher(Temperature, 'imu/temperature', 10)
+    fresh.wait(lambda: thermometer.get_subscription_count() > 0, 'the node to listen')
+    fresh.play(serialized(*at_rest(random, 10)))
+    thermometer.publish(Temperature(temperature=20.0))
+    assert deviation() < 1e-3
+    thermometer.publish(Temperature(temperature=float('nan')))
+    thermometer.publish(Temperature(temperature=60.0))
+    fresh.wait(lambda: deviation() > 0.9 * 40 * 5e-4, 'a wider bias')
+    fresh.node.destroy_publisher(thermometer)
+
+
+def test_a_bias_beyond_the_largest_stays_in_and_is_told(fresh, random):
+    data = serialized(*at_rest(random, 15, (0.0, 12.0 * DEGREE, 0.0)))
+    out = fresh.play(data)
+    assert rates_of(out)[500:, 1].mean() == pytest.approx(12.0 * DEGREE, rel=0.01)
+    status = diagnostics(fresh, lambda s: s[FILTER].level == b'\x01')[FILTER]
+    assert status.message == (
+        'steady as at rest, but the rate is beyond bias.max (10 deg/s) and stays in: if it does '
+        'not turn, raise bias.max, and have the sensor looked at'
+    )
+    assert int(values(status)['Rests with a rate beyond bias.max']) > 0
