@@ -98,7 +98,6 @@ ADAPTIVE_STATE = np.dtype(
 )
 
 
-@compiled
 def derive_adaptive(
     forgetting_factor: float,
     threshold: float,

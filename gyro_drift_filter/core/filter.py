@@ -100,7 +100,7 @@ SETTINGS = np.dtype(
 
 COEFFICIENTS = np.dtype(
     [
-        ('period', np.float64),  # s, that the others were derived for; 0 before that
+        ('period', np.float64),  # s, that the others were derived for
         ('paper', PAPER_COEFFICIENTS, _AXES),
         ('adaptive', ADAPTIVE_COEFFICIENTS),
     ],
@@ -153,11 +153,15 @@ STATE = np.dtype(
 @compiled
 def step(
     stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any
-) -> None:
+) -> bool:
     """Take one sample in and leave its result in `state`.
 
     Arguments: stamp in ns, rate (3,) in rad/s, acceleration (3,) in m/s^2 (NaN where unknown), and
     records of SETTINGS, COEFFICIENTS and STATE. Live and offline both come through here.
+
+    Returns:
+        Whether the sample period is another one now: the coefficients have to be derived before
+        the next sample.
     """
     counts, clock, result = state['counts'], state['clock'], state['result']
     counts['samples'] += 1
@@ -165,14 +169,9 @@ def step(
         counts['repeats'] += 1
         if result['status'] == FILTERED:
             result['status'] = REPEATED
-        return
+        return False
     elapsed = _elapsed(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
-    if coefficients['period'] != clock['period']:
-        if coefficients['period'] > 0.0:
-            for axis in range(3):
-                rescale_adaptive(state['adaptive'][axis], clock['period'] / coefficients['period'])
-        _derive(settings, clock['period'], coefficients)
     result['status'] = FILTERED
     _stop_bridging(rate, missing, settings['gap_limit'], state)
     if settings['method'] == ADAPTIVE:
@@ -190,6 +189,11 @@ def step(
         counts['refused'] += 1
     if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
         counts['beyond_range'] += 1
+    if clock['period'] == coefficients['period']:
+        return False
+    for axis in range(3):
+        rescale_adaptive(state['adaptive'][axis], clock['period'] / coefficients['period'])
+    return True
 
 
 @compiled
@@ -260,23 +264,6 @@ def _is_repeat(stamp: int, rate: Any, state: Any) -> bool:
         and rate[1] == measured[1]
         and rate[2] == measured[2]
     )
-
-
-@compiled
-def _derive(settings: Any, period: float, coefficients: Any) -> None:
-    for axis in range(3):
-        derive_paper(
-            settings['model'][axis], settings['sample_rate'], period, coefficients['paper'][axis]
-        )
-    derive_adaptive(
-        settings['forgetting_factor'],
-        settings['outlier_threshold'],
-        settings['outlier_acceleration'],
-        settings['outlier_run'],
-        period,
-        coefficients['adaptive'],
-    )
-    coefficients['period'] = period
 
 
 @compiled
@@ -365,6 +352,7 @@ def _step_adaptive(
 
 @compiled
 def _run(
+    first: int,
     stamps: Any,
     rates: Any,
     accelerations: Any,
@@ -372,10 +360,17 @@ def _run(
     coefficients: Any,
     state: Any,
     results: Any,
-) -> None:
-    for i in range(len(stamps)):
-        step(stamps[i], rates[i], accelerations[i], settings, coefficients, state)
+) -> int:
+    """Step through samples from `first` on, up to one after which the sample period is another.
+
+    Returns the number of samples done.
+    """
+    for i in range(first, len(stamps)):
+        changed = step(stamps[i], rates[i], accelerations[i], settings, coefficients, state)
         results[i] = state['result']
+        if changed:
+            return i + 1
+    return len(stamps)
 
 
 class Filter:
@@ -426,7 +421,7 @@ class Filter:
         settings['model']['process_noise'] = parameters.model_process_noise
         settings['model']['measurement_noise'] = parameters.model_measurement_noise
         settings['model']['noise_deviation'] = parameters.model_noise_deviation
-        self._coefficients['period'] = 0.0  # derived again at the next sample
+        self._underived = True
         state = self.state
         for name in ('process_noise', 'measurement_noise'):
             if settings['model'][name].tolist() != list(getattr(before, f'model_{name}')):
@@ -435,7 +430,10 @@ class Filter:
             if deviation not in (0.0, before.model_noise_deviation[axis]):
                 start_noise(state['adaptive'][axis]['noise'], deviation, parameters.model_phi[axis])
         if parameters.sample_rate != before.sample_rate and parameters.sample_rate > 0.0:
-            state['clock']['period'] = period_of(parameters.sample_rate)
+            period = period_of(parameters.sample_rate)
+            for axis in range(3):
+                rescale_adaptive(state['adaptive'][axis], period / state['clock']['period'])
+            state['clock']['period'] = period
         if parameters.bias_initial != before.bias_initial:
             self.set_bias(parameters.bias_initial)
         if (parameters.method == 'adaptive') != (before.method == 'adaptive'):
@@ -449,6 +447,7 @@ class Filter:
         self.state['bias'] = bias
         start_rest(self.state['bias']['rest'])
         start_clock(self.state['clock'], self.parameters.sample_rate)
+        self._underived = True
 
     def set_bias(self, bias: Sequence[float], deviation: Sequence[float] | None = None) -> None:
         """Begin with a bias from elsewhere, and forget what was learned of rest.
@@ -516,7 +515,7 @@ class Filter:
                 'it was taken by another version'
             )
         self._state[:] = np.frombuffer(snapshot, STATE)
-        self._coefficients['period'] = 0.0
+        self._underived = True
 
     def step(self, stamp: int, rate: Sequence[float], acceleration: Sequence[float]) -> Any:
         """Filter one sample.
@@ -529,7 +528,9 @@ class Filter:
         Returns:
             A record of RESULT, valid until the next step.
         """
-        step(
+        if self._underived:
+            self._derive()
+        self._underived = step(
             stamp,
             np.asarray(rate, np.float64),
             np.asarray(acceleration, np.float64),
@@ -568,13 +569,40 @@ class Filter:
                 f'{stamps.shape}, {rates.shape}, {accelerations.shape}'
             )
         results = np.zeros(n, RESULT)
-        _run(
-            stamps,
-            rates,
-            accelerations,
-            self._settings[0],
-            self._coefficients[0],
-            self.state,
-            results,
-        )
+        done = 0
+        while done < n:
+            if self._underived:
+                self._derive()
+            done = _run(
+                done,
+                stamps,
+                rates,
+                accelerations,
+                self._settings[0],
+                self._coefficients[0],
+                self.state,
+                results,
+            )
+            self._underived = bool(self._coefficients[0]['period'] != self.state['clock']['period'])
         return results
+
+    def _derive(self) -> None:
+        """Derive the coefficients for the sample period that the clock has."""
+        settings, coefficients, state = self._settings[0], self._coefficients[0], self.state
+        period = coefficients['period'] = float(state['clock']['period'])
+        for axis in range(3):
+            derive_paper(
+                settings['model'][axis],
+                settings['sample_rate'],
+                period,
+                coefficients['paper'][axis],
+            )
+        derive_adaptive(
+            float(settings['forgetting_factor']),
+            float(settings['outlier_threshold']),
+            float(settings['outlier_acceleration']),
+            int(settings['outlier_run']),
+            period,
+            coefficients['adaptive'],
+        )
+        self._underived = False

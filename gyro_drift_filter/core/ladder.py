@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.compiled import compiled
+Array = NDArray[np.float64]
 
 LEVELS = 22
 
@@ -76,41 +76,33 @@ LADDER = np.dtype(
 )
 
 
-@compiled
 def derive_ladder(period: float, ladder: Any) -> None:
     """Fill a record of LADDER for a sample period in s."""
-    times = np.empty(LEVELS)
-    slope_error, bend_error = np.empty(LEVELS), np.empty(LEVELS)
-    slope_wander, bend_wander = np.empty(LEVELS), np.empty(LEVELS)
-    for j in range(LEVELS):
-        times[j] = SLOWEST * (period / FASTEST / SLOWEST) ** (j / (LEVELS - 1))
-        lag = max(SHORTEST_LAG, min(LAG_PER_TIME * times[j], LONGEST_LAG))
-        lag_ratio = math.exp(-period / lag)
-        cube = (period / times[j]) * (period / times[j]) * (period / times[j])
-        process_ratio = cube * cube
-        covariance = _settled_covariance(lag_ratio, process_ratio)
-        innovation = covariance[0, 0] + 1.0  # (9), with R = 1
-        ladder['lag_ratio'][j] = lag_ratio
-        ladder['process_ratio'][j] = process_ratio
-        ladder['innovation_ratio'][j] = innovation
-        ladder['innovation_logarithm'][j] = math.log(innovation)
-        ladder['gain_rate'][j] = covariance[0, 0] / innovation
-        ladder['gain_slope'][j] = covariance[0, 1] / innovation
-        ladder['gain_bend'][j] = covariance[0, 2] / innovation
-        slope_error[j] = covariance[1, 1] - covariance[0, 1] * covariance[0, 1] / innovation  # (12)
-        bend_error[j] = covariance[2, 2] - covariance[0, 2] * covariance[0, 2] / innovation
-        slope_wander[j], bend_wander[j] = _wander(lag_ratio, process_ratio)
+    steps = [j / (LEVELS - 1) for j in range(LEVELS)]
+    times = [SLOWEST * (period / FASTEST / SLOWEST) ** step for step in steps]
+    lags = [max(SHORTEST_LAG, min(LAG_PER_TIME * time, LONGEST_LAG)) for time in times]
+    lag_ratio = np.array([math.exp(-period / lag) for lag in lags])
+    process_ratio = (period / np.array(times)) ** 6
+    covariance = _settled_covariance(lag_ratio, process_ratio)
+    innovation = covariance[:, 0, 0] + 1.0  # (9), with R = 1
+    ladder['lag_ratio'] = lag_ratio
+    ladder['process_ratio'] = process_ratio
+    ladder['innovation_ratio'] = innovation
+    ladder['innovation_logarithm'] = np.log(innovation)
+    for i, name in enumerate(('gain_rate', 'gain_slope', 'gain_bend')):
+        ladder[name] = covariance[:, 0, i] / innovation
     _derive_chain(times, period, ladder)
     # On a fall to a slower level that level's own slopes are the prior, and the faster level's
-    # slope is a measurement of it with the faster level's error.
-    ladder['keep_slope'][0] = ladder['keep_bend'][0] = 0.0
-    for j in range(1, LEVELS):
-        ladder['keep_slope'][j] = slope_wander[j - 1] / (slope_wander[j - 1] + slope_error[j])
-        ladder['keep_bend'][j] = bend_wander[j - 1] / (bend_wander[j - 1] + bend_error[j])
+    # slope is a measurement of it with the faster level's error, (12).
+    wander = _wander(lag_ratio, process_ratio)
+    for i, name in ((1, 'keep_slope'), (2, 'keep_bend')):
+        error = covariance[:, i, i] - covariance[:, 0, i] ** 2 / innovation
+        own = wander[:-1, i - 1, i - 1]
+        ladder[name][0] = 0.0
+        ladder[name][1:] = own / (own + error[1:])
 
 
-@compiled
-def _derive_chain(times: NDArray[np.float64], period: float, ladder: Any) -> None:
+def _derive_chain(times: list[float], period: float, ladder: Any) -> None:
     """Write the probabilities of climbing and falling between the levels."""
     ratio, climb_on = ladder['innovation_ratio'], ladder['climb_on']
     unforeseen = 1.0 - math.exp(-CLIMBS * period)
@@ -124,83 +116,52 @@ def _derive_chain(times: NDArray[np.float64], period: float, ladder: Any) -> Non
     ladder['fall'][0] = 0.0
     for j in range(LEVELS):
         # The shares of all levels above add up to one.
-        shares, share = 1.0, 1.0
-        for i in range(j + 2, LEVELS):
-            share *= climb_on[i]
-            shares += share
-        ladder['climb_first'][j] = 1.0 / shares
+        ladder['climb_first'][j] = 1.0 / (1.0 + np.cumprod(climb_on[j + 2 :]).sum())
 
 
-@compiled
-def _settled_covariance(lag_ratio: float, process_ratio: float) -> NDArray[np.float64]:
-    """Return what P(k|k-1) of equations (8), (9) and (12) settles to, (3, 3), divided by R.
+def _settled_covariance(lag_ratio: Array, process_ratio: Array) -> Array:
+    """Return what P(k|k-1) of equations (8), (9) and (12) settles to, divided by R.
 
-    The doubling algorithm squares the number of steps in each turn (Anderson and Moore, Optimal
-    Filtering, 1979, section 6.7), so that half a second at 4 kHz takes twelve turns.
+    Of all levels at once, (n,) and (n,) to (n, 3, 3). The doubling algorithm squares the number of
+    steps in each turn (Anderson and Moore, Optimal Filtering, 1979, section 6.7), so that half a
+    second at 4 kHz takes twelve turns.
     """
-    forward = np.array([[1.0, 0.0, 0.0], [1.0, lag_ratio, 0.0], [0.0, 1.0, lag_ratio]])  # A'
-    drive = np.array([[1.0], [2.0 * lag_ratio], [lag_ratio * lag_ratio]])
-    covariance = _product(drive, drive.T) * process_ratio
-    information = np.zeros((3, 3))
-    information[0, 0] = 1.0
+    identity = np.eye(3)
+    forward = np.zeros((len(lag_ratio), 3, 3))  # A'
+    forward[:, 0, 0] = forward[:, 1, 0] = forward[:, 2, 1] = 1.0
+    forward[:, 1, 1] = forward[:, 2, 2] = lag_ratio
+    drive = np.stack([np.ones_like(lag_ratio), 2.0 * lag_ratio, lag_ratio * lag_ratio], axis=1)
+    covariance = drive[:, :, None] * drive[:, None, :] * process_ratio[:, None, None]
+    information = np.zeros_like(forward)
+    information[:, 0, 0] = 1.0
     for _ in range(60):
-        weight = _inverse(np.eye(3) + _product(information, covariance))
-        carried = _product(weight, forward)
-        grown = covariance + _product(forward.T, _product(covariance, carried))
-        spread = _product(forward, _product(weight, _product(information, forward.T)))
-        information = information + spread
-        forward = _product(forward, carried)
-        change = np.abs(grown - covariance).max()
+        weight = np.linalg.inv(identity + information @ covariance)
+        carried = weight @ forward
+        grown = covariance + _transposed(forward) @ covariance @ carried
+        information = information + forward @ weight @ information @ _transposed(forward)
+        forward = forward @ carried
+        change = np.abs(grown - covariance).max(axis=(1, 2))
         covariance = grown
-        if change <= 1e-13 * np.abs(covariance).max():
+        if (change <= 1e-13 * np.abs(covariance).max(axis=(1, 2))).all():
             break
     return covariance
 
 
-@compiled
-def _wander(lag_ratio: float, process_ratio: float) -> tuple[float, float]:
-    """Return the variances of slope and bend that the model itself gives rise to, divided by R."""
-    transition = np.array([[lag_ratio, 1.0], [0.0, lag_ratio]])
-    drive = np.array([[2.0 * lag_ratio], [lag_ratio * lag_ratio]])
-    covariance = _product(drive, drive.T) * process_ratio
+def _wander(lag_ratio: Array, process_ratio: Array) -> Array:
+    """Return the covariance of slope and bend that the model itself gives rise to, divided by R.
+
+    Of all levels at once, (n,) and (n,) to (n, 2, 2).
+    """
+    transition = np.zeros((len(lag_ratio), 2, 2))
+    transition[:, 0, 0] = transition[:, 1, 1] = lag_ratio
+    transition[:, 0, 1] = 1.0
+    drive = np.stack([2.0 * lag_ratio, lag_ratio * lag_ratio], axis=1)
+    covariance = drive[:, :, None] * drive[:, None, :] * process_ratio[:, None, None]
     for _ in range(40):
-        covariance = covariance + _product(transition, _product(covariance, transition.T))
-        transition = _product(transition, transition)
-    return covariance[0, 0], covariance[1, 1]
+        covariance = covariance + transition @ covariance @ _transposed(transition)
+        transition = transition @ transition
+    return covariance
 
 
-@compiled
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix product; numba's own needs scipy, which the live node does not."""
-    c = np.zeros((a.shape[0], b.shape[1]))
-    for i in range(a.shape[0]):
-        for k in range(b.shape[1]):
-            for j in range(a.shape[1]):
-                c[i, k] += a[i, j] * b[j, k]
-    return c
-
-
-@compiled
-def _inverse(m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of a 3x3 matrix, by Gauss and Jordan with row exchange."""
-    n = 3
-    left, right = m.copy(), np.eye(n)
-    for column in range(n):
-        pivot = column
-        for row in range(column + 1, n):
-            if abs(left[row, column]) > abs(left[pivot, column]):
-                pivot = row
-        for k in range(n):
-            left[column, k], left[pivot, k] = left[pivot, k], left[column, k]
-            right[column, k], right[pivot, k] = right[pivot, k], right[column, k]
-        scale = 1.0 / left[column, column]
-        for k in range(n):
-            left[column, k] *= scale
-            right[column, k] *= scale
-        for row in range(n):
-            if row != column:
-                factor = left[row, column]
-                for k in range(n):
-                    left[row, k] -= factor * left[column, k]
-                    right[row, k] -= factor * right[column, k]
-    return right
+def _transposed(matrices: Array) -> Array:
+    return matrices.swapaxes(1, 2)

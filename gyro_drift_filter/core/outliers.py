@@ -79,7 +79,6 @@ JOLTS = np.dtype(
 )
 
 
-@compiled
 def derive_limits(
     threshold: float, acceleration: float, run: int, period: float, limits: Any
 ) -> None:

@@ -69,7 +69,6 @@ PAPER_STATE = np.dtype(
 )
 
 
-@compiled
 def derive_paper(model: Any, sample_rate: float, period: float, coefficients: Any) -> None:
     """Fill the coefficients of one axis for a sample period in s.
 
