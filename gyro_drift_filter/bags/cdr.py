@@ -30,7 +30,7 @@ _IMU_DOUBLES = 37
 _ANGULAR_VELOCITY = 13 * _DOUBLE
 _ANGULAR_VELOCITY_COVARIANCE = 16 * _DOUBLE
 # Writers may pad a message to a multiple of their word.
-_LARGEST_PADDING = 7
+LARGEST_PADDING = 7
 
 _HEADER = {order: struct.Struct(order + 'iII') for order in '<>'}
 # Angular velocity, first element of its covariance, (eight more), acceleration and the first
@@ -48,6 +48,10 @@ _VECTOR_FIELDS = (
     ('linear_acceleration_variance', 'f8', 28 * _DOUBLE),
 )
 IMUS = np.dtype([('stamp', 'i8'), *((name, kind) for name, kind, _ in _VECTOR_FIELDS)])
+
+
+# What a message on the Imu topic is.
+GOOD, NOT_REPORTED, MALFORMED = 0, 1, 2
 
 
 class MalformedMessageError(GyroDriftFilterError):
@@ -92,7 +96,7 @@ def read_imu(data: bytes) -> Imu:
     seconds, nanoseconds, name_length = _HEADER[order].unpack_from(data, _ENCAPSULATION)
     doubles = -(-(12 + name_length) // _DOUBLE) * _DOUBLE + _ENCAPSULATION
     surplus = len(data) - doubles - _IMU_DOUBLES * _DOUBLE
-    if not 0 <= surplus <= _LARGEST_PADDING:
+    if not 0 <= surplus <= LARGEST_PADDING:
         raise MalformedMessageError(
             f'{len(data)} bytes are not the length of an Imu with a frame_id of {name_length} '
             f'bytes ({len(data) - surplus})'

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -47,6 +48,7 @@ class _Counts:
     divergences: tuple[int, ...] = (0, 0, 0)
 
 
+@cache
 def package_version() -> str:
     """Return the version of the installed package, or 'unknown' in a bare checkout."""
     try:

@@ -1,10 +1,13 @@
 """Bags in and out, by rosbags: whatever it opens is read, a rosbag2 folder with MCAP is written."""
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
@@ -34,6 +37,8 @@ except ImportError as error:
         f'bags need the Python package rosbags ({error}): install it with '
         '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
     ) from error
+
+from gyro_drift_filter.bags.mcap_file import McapStorage
 
 _JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
@@ -128,6 +133,12 @@ def one_line(error: BaseException) -> str:
     return ' '.join(str(error).split()) or type(error).__name__
 
 
+class _Writer(Writer):
+    """rosbags' writer, with metadata.yaml and all, on our own MCAP files."""
+
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: McapStorage}
+
+
 class BagWriter:
     """Write a rosbag2 folder; it gets its name when it is complete.
 
@@ -153,7 +164,7 @@ class BagWriter:
             )
             # The MCAP file is named after the final folder, as `ros2 bag` names it.
             self._written = Path(self._folder.name) / self._path.name
-            self._writer = Writer(
+            self._writer = _Writer(
                 self._written, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
             )
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -226,6 +237,23 @@ class BagWriter:
         """
         with self._reporting():
             self._writer.write(connection, log_time, data)
+
+    def write_bulk(self, records: NDArray[np.uint8], entries: NDArray[Any]) -> None:
+        """Write serialized MCAP message records, and say where they stand: see `McapStorage`.
+
+        Raises:
+            BagError: The disk is full or the like.
+        """
+        if len(entries) == 0:
+            return
+        writer = self._writer
+        assert isinstance(writer.storage, McapStorage)
+        with self._reporting():
+            writer.storage.write_bulk(records, entries)
+        for channel, count in zip(*np.unique(entries['channel'], return_counts=True), strict=True):
+            writer.counts[int(channel)] += int(count)
+        writer.min_timestamp = min(writer.min_timestamp, int(entries['log_time'].min()))
+        writer.max_timestamp = max(writer.max_timestamp, int(entries['log_time'].max()))
 
 
 def is_cdr(connection: Connection) -> bool:

@@ -1,0 +1,422 @@
+"""One run of a bag through the filter: what is filtered, written, counted and reported."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, NOT_REPORTED, VECTOR_TYPE
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out
+from gyro_drift_filter.bags.health import NODE_NAME, Health, Status
+from gyro_drift_filter.bags.mcap_file import ENTRY
+from gyro_drift_filter.bags.message_filter import (
+    SAMPLE_TOPICS,
+    MessageFilter,
+    Outcome,
+    sample_message,
+)
+from gyro_drift_filter.bags.motion_hint import moves
+from gyro_drift_filter.bags.recording import (
+    AnyReader,
+    BagWriter,
+    Connection,
+    is_cdr,
+    message_type,
+    serialize,
+)
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
+
+DIAGNOSTICS = '/diagnostics'
+DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
+BOOL_TYPE = 'std_msgs/msg/Bool'
+AT_REST = 'at_rest'
+# A batch is at most as long, in log time (ns) and messages. Reports are written between batches.
+BATCH_SPAN = 1_000_000_000
+LARGEST_BATCH = 4096
+_LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
+
+Message = tuple[Connection, int, bytes]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Mean and standard deviation per axis in rad/s; NaN where there was no sample."""
+
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a replay did.
+
+    Attributes:
+        topic: The input topic.
+        output_topic: The filtered topic.
+        received: Imu messages read.
+        written: Messages written to the filtered topic.
+        not_reported: Messages without angular velocity, passed on as they came.
+        left_out: Topics of the input that were not copied, and why.
+        outliers: Samples flagged, per axis (3,).
+        raw: Statistics of the usable rates as they came.
+        filtered: Statistics of the same samples after the filter.
+        period: Sample period at the end, in s.
+        status: The filter's health over the whole bag.
+    """
+
+    topic: str
+    output_topic: str
+    received: int
+    written: int
+    not_reported: int
+    left_out: dict[str, str]
+    outliers: NDArray[np.int64]
+    raw: Statistics
+    filtered: Statistics
+    period: float
+    status: list[Status]
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of the outputs that belong to an input topic."""
+
+    filtered: str
+    node: str
+    temperature: str
+
+    @classmethod
+    def of(cls, topic: str) -> 'Topics':
+        """Return the names: beside the input, in its namespace.
+
+        /robot1/imu/data_raw gives /robot1/imu/data_filtered and /robot1/gyro_drift_filter;
+        an input of another name, /camera/imu, gives /camera/imu_filtered.
+        """
+        topic = '/' + topic.strip('/')
+        parent = topic.rpartition('/')[0]
+        if topic.endswith('/imu/data_raw'):
+            node = f'{parent.rpartition("/")[0]}/{NODE_NAME}'
+            return cls(f'{parent}/data_filtered', node, f'{parent}/temperature')
+        filtered = f'{topic}_filtered'
+        if topic.endswith('/data_raw'):
+            filtered = f'{parent}/data_filtered'
+        return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
+
+    def sample(self, name: str) -> str:
+        """Return the name of one of `SAMPLE_TOPICS`."""
+        return f'{self.node}/{name}'
+
+
+class _Moments:
+    """Count, mean and sum of squared deviations per axis, batch by batch (Chan's formula)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = np.zeros(3)
+        self.squares = np.zeros(3)
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        n = len(values)
+        if n == 0:
+            return
+        mean = values.mean(axis=0)
+        total = self.count + n
+        delta = mean - self.mean
+        self.squares += ((values - mean) ** 2).sum(axis=0) + delta**2 * (self.count * n / total)
+        self.mean += delta * (n / total)
+        self.count = total
+
+    def statistics(self) -> Statistics:
+        if self.count == 0:
+            return Statistics(np.full(3, np.nan), np.full(3, np.nan))
+        return Statistics(self.mean, np.sqrt(self.squares / self.count))
+
+
+class Word(NamedTuple):
+    """A message on temperature or motion.
+
+    Attributes:
+        place: How many messages of the Imu topic come before it in the piece.
+        connection: Its topic.
+        data: Its bytes.
+    """
+
+    place: int
+    connection: Connection
+    data: bytes
+
+
+class Piece(NamedTuple):
+    """A stretch of the messages of an MCAP chunk.
+
+    Attributes:
+        data: The chunk's records, bytes.
+        rows: Where each message stands, ROWs of `chunk_kernels`.
+        imus: What those of the Imu topic hold, IMUs of `chunk_kernels`.
+        words: What the filter is told between them.
+    """
+
+    data: NDArray[np.uint8]
+    rows: NDArray[Any]
+    imus: NDArray[Any]
+    words: list[Word]
+
+
+def payload(data: NDArray[np.uint8], row: Any) -> bytes:
+    """Return the content of a message in a chunk."""
+    return data[row['start'] : row['start'] + row['size']].tobytes()
+
+
+class ReplayRun:
+    """The filter, the connections of the output bag and the sums for the summary."""
+
+    def __init__(
+        self,
+        reader: AnyReader,
+        writer: BagWriter,
+        topic: str,
+        parameters: Parameters,
+        diagnostics: bool,
+        hint: str | None,
+    ) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._topic = topic
+        self._topics = Topics.of(topic)
+        self._filter = MessageFilter(parameters)
+        self._told_by = {hint} | {
+            connection.topic
+            for connection in reader.connections
+            if (connection.topic, connection.msgtype)
+            == (self._topics.temperature, TEMPERATURE_TYPE)
+        }
+        self._at_rest = -1.0
+        self._health = Health(self._filter)
+        self._health_in_all = Health(self._filter)
+        self._raw, self._filtered = _Moments(), _Moments()
+        self._written = 0
+        self._began = self._reported = self._now = -1  # log times in ns
+        names = SAMPLE_TOPICS if diagnostics else ()
+        own = {self._topics.filtered} | {self._topics.sample(name) for name in names}
+        if diagnostics:
+            own.add(self._topics.sample(AT_REST))
+        self._copies: dict[int, Connection] = {}
+        self._left_out: dict[str, str] = {}
+        for connection in reader.connections:
+            if connection.topic in own:
+                self._left_out[connection.topic] = 'the filter writes this topic itself'
+            elif not is_cdr(connection):
+                self._left_out[connection.topic] = 'its messages are not in CDR'
+            else:
+                self._copies[connection.id] = writer.copy_connection(connection, reader)
+        self._output = writer.add_connection(self._topics.filtered, IMU_TYPE)
+        existing = (
+            copy
+            for copy in self._copies.values()
+            if (copy.topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE)
+        )
+        self._reports = next(existing, None) or writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE)
+        self._samples = {
+            name: writer.add_connection(self._topics.sample(name), VECTOR_TYPE) for name in names
+        }
+        self._rest = (
+            writer.add_connection(self._topics.sample(AT_REST), BOOL_TYPE) if diagnostics else None
+        )
+
+    @property
+    def topic(self) -> str:
+        """The Imu topic."""
+        return self._topic
+
+    def is_told_by(self, connection: Connection) -> bool:
+        """Tell whether the filter listens to a topic beside the Imu."""
+        return connection.topic in self._told_by
+
+    def take(self, batch: list[Message]) -> None:
+        """Filter the Imu messages of a batch and write all of it, in its order."""
+        ours = [data for connection, _, data in batch if connection.topic == self._topic]
+        outcomes = self._process(batch)
+        self._add_up(outcomes)
+        following = iter(zip(ours, outcomes, strict=True))
+        for connection, log_time, data in batch:
+            copy = self._copies.get(connection.id)
+            if copy is None:
+                continue
+            self._writer.write(copy, log_time, data)
+            if connection.topic == self._topic:
+                self._write_outcome(log_time, *next(following))
+
+    def _process(self, batch: list[Message]) -> list[Outcome]:
+        """Filter the Imu messages between those that tell of temperature or motion."""
+        outcomes: list[Outcome] = []
+        waiting: list[bytes] = []
+        for connection, _, data in batch:
+            if connection.topic == self._topic:
+                waiting.append(data)
+            elif connection.topic in self._told_by:
+                outcomes += self._filter.process_batch(waiting)
+                waiting = []
+                self.tell(connection, data)
+        return outcomes + self._filter.process_batch(waiting)
+
+    def tell(self, connection: Connection, data: bytes) -> None:
+        """Tell the filter what another topic says, passing over what can't be read."""
+        with suppress(Exception):
+            message: Any = self._reader.deserialize(data, connection.msgtype)
+            if connection.msgtype == TEMPERATURE_TYPE:
+                self._filter.filter.note_temperature(message.temperature)
+            else:
+                self._filter.filter.hint(moves(message))
+
+    def _write_outcome(self, log_time: int, data: bytes, outcome: Outcome) -> None:
+        if outcome.data is None:
+            return
+        self._written += 1
+        self._writer.write(self._output, log_time, outcome.data)
+        if outcome.result is None or outcome.imu is None:
+            return
+        for name, connection in self._samples.items():
+            message = sample_message(data, outcome.imu, outcome.result, name)
+            self._writer.write(connection, log_time, message)
+        if self._rest is not None and outcome.result['at_rest'] != self._at_rest:
+            self._at_rest = float(outcome.result['at_rest'])
+            told = message_type(BOOL_TYPE)(self._at_rest > 0.0)
+            self._writer.write(self._rest, log_time, serialize(told, BOOL_TYPE))
+
+    def map_channels(self, connections: dict[int, Connection], ours: NDArray[np.bool_]) -> None:
+        """Say which connection each channel of the MCAP file is, before `take_piece`.
+
+        `ours` tells for every channel number whether it is the Imu topic.
+        """
+        self._ours = ours
+        self._channel_copies = np.zeros(len(ours), np.int64)
+        for channel, connection in connections.items():
+            copy = self._copies.get(connection.id)
+            self._channel_copies[channel] = 0 if copy is None else copy.id
+        self._vector_channels = np.array([c.id for c in self._samples.values()], np.int64)
+
+    def take_piece(self, piece: Piece) -> None:
+        """Filter the Imu messages of a piece and write all of it: as `take` does, at once."""
+        imus, n = piece.imus, len(piece.imus)
+        good = imus['kind'] == GOOD
+        results = self._process_piece(piece, good)
+        filtered = results['status'] != REFUSED
+        written = imus['kind'] == NOT_REPORTED
+        written[good] = filtered
+        patches = np.zeros((n, 12), '<f8')
+        patches[good, :3] = results['angular_velocity']
+        patches[good, 3::4] = results['angular_velocity_variance']
+        vectors = np.zeros((n, len(self._samples), 3), '<f8')
+        for i, name in enumerate(self._samples):
+            vectors[good, i] = results[name]
+        rests = np.zeros(n, np.int64)
+        if self._rest is not None and filtered.any():
+            rest = results['at_rest'][filtered]
+            changed = rest != np.append(self._at_rest, rest[:-1])
+            rests[np.flatnonzero(good)[filtered]] = np.where(changed, rest + 1, 0)
+            self._at_rest = float(rest[-1])
+        copies = 2 + len(self._samples) + 1
+        out = np.empty(int((piece.rows['size'] + RECORD_BYTES).sum()) * copies, np.uint8)
+        entries = np.empty(len(piece.rows) * copies, ENTRY)
+        size, count = lay_out(
+            piece.data,
+            piece.rows,
+            self._channel_copies,
+            self._ours,
+            imus,
+            written,
+            patches.view(np.uint8),
+            self._output.id,
+            vectors.view(np.uint8),
+            self._vector_channels,
+            rests,
+            0 if self._rest is None else self._rest.id,
+            out,
+            entries,
+        )
+        self._writer.write_bulk(out[:size], entries[:count])
+        self._written += int(written.sum())
+        self._add_up_rates(
+            imus['angular_velocity'][good][filtered], results['angular_velocity'][filtered]
+        )
+
+    def _process_piece(self, piece: Piece, good: NDArray[np.bool_]) -> NDArray[Any]:
+        """Filter the good Imu messages between those that tell of temperature or motion."""
+        imus, results, done = piece.imus, [], 0
+        for word in piece.words:
+            part = slice(done, word.place)
+            results.append(self._filter.process_arrays(imus[part], good[part]))
+            self.tell(word.connection, word.data)
+            done = word.place
+        results.append(self._filter.process_arrays(imus[done:], good[done:]))
+        broken = np.flatnonzero(imus['kind'] == MALFORMED)
+        if len(broken):
+            row = piece.rows[self._ours[piece.rows['channel']]][broken[-1]]
+            self._filter.explain_malformed(payload(piece.data, row))
+        return np.concatenate(results) if len(results) > 1 else results[0]
+
+    def end_batch(self, first: int, last: int) -> None:
+        """Write a report after a batch of messages with these log times (ns), if it is time."""
+        if self._began < 0:
+            self._began = self._reported = first
+        self._now = last
+        if last - self._reported >= BATCH_SPAN // 2:
+            self._report()
+
+    def _report(self) -> None:
+        """Write the filter's health since the last report."""
+        seconds = (self._now - self._reported) * 1e-9
+        array = _diagnostic_array(self._now, self._health.report(seconds))
+        self._writer.write(self._reports, self._now, serialize(array, DIAGNOSTICS_TYPE))
+        self._reported = self._now
+
+    def _add_up(self, outcomes: list[Outcome]) -> None:
+        rows = [o for o in outcomes if o.data is not None and o.result is not None]
+        if rows:
+            self._add_up_rates(
+                np.array([o.imu.angular_velocity for o in rows if o.imu is not None]),
+                np.array([o.result['angular_velocity'] for o in rows]),
+            )
+
+    def _add_up_rates(self, raw: NDArray[np.float64], filtered: NDArray[np.float64]) -> None:
+        usable = (np.abs(raw) <= LARGEST_RATE).all(axis=1)
+        self._raw.add(raw[usable])
+        self._filtered.add(filtered[usable])
+
+    def finish(self) -> Summary:
+        """Write the last report and return what was done."""
+        if self._began >= 0 and (self._now > self._reported or self._now == self._began):
+            self._report()
+        state = self._filter.filter.state
+        return Summary(
+            topic=self._topic,
+            output_topic=self._topics.filtered,
+            received=self._filter.received,
+            written=self._written,
+            not_reported=self._filter.not_reported,
+            left_out=self._left_out,
+            outliers=state['counts']['outliers'].copy(),
+            raw=self._raw.statistics(),
+            filtered=self._filtered.statistics(),
+            period=float(state['clock']['period']),
+            status=self._health_in_all.report((self._now - self._began) * 1e-9),
+        )
+
+
+def _diagnostic_array(log_time: int, statuses: list[Status]) -> Any:
+    seconds, nanoseconds = divmod(min(log_time, _LATEST_STAMP), 10**9)
+    header = message_type('std_msgs/msg/Header')
+    time = message_type('builtin_interfaces/msg/Time')
+    pair = message_type('diagnostic_msgs/msg/KeyValue')
+    status = message_type('diagnostic_msgs/msg/DiagnosticStatus')
+    return message_type(DIAGNOSTICS_TYPE)(
+        header(time(seconds, nanoseconds), ''),
+        [
+            status(s.level, s.name, s.message, '', [pair(k, v) for k, v in s.values.items()])
+            for s in statuses
+        ],
+    )
