@@ -1,0 +1,317 @@
+"""The fast path of replay against the general one, and what it does with files that lie."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+
+import gyro_drift_filter.bags.replay as replay_module
+from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
+from gyro_drift_filter.bags.chunk_kernels import IMU, ROW, list_messages, read_imus
+from gyro_drift_filter.bags.chunk_replay import chunked_file
+from gyro_drift_filter.bags.mcap_file import read_layout
+from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message
+from gyro_drift_filter.core import Parameters
+from test.test_replay import STORE, TEXT, text, write
+
+START = 10**18
+TEMPERATURE = 'sensor_msgs/msg/Temperature'
+
+
+def write_mcap(path, rows, **options):
+    """Write (topic, type, log time, data) in this order, by the MCAP project's own writer."""
+    with path.open('wb') as stream:
+        writer = McapWriter(stream, **options)
+        writer.start(profile='ros2', library='test')
+        channels = {}
+        for topic, kind, time, data in rows:
+            if (topic, kind) not in channels:
+                definition, _ = STORE.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, 'ros2msg', definition.encode())
+                channels[topic, kind] = writer.register_channel(topic, 'cdr', schema)
+            writer.add_message(channels[topic, kind], time, data, time + 7, 3)
+        writer.finish()
+    return path
+
+
+def both_ways(source, folder, monkeypatch, fast=True, **options):
+    """Replay by the fast and by the general path; return the two MCAP files' bytes and summary."""
+    with open_bag(source) as reader:
+        assert (chunked_file(reader) is not None) == fast
+    results = []
+    for name in ('fast', 'general'):
+        if name == 'general':
+            monkeypatch.setattr(replay_module, 'chunked_file', lambda reader: None)
+        out = folder / name / 'out'
+        summary = replay(source, out, parameters=Parameters(), **options)
+        files = [(out / 'out.mcap').read_bytes(), (out / 'metadata.yaml').read_text()]
+        results.append((files, summary))
+    monkeypatch.undo()
+    return results
+
+
+def check_same(results):
+    (fast, fast_summary), (general, general_summary) = results
+    assert fast == general
+    assert fast_summary.status == general_summary.status
+    assert (fast_summary.outliers == general_summary.outliers).all()
+    for name in ('received', 'written', 'not_reported', 'left_out', 'period'):
+        assert getattr(fast_summary, name) == getattr(general_summary, name)
+    for name in ('raw', 'filtered'):
+        a, b = getattr(fast_summary, name), getattr(general_summary, name)
+        np.testing.assert_allclose(a.mean, b.mean, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(a.deviation, b.deviation, rtol=1e-12, atol=1e-13)
+
+
+def big_endian(data):
+    """Return an Imu message of simulated.py in the other byte order."""
+    offset = read_imu(data).offset
+    head = struct.unpack_from('<iII', data, 4)
+    doubles = struct.unpack_from('<37d', data, offset)
+    frame = data[16:offset]
+    return b'\x00\x00\x00\x00' + struct.pack('>iII', *head) + frame + struct.pack('>37d', *doubles)
+
+
+def mixed(random, seconds=6):
+    """Return rows with all that a recorder may have met, in order of log time."""
+    rows = []
+    for k in range(100 * seconds):
+        time = START + 10_000_000 * k
+        data = imu_message(time, 0.01 * random.standard_normal(3), (0, 0, 9.8))
+        kind = k % 97
+        if kind == 10:
+            data = data[:50]
+        elif kind == 20:
+            data = imu_message(time, (np.nan, 0.1, np.inf), (0, 0, 9.8))
+        elif kind == 30:
+            data = imu_message(time, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0])
+        elif kind == 40:
+            data = big_endian(data)
+        elif kind == 50:
+            data = imu_message(time, (0.1, 0.1, 0.1), (0, 0, 9.8), frame='')
+        elif kind == 60:
+            data = imu_message(time, (5.0, 0.1, 0.1), (0, 0, 9.8), frame='a longer name')
+        elif kind == 70:
+            data = data + b'\x00\x00\x00'
+        rows.append((TOPIC, IMU_TYPE, time, data))
+        if k % 7 == 0:
+            rows.append(('/words', TEXT, time, text('word' * (k % 50))))
+        if k % 33 == 0:
+            header = message_type('std_msgs/msg/Header')
+            moment = message_type('builtin_interfaces/msg/Time')(*divmod(time, 10**9))
+            warm = message_type(TEMPERATURE)(header(moment, ''), 20.0 + k / 20, 0.0)
+            rows.append(('/imu/temperature', TEMPERATURE, time, serialize(warm, TEMPERATURE)))
+    return rows
+
+
+@pytest.mark.parametrize('diagnostics', [False, True])
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'compression': CompressionType.NONE},
+        {'compression': CompressionType.LZ4, 'chunk_size': 10_000},
+        {'compression': CompressionType.ZSTD, 'chunk_size': 30_000},
+        {'chunk_size': 1},
+    ],
+)
+def test_both_paths_write_the_same_bytes(options, diagnostics, tmp_path, monkeypatch, random):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random), **options)
+    check_same(both_ways(source, tmp_path, monkeypatch, diagnostics=diagnostics))
+
+
+def test_the_same_of_real_recordings(recording, tmp_path, monkeypatch):
+    check_same(both_ways(recording, tmp_path, monkeypatch))
+
+
+def test_chunks_of_the_output_end_where_messages_end(tmp_path, monkeypatch, random):
+    """More than a chunk of output; another reader finds all of it, checksums and counts."""
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random, 30))
+    results = both_ways(source, tmp_path, monkeypatch, diagnostics=True)
+    check_same(results)
+    with (tmp_path / 'fast' / 'out' / 'out.mcap').open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert len(summary.chunk_indexes) > 2
+        counts = dict.fromkeys(summary.channels, 0)
+        for _, channel, message in reader.iter_messages():
+            counts[channel.id] += 1
+            assert message.publish_time == message.log_time
+        assert counts == summary.statistics.channel_message_counts
+        assert sum(counts.values()) == summary.statistics.message_count
+        assert results[0][1].written == next(
+            counts[key] for key, c in summary.channels.items() if c.topic == '/imu/data_filtered'
+        )
+
+
+def test_batches_of_many_messages(tmp_path, monkeypatch, random):
+    """More than fit in a batch, all within a second."""
+    rows = [
+        (TOPIC, IMU_TYPE, START + 1000 * k, imu_message(START + 1000 * k, (0, 0, 0.1), (0, 0, 9)))
+        for k in range(10_000)
+    ]
+    source = write_mcap(tmp_path / 'in.mcap', rows)
+    check_same(both_ways(source, tmp_path, monkeypatch))
+
+
+MESSAGES = st.lists(
+    st.tuples(
+        st.sampled_from([TOPIC, '/words', '/imu/temperature']),
+        st.integers(0, 700_000_000),
+        st.one_of(
+            st.binary(max_size=400),
+            st.floats(-40, 40).map(lambda v: imu_message(START, (v, 0.0, -v), (0, 0, 9.8))),
+        ),
+    ),
+    min_size=1,
+    max_size=60,
+)
+
+
+@settings(
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(MESSAGES, st.integers(1, 5000), st.booleans())
+def test_both_paths_agree_on_anything(
+    tmp_path_factory, monkeypatch, messages, chunk_size, diagnostics
+):
+    """Any bytes, in chunks of any size; within a chunk in any order."""
+    folder = tmp_path_factory.mktemp('any')
+    kinds = {TOPIC: IMU_TYPE, '/words': TEXT, '/imu/temperature': TEMPERATURE}
+    time, rows = START, [(TOPIC, IMU_TYPE, START, imu_message(START, (0, 0, 0), (0, 0, 9.8)))]
+    for topic, step, data in messages:
+        time += step
+        rows.append((topic, kinds[topic], time, data))
+    source = write_mcap(folder / 'in.mcap', rows, chunk_size=chunk_size)
+    check_same(both_ways(source, folder, monkeypatch, diagnostics=diagnostics))
+
+
+def test_out_of_order_within_a_chunk(tmp_path, monkeypatch, random):
+    rows = mixed(random)
+    order = np.arange(len(rows)) + random.integers(0, 20, len(rows))
+    rows = [rows[k] for k in np.argsort(order, kind='stable')]
+    source = write_mcap(tmp_path / 'in.mcap', rows)
+    check_same(both_ways(source, tmp_path, monkeypatch))
+
+
+def test_what_the_fast_path_leaves_to_the_general_one(tmp_path, monkeypatch, random):
+    rows = mixed(random)
+    overlapping = rows[50:100] + rows[:50]
+    for name, arguments in (
+        ('overlap', {'rows': overlapping, 'chunk_size': 1000}),
+        ('flat', {'rows': rows, 'use_chunking': False}),
+    ):
+        source = write_mcap(tmp_path / f'{name}.mcap', **arguments)
+        results = both_ways(source, tmp_path / name, monkeypatch, fast=False)
+        check_same(results)
+    imus = [(time, data) for topic, _, time, data in rows if topic == TOPIC]
+    from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+    for mode, plugin in (
+        (CompressionMode.MESSAGE, StoragePlugin.MCAP),
+        (None, StoragePlugin.SQLITE3),
+    ):
+        source = write(tmp_path / f'bag{plugin.name}', {(TOPIC, IMU_TYPE): imus}, plugin, mode)
+        check_same(both_ways(source, tmp_path / plugin.name, monkeypatch, fast=False))
+
+
+def places_of(path):
+    return read_layout(path).chunks
+
+
+def check_refused(path, folder, reason):
+    with pytest.raises(BagError, match=reason) as error:
+        replay(path, folder / 'out', parameters=Parameters())
+    assert '\n' not in str(error.value)
+    assert not (folder / 'out').exists()
+    assert not list(folder.glob('.out*'))
+
+
+def test_a_damaged_chunk_is_one_line(tmp_path, random):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), chunk_size=30_000)
+    data = bytearray(path.read_bytes())
+    place = places_of(path)[1]
+    data[place.start + place.length // 2] ^= 0xFF
+    path.write_bytes(data)
+    check_refused(path, tmp_path, 'is damaged and can be read no further: the chunk at byte')
+
+
+@pytest.mark.parametrize('size', [2**62, 2**31, 17])
+@pytest.mark.parametrize('compression', list(CompressionType))
+def test_a_chunk_that_lies_about_its_size(size, compression, tmp_path, random):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), compression=compression)
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, places_of(path)[0].start + 9 + 16, size)
+    path.write_bytes(data)
+    check_refused(path, tmp_path, r'can not be as long as it says|size or checksum is wrong')
+
+
+def test_a_record_that_lies_about_its_length(tmp_path, random):
+    options = {'compression': CompressionType.NONE, 'enable_crcs': False}
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **options)
+    data = bytearray(path.read_bytes())
+    first = places_of(path)[0].start
+    message = data.index(b'\x05', data.index(IMU_TYPE.encode(), first) + 6000)
+    for length in (2**63, 2**40, 5):
+        struct.pack_into('<Q', data, message + 1, length)
+        path.write_bytes(data)
+        check_refused(path, tmp_path, 'is damaged|no messages|can not be read')
+
+
+def test_an_index_that_lies_is_no_plain_file(tmp_path, random):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    whole = path.read_bytes()
+    assert read_layout(path) is not None
+    for cut in (len(whole) - 1, len(whole) // 2, 20, 8, 0):
+        path.write_bytes(whole[:cut])
+        assert read_layout(path) is None
+    for _ in range(300):
+        data = bytearray(whole)
+        data[random.integers(len(data) - 600, len(data))] ^= 1 << random.integers(8)
+        path.write_bytes(data)
+        read_layout(path)  # no exception
+    assert read_layout(Path(tmp_path)) is None
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=600))
+def test_any_bytes_as_a_chunk(data):
+    """No record is found outside of the chunk."""
+    array = np.frombuffer(data, np.uint8)
+    rows = np.zeros(len(data) // 31 + 1, ROW)
+    count = list_messages(array, rows)
+    assert -1 <= count <= len(data) // 31
+    for row in rows[: max(count, 0)]:
+        assert 0 <= row['start'] <= row['start'] + row['size'] <= len(data)
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.binary(max_size=500), st.integers(0, 330), st.integers(0, 255))
+def test_the_compiled_reader_of_imus_agrees_with_the_plain_one(junk, place, byte):
+    """Of any bytes, and of an Imu with one byte changed."""
+    changed = bytearray(imu_message(START + 5, (1, 2, 3), (4, 5, 6)))
+    changed[place % len(changed)] = byte
+    for message in (junk, bytes(changed)):
+        rows = np.array([(0, 0, 0, len(message))], ROW)
+        imus = np.zeros(1, IMU)
+        doubles = np.zeros(37)
+        read_imus(np.frombuffer(message, np.uint8), rows, (doubles.view(np.uint8), doubles), imus)
+        try:
+            wanted = read_imu(message)
+        except MalformedMessageError:
+            assert imus[0]['kind'] == MALFORMED
+            continue
+        assert (imus[0]['kind'] == GOOD) == wanted.angular_velocity_reported
+        assert imus[0]['stamp'] == wanted.stamp
+        assert imus[0]['doubles'] == wanted.offset
+        np.testing.assert_array_equal(imus[0]['angular_velocity'], wanted.angular_velocity)
+        np.testing.assert_array_equal(imus[0]['linear_acceleration'], wanted.linear_acceleration)
