@@ -13,8 +13,9 @@ from mcap.writer import Writer as McapWriter
 
 import gyro_drift_filter.bags.replay as replay_module
 from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
-from gyro_drift_filter.bags.chunk_kernels import IMU, ROW, list_messages, read_imus
+from gyro_drift_filter.bags.chunk_kernels import ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
+from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
 from gyro_drift_filter.bags.mcap_file import read_layout
 from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
 from gyro_drift_filter.bags.replay import replay

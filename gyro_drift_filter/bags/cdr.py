@@ -50,6 +50,9 @@ _VECTOR_FIELDS = (
 IMUS = np.dtype([('stamp', 'i8'), *((name, kind) for name, kind, _ in _VECTOR_FIELDS)])
 
 
+# A serialized Imu of zeros, with an empty frame_id.
+EXAMPLE = b'\x00\x01\x00\x00' + bytes(12 + 4 + _IMU_DOUBLES * _DOUBLE)
+
 # What a message on the Imu topic is.
 GOOD, NOT_REPORTED, MALFORMED = 0, 1, 2
 

@@ -1,15 +1,14 @@
-"""Walk the message records of an MCAP chunk, read the Imus in them, lay out those to be written.
+"""Walk the message records of an MCAP chunk, and lay out those to be written, in compiled code.
 
-The compiled counterpart of `cdr.py`, byte for byte; the same messages are refused. Chunks, records
-and messages are arrays of bytes.
+Chunks and records are arrays of bytes.
 """
 
-import math
 from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
+from gyro_drift_filter.bags.cdr import GOOD
+from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, RATE, patch, unsigned
 from gyro_drift_filter.core.compiled import compiled
 
 # Of a message in a chunk.
@@ -23,40 +22,11 @@ ROW = np.dtype(
     align=True,
 )
 
-IMU = np.dtype(
-    [
-        ('kind', np.int64),
-        ('stamp', np.int64),  # ns
-        ('angular_velocity', np.float64, (3,)),
-        ('linear_acceleration', np.float64, (3,)),
-        ('frame', np.int64),  # place of the frame_id in the payload
-        ('frame_size', np.int64),  # of it, without its closing zero
-        ('doubles', np.int64),  # place of the 37 doubles in the payload
-        ('big_endian', np.bool_),
-    ],
-    align=True,
-)
-
 _RECORD = 9  # opcode and length
 _MESSAGE = 0x05
 _MESSAGE_HEADER = 22  # channel, sequence, log time, publish time
-_ENCAPSULATION = 4
-_HEADER = 12  # stamp and length of frame_id
-_DOUBLES = 37
-_RATE, _RATE_COVARIANCE = 13, 16
-_ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
 _VECTOR = 3
 RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
-
-
-@compiled
-def _unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
-    """Return an unsigned integer of up to seven bytes, or the low 63 bits of a longer one."""
-    value = np.int64(0)
-    for i in range(size):
-        byte = data[place + (i if big_endian else size - 1 - i)]
-        value = (value << 8) | np.int64(byte)
-    return value  # type: ignore[return-value]
 
 
 @compiled
@@ -69,7 +39,7 @@ def list_messages(data: Any, rows: Any) -> int:
     while place < len(data):
         if place + _RECORD > len(data):
             return -1
-        size = _unsigned(data, place + 1, 8, False)
+        size = unsigned(data, place + 1, 8, False)
         content = place + _RECORD
         if size < 0 or size > len(data) - content:
             return -1
@@ -77,61 +47,13 @@ def list_messages(data: Any, rows: Any) -> int:
             if size < _MESSAGE_HEADER:
                 return -1
             row = rows[count]
-            row['channel'] = _unsigned(data, content, 2, False)
-            row['log_time'] = _unsigned(data, content + 6, 8, False)
+            row['channel'] = unsigned(data, content, 2, False)
+            row['log_time'] = unsigned(data, content + 6, 8, False)
             row['start'] = content + _MESSAGE_HEADER
             row['size'] = size - _MESSAGE_HEADER
             count += 1
         place = content + size
     return count
-
-
-@compiled
-def read_imus(data: Any, rows: Any, doubles: Any, imus: Any) -> None:
-    """Read the Imus that ROWs tell of into `imus`, an array of IMU.
-
-    `doubles` is room for the 37 doubles of one message, as bytes (296,) and as numbers (37,).
-    """
-    for i in range(len(rows)):
-        _read_imu(data, rows[i]['start'], rows[i]['size'], doubles[0], doubles[1], imus[i])
-
-
-@compiled
-def _read_imu(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any) -> None:
-    """Read one, as `cdr.read_imu` does."""
-    imu['kind'] = MALFORMED
-    if size < _ENCAPSULATION + _HEADER or data[start] != 0 or data[start + 1] > 1:
-        return
-    big_endian = data[start + 1] == 0
-    header = start + _ENCAPSULATION
-    name = _unsigned(data, header + 8, 4, big_endian)
-    doubles = _ENCAPSULATION + (_HEADER + name + 7) // 8 * 8
-    surplus = size - doubles - _DOUBLES * 8
-    if surplus < 0 or surplus > LARGEST_PADDING:
-        return
-    if name > 0 and data[header + _HEADER + name - 1] != 0:
-        return
-    nanoseconds = _unsigned(data, header + 4, 4, big_endian)
-    if nanoseconds >= 1_000_000_000:
-        return
-    seconds = _unsigned(data, header, 4, big_endian)
-    if seconds >= 2**31:
-        seconds -= 2**32
-    for k in range(_DOUBLES):
-        place = start + doubles + 8 * k
-        for b in range(8):
-            raw[8 * k + b] = data[place + (7 - b if big_endian else b)]
-    imu['stamp'] = seconds * 1_000_000_000 + nanoseconds
-    reported = numbers[_ACCELERATION_COVARIANCE] != -1.0
-    for axis in range(3):
-        imu['angular_velocity'][axis] = numbers[_RATE + axis]
-        acceleration = numbers[_ACCELERATION + axis]
-        imu['linear_acceleration'][axis] = acceleration if reported else math.nan
-    imu['frame'] = _ENCAPSULATION + _HEADER
-    imu['frame_size'] = max(name - 1, 0)
-    imu['doubles'] = doubles
-    imu['big_endian'] = big_endian
-    imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
 
 
 @compiled
@@ -223,15 +145,11 @@ def lay_out(
         count += 1
         if imu['kind'] != GOOD:
             continue
-        begin += imu['doubles'] + 8 * _RATE
-        for n in range(12):
-            for b in range(8):
-                byte = patches[k, 8 * n + (7 - b if imu['big_endian'] else b)]
-                out[begin + 8 * n + b] = byte
+        patch(out, begin + imu['doubles'] + 8 * RATE, patches[k], imu['big_endian'])
         for m in range(len(vector_channels)):
             name = imu['frame_size'] + 1
-            padding = -(_HEADER + name) % 8
-            length = _ENCAPSULATION + _HEADER + name + padding + 8 * _VECTOR
+            padding = -(HEADER + name) % 8
+            length = ENCAPSULATION + HEADER + name + padding + 8 * _VECTOR
             place = _begin_record(out, place, entries[count], vector_channels[m], time, length)
             place = _put(out, place, 0x0100, 4)  # plain CDR, little endian
             place = _put(out, place, imu['stamp'] // 1_000_000_000, 4)

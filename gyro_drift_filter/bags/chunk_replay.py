@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from gyro_drift_filter.bags.chunk_kernels import IMU, RECORD_BYTES, ROW, list_messages, read_imus
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
 from gyro_drift_filter.bags.mcap_file import Layout, McapError, read_chunks, read_layout
 from gyro_drift_filter.bags.recording import AnyReader, BagError, Connection
 from gyro_drift_filter.bags.replay_run import (

@@ -16,6 +16,14 @@ from gyro_drift_filter.bags.cdr import (
     read_imu,
     vector3_stamped,
 )
+from gyro_drift_filter.bags.imu_kernels import (
+    FILTERED,
+    IMU,
+    PASSED_ON,
+    PERIOD_CHANGED,
+    PUBLISH,
+    filter_message,
+)
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import REFUSED
 
@@ -54,6 +62,7 @@ class MessageFilter:
         malformed: Messages that are no Imu; nothing is published for them.
         last_malformed: Why the last of them was refused.
         not_reported: Messages without angular velocity (covariance starts with -1); passed on.
+        output: What `step` has to publish.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -62,14 +71,47 @@ class MessageFilter:
         self.malformed = 0
         self.last_malformed = ''
         self.not_reported = 0
+        self.output = b''
+        doubles = np.zeros(37)
+        self._room = doubles.view(np.uint8), doubles
+        self._imu = np.zeros(1, IMU)
+        self._out = np.empty(1024, np.uint8)
+
+    def step(self, data: bytes) -> int:
+        """Filter one message at once: the live path.
+
+        Returns:
+            Flags of `imu_kernels`: 0 where the message is malformed. With PUBLISH, `output` is what
+            to publish; with FILTERED, `filter.state['result']` is what the filter made of it.
+        """
+        self.received += 1
+        if len(data) > len(self._out):
+            self._out = np.empty(2 * len(data), np.uint8)
+        message = np.frombuffer(data, np.uint8)
+        flags: int = filter_message(
+            message, self._out, self._room, self._imu, *self.filter.arrays_of_step()
+        )
+        if flags & PERIOD_CHANGED:
+            self.filter.note_new_period()
+        if flags & PUBLISH:
+            self.output = self._out[: len(data)].tobytes()
+        if flags & PASSED_ON:
+            self.not_reported += 1
+        elif flags == 0:
+            self.malformed += 1
+            self.explain_malformed(data)
+        return flags
 
     def process(self, data: bytes) -> Outcome:
-        """Filter one message, at once: the live path."""
-        imu = self._read(data)
-        if imu is None or not imu.angular_velocity_reported:
-            return _unfiltered(data, imu)
-        result = self.filter.step(imu.stamp, imu.angular_velocity, imu.linear_acceleration)
-        return _filtered(data, imu, result)
+        """Filter one message by `step`, and tell all about it."""
+        flags = self.step(data)
+        if flags == 0:
+            return Outcome(None, None, None)
+        return Outcome(
+            self.output if flags & PUBLISH else None,
+            read_imu(data),
+            self.filter.state['result'] if flags & FILTERED else None,
+        )
 
     def process_batch(self, messages: Sequence[bytes]) -> list[Outcome]:
         """Filter messages in their order: the offline path, with the same outcome."""

@@ -350,6 +350,16 @@ def _step_adaptive(
         result['measurement_noise'][axis] = adaptive['noise']['variance']
 
 
+# numba takes arrays from Python faster than their records.
+
+
+@compiled
+def _step(
+    stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any
+) -> bool:
+    return step(stamp, rate, acceleration, settings[0], coefficients[0], state[0])
+
+
 @compiled
 def _run(
     first: int,
@@ -366,8 +376,10 @@ def _run(
     Returns the number of samples done.
     """
     for i in range(first, len(stamps)):
-        changed = step(stamps[i], rates[i], accelerations[i], settings, coefficients, state)
-        results[i] = state['result']
+        changed = step(
+            stamps[i], rates[i], accelerations[i], settings[0], coefficients[0], state[0]
+        )
+        results[i] = state[0]['result']
         if changed:
             return i + 1
     return len(stamps)
@@ -385,6 +397,7 @@ class Filter:
         self._settings = np.zeros(1, SETTINGS)
         self._coefficients = np.zeros(1, COEFFICIENTS)
         self._state = np.zeros(1, STATE)
+        self._arrays = self._settings, self._coefficients, self._state
         self.parameters = parameters or Parameters()
         self.configure(self.parameters)
         self.set_bias(self.parameters.bias_initial)
@@ -528,17 +541,26 @@ class Filter:
         Returns:
             A record of RESULT, valid until the next step.
         """
-        if self._underived:
-            self._derive()
-        self._underived = step(
+        self._underived = _step(
             stamp,
             np.asarray(rate, np.float64),
             np.asarray(acceleration, np.float64),
-            self._settings[0],
-            self._coefficients[0],
-            self.state,
+            *self.arrays_of_step(),
         )
         return self.state['result']
+
+    def arrays_of_step(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return settings, coefficients and state, (1,) each, for a kernel that calls `step`.
+
+        They are good for one step. Where it returns True, call `note_new_period`.
+        """
+        if self._underived:
+            self._derive()
+        return self._arrays
+
+    def note_new_period(self) -> None:
+        """Derive the coefficients anew before the next step."""
+        self._underived = True
 
     def run(
         self,
@@ -571,18 +593,7 @@ class Filter:
         results = np.zeros(n, RESULT)
         done = 0
         while done < n:
-            if self._underived:
-                self._derive()
-            done = _run(
-                done,
-                stamps,
-                rates,
-                accelerations,
-                self._settings[0],
-                self._coefficients[0],
-                self.state,
-                results,
-            )
+            done = _run(done, stamps, rates, accelerations, *self.arrays_of_step(), results)
             self._underived = bool(self._coefficients[0]['period'] != self.state['clock']['period'])
         return results
 

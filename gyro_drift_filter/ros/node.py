@@ -23,10 +23,11 @@ from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE
+from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, read_imu
 from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, Health, Status
+from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
-from gyro_drift_filter.core import Filter, GyroDriftFilterError, ParameterError, Parameters
+from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.core.compiled import is_compiled
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
@@ -69,7 +70,7 @@ class GyroDriftFilterNode(Node):
         parameters = LiveParameters(self, self._configure)
         self._messages = MessageFilter(parameters.current)
         # The first step loads or compiles the kernels: before there is a message to wait for it.
-        Filter(parameters.current).step(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self._messages, self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._status: dict[str, Status] = {}
@@ -83,7 +84,7 @@ class GyroDriftFilterNode(Node):
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
-        self._at_rest: float | None = None
+        self._at_rest = -1  # flag AT_REST of the last message; not told before the first
         self._rest_output = self.create_publisher(Bool, '~/at_rest', _LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -129,16 +130,20 @@ class GyroDriftFilterNode(Node):
     def _filter(self, data: bytes) -> None:
         if not self._memory.recalled:
             self._memory.recall(data)
-        outcome = self._messages.process(data)
-        if outcome.data is None:
+        messages = self._messages
+        flags = messages.step(data)
+        if not flags & PUBLISH:
             return
-        self._output.publish(outcome.data)
-        if outcome.result is not None and outcome.result['at_rest'] != self._at_rest:
-            self._at_rest = outcome.result['at_rest']
+        self._output.publish(messages.output)
+        if flags & PASSED_ON:
+            return
+        if flags & AT_REST != self._at_rest:
+            self._at_rest = flags & AT_REST
             self._rest_output.publish(Bool(data=bool(self._at_rest)))
-        if self._listened and outcome.imu is not None and outcome.result is not None:
+        if self._listened:
+            imu, result = read_imu(data), messages.filter.state['result']
             for name, output in self._listened.items():
-                output.publish(sample_message(data, outcome.imu, outcome.result, name))
+                output.publish(sample_message(data, imu, result, name))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._messages.filter.reset()

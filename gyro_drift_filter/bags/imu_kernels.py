@@ -1,0 +1,158 @@
+"""Read and patch serialized Imus in compiled code: `cdr.py` byte for byte, and in one call a step.
+
+Messages are stretches of arrays of bytes.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
+from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.core.filter import REFUSED, step
+
+IMU = np.dtype(
+    [
+        ('kind', np.int64),
+        ('stamp', np.int64),  # ns
+        ('angular_velocity', np.float64, (3,)),
+        ('linear_acceleration', np.float64, (3,)),
+        ('frame', np.int64),  # place of the frame_id in the payload
+        ('frame_size', np.int64),  # of it, without its closing zero
+        ('doubles', np.int64),  # place of the 37 doubles in the payload
+        ('big_endian', np.bool_),
+    ],
+    align=True,
+)
+
+ENCAPSULATION = 4
+HEADER = 12  # stamp and length of frame_id
+RATE = 13  # place among the 37 doubles
+_DOUBLES = 37
+_RATE_COVARIANCE = 16
+_ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
+# Rate and covariance, side by side.
+PATCHED = 12
+
+# What `filter_message` tells: there is something to publish; it went through the filter; it is as
+# it came, for there is no rate in it; the sensor is at rest; the sample period is another one.
+PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED = 1, 2, 4, 8, 16
+
+
+@compiled
+def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
+    """Return an unsigned integer of up to seven bytes, or the low 63 bits of a longer one."""
+    value = np.int64(0)
+    for i in range(size):
+        byte = data[place + (i if big_endian else size - 1 - i)]
+        value = (value << 8) | np.int64(byte)
+    return value  # type: ignore[return-value]
+
+
+@compiled
+def read_imus(data: Any, rows: Any, doubles: Any, imus: Any) -> None:
+    """Read the Imus that ROWs tell of into `imus`, an array of IMU.
+
+    `doubles` is room for the 37 doubles of one message, as bytes (296,) and as numbers (37,).
+    """
+    for i in range(len(rows)):
+        read_one(data, rows[i]['start'], rows[i]['size'], doubles[0], doubles[1], imus[i])
+
+
+@compiled
+def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any) -> None:
+    """Read one, as `cdr.read_imu` does."""
+    imu['kind'] = MALFORMED
+    if size < ENCAPSULATION + HEADER or data[start] != 0 or data[start + 1] > 1:
+        return
+    big_endian = data[start + 1] == 0
+    header = start + ENCAPSULATION
+    name = unsigned(data, header + 8, 4, big_endian)
+    doubles = ENCAPSULATION + (HEADER + name + 7) // 8 * 8
+    surplus = size - doubles - _DOUBLES * 8
+    if surplus < 0 or surplus > LARGEST_PADDING:
+        return
+    if name > 0 and data[header + HEADER + name - 1] != 0:
+        return
+    nanoseconds = unsigned(data, header + 4, 4, big_endian)
+    if nanoseconds >= 1_000_000_000:
+        return
+    seconds = unsigned(data, header, 4, big_endian)
+    if seconds >= 2**31:
+        seconds -= 2**32
+    for k in range(_DOUBLES):
+        place = start + doubles + 8 * k
+        for b in range(8):
+            raw[8 * k + b] = data[place + (7 - b if big_endian else b)]
+    imu['stamp'] = seconds * 1_000_000_000 + nanoseconds
+    reported = numbers[_ACCELERATION_COVARIANCE] != -1.0
+    for axis in range(3):
+        imu['angular_velocity'][axis] = numbers[RATE + axis]
+        acceleration = numbers[_ACCELERATION + axis]
+        imu['linear_acceleration'][axis] = acceleration if reported else math.nan
+    imu['frame'] = ENCAPSULATION + HEADER
+    imu['frame_size'] = max(name - 1, 0)
+    imu['doubles'] = doubles
+    imu['big_endian'] = big_endian
+    imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
+
+
+@compiled
+def patch(out: Any, begin: int, values: Any, big_endian: bool) -> None:
+    """Write the bytes of little-endian doubles (n,) in the byte order of a message."""
+    for n in range(len(values) // 8):
+        for b in range(8):
+            out[begin + 8 * n + b] = values[8 * n + (7 - b if big_endian else b)]
+
+
+@compiled
+def filter_message(
+    data: Any, out: Any, room: Any, imu: Any, settings: Any, coefficients: Any, state: Any
+) -> int:
+    """Read one message, take it through `step`, and write it anew: the live path.
+
+    Args:
+        data: The message, bytes.
+        out: Room for as many.
+        room: The same room for 37 doubles, as bytes and as numbers.
+        imu: (1,) IMU, filled.
+        settings: (1,) as for `step`, like
+        coefficients: (1,) and
+        state: (1,).
+
+    Returns:
+        Flags; 0 for a malformed message.
+    """
+    raw, numbers = room[0], room[1]
+    read_one(data, 0, len(data), raw, numbers, imu[0])
+    kind = imu[0]['kind']
+    if kind == MALFORMED:
+        return 0
+    for i in range(len(data)):
+        out[i] = data[i]
+    if kind == NOT_REPORTED:
+        return PUBLISH | PASSED_ON
+    flags = FILTERED
+    if step(
+        imu[0]['stamp'],
+        imu[0]['angular_velocity'],
+        imu[0]['linear_acceleration'],
+        settings[0],
+        coefficients[0],
+        state[0],
+    ):
+        flags |= PERIOD_CHANGED
+    result = state[0]['result']
+    if result['status'] == REFUSED:
+        return flags
+    if result['at_rest'] > 0.0:
+        flags |= AT_REST
+    for k in range(PATCHED):
+        numbers[k] = 0.0
+    for axis in range(3):
+        numbers[axis] = result['angular_velocity'][axis]
+        numbers[3 + 4 * axis] = result['angular_velocity_variance'][axis]
+    begin = imu[0]['doubles'] + 8 * RATE
+    patch(out, begin, raw[: 8 * PATCHED], imu[0]['big_endian'])
+    return flags | PUBLISH
