@@ -68,10 +68,12 @@ class Player:
         self._spinner = threading.Thread(target=self._spin)
 
     def __enter__(self) -> 'Player':
+        """Begin to receive."""
         self._spinner.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End the process under test."""
         self._stop.set()
         self._spinner.join()
         if self.process.poll() is None:

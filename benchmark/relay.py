@@ -2,8 +2,9 @@
 
     python -m benchmark.relay typed|raw|bare
 
-typed is what a node is by the book: deserialized messages, SingleThreadedExecutor. raw passes bytes on
-with the EventsExecutor. bare is typed with all topics of gyro_drift_filter_node, to compare starts.
+typed is what a node is by the book: deserialized messages, SingleThreadedExecutor. raw passes
+bytes on with the EventsExecutor. bare is typed with all topics of gyro_drift_filter_node, to
+compare starts.
 """
 
 import sys

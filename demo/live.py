@@ -23,7 +23,7 @@ LOSSLESS = (
     *('-p', 'qos_overrides./imu/data_filtered.publisher.depth:=1000'),
 )
 _IN_FLIGHT = 100
-_PATIENCE = 30.0
+_PATIENCE = 120.0  # a first start compiles
 
 
 _domains = itertools.count(os.getpid())

@@ -98,9 +98,11 @@ def test_colcon_installs_what_ros_looks_for(workspace):
     assert {'core', 'bags', 'ros', 'cli'} <= modules
 
 
-def test_the_built_node_filters(workspace, monkeypatch):
+def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp_path):
+    """Nothing of what comes while the kernels are compiled is lost, and the next start is warm."""
     site = next(workspace.rglob('site-packages'))
     monkeypatch.setenv('PYTHONPATH', str(site))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     shipped = workspace / 'share' / 'gyro_drift_filter' / 'config' / 'gyro_drift_filter.yaml'
     data = simulated(400)
     executable = workspace / 'lib' / 'gyro_drift_filter' / 'gyro_drift_filter_node'
@@ -109,8 +111,13 @@ def test_the_built_node_filters(workspace, monkeypatch):
         assert str(site).encode() in maps
         published = node.play(data)
     assert node.returncode == 0
+    assert 'first start: compiling' in node.log
+    assert re.search(r'compiled; \d+ messages were kept, 0 were too many', node.log)
     outcomes = MessageFilter(Parameters()).process_batch(data)
     assert published == [outcome.data for outcome in outcomes]
+    with LiveNode(LOSSLESS, node=executable) as node:
+        assert len(node.play(data[:10])) == 10
+    assert 'compil' not in node.log
 
 
 def test_the_demo(tmp_path):

@@ -22,6 +22,9 @@ ROW = np.dtype(
     align=True,
 )
 
+# Where a message stands: an entry of MessageIndex, with the channel.
+ENTRY = np.dtype([('channel', '<u2'), ('log_time', '<u8'), ('offset', '<u8')])
+
 _RECORD = 9  # opcode and length
 _MESSAGE = 0x05
 _MESSAGE_HEADER = 22  # channel, sequence, log time, publish time

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2.enums import CompressionMode
 
+from gyro_drift_filter.bags.chunk_kernels import ENTRY
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
 if sys.version_info >= (3, 14):
@@ -41,8 +42,6 @@ LARGEST_CHUNK = 2**30
 # Chunks on their way to the disk.
 _PENDING = 3
 
-# Where a message stands: an entry of MessageIndex, with the channel.
-ENTRY = np.dtype([('channel', '<u2'), ('log_time', '<u8'), ('offset', '<u8')])
 _INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, NOT_REPORTED, VECTOR_TYPE
-from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out
+from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out
 from gyro_drift_filter.bags.health import NODE_NAME, Health, Status
-from gyro_drift_filter.bags.mcap_file import ENTRY
 from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
     MessageFilter,

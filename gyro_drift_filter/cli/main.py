@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 
 from gyro_drift_filter.bags.health import package_version
-from gyro_drift_filter.cli import identify, replay, simulate
+from gyro_drift_filter.cli import compile, identify, replay, simulate
 from gyro_drift_filter.core import GyroDriftFilterError
 
-_SUBCOMMANDS = (replay, identify, simulate)
+_SUBCOMMANDS = (replay, identify, simulate, compile)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,3 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'gyro_drift {options.command}: interrupted, nothing written', file=sys.stderr)
         return 130
     return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -2,7 +2,9 @@
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,3 +59,31 @@ def compiled(function: Function) -> Function:
 def is_compiled() -> bool:
     """Tell whether kernels are compiled in this process."""
     return numba is not None and not numba.config.DISABLE_JIT
+
+
+def _mark() -> Path | None:
+    """Return the file that says that all kernels are in the cache, as this machine compiles them.
+
+    None where there is nothing to compile, or nowhere to keep it.
+    """
+    if not is_compiled() or _DIRECTORY is None:
+        return None
+    from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
+
+    # As numba does, a cache apart for each place of the package, version and processor.
+    kind = f'{Path(__file__).parent} {numba.__version__} {sys.version} {get_host_cpu_name()}'
+    return Path(_DIRECTORY) / f'complete_{hashlib.sha256(kind.encode()).hexdigest()[:16]}'
+
+
+def is_cache_cold() -> bool:
+    """Tell whether the kernels have to be compiled first, and can be kept then."""
+    mark = _mark()
+    return mark is not None and not mark.exists()
+
+
+def note_all_compiled() -> None:
+    """Note that all kernels are in the cache now."""
+    mark = _mark()
+    if mark is not None:
+        with suppress(OSError):
+            mark.touch()

@@ -1,5 +1,6 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,11 +25,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, read_imu
-from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, Health, Status
+from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, WARN, Health, Status
 from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.core.compiled import is_compiled
+from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
 from gyro_drift_filter.ros.parameters import LiveParameters
@@ -69,8 +71,10 @@ class GyroDriftFilterNode(Node):
             raise ParameterError(f'a parameter was given no value: {error}') from error
         parameters = LiveParameters(self, self._configure)
         self._messages = MessageFilter(parameters.current)
-        # The first step loads or compiles the kernels: before there is a message to wait for it.
-        MessageFilter(parameters.current).step(EXAMPLE)
+        self._cold_start = ColdStart(self, self._catch_up)
+        if self._cold_start.waiting is None:
+            # The first step loads the kernels: before there is a message to wait for it.
+            MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self._messages, self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._status: dict[str, Status] = {}
@@ -127,7 +131,14 @@ class GyroDriftFilterNode(Node):
         self._messages.filter.configure(parameters)
         self._hint.listen(parameters.motion_hint)
 
+    def _catch_up(self, waiting: deque[bytes]) -> None:
+        for data in waiting:
+            self._filter(data)
+
     def _filter(self, data: bytes) -> None:
+        if self._cold_start.waiting is not None:
+            self._cold_start.keep(data)
+            return
         if not self._memory.recalled:
             self._memory.recall(data)
         messages = self._messages
@@ -167,6 +178,7 @@ class GyroDriftFilterNode(Node):
 
     def destroy_node(self) -> None:
         """Keep what was learned, and end."""
+        self._cold_start.stop()
         self._memory.save()
         super().destroy_node()
 
@@ -178,7 +190,11 @@ class GyroDriftFilterNode(Node):
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
         for status in self._health.report(seconds):
-            if status.level == STALE:
+            waiting = self._cold_start.waiting
+            if waiting is not None:
+                message = f'compiling for the first start: {len(waiting)} messages are kept'
+                status = replace(status, level=WARN, message=message)
+            elif status.level == STALE:
                 status = replace(status, message=self._explain_silence())
             self._log_change(status)
             array.status.append(
@@ -218,6 +234,8 @@ class GyroDriftFilterNode(Node):
         before = self._status.get(status.name)
         self._status[status.name] = status
         if before is not None and before.message == status.message:
+            return
+        if self._cold_start.waiting is not None:
             return
         if status.level != OK:
             self.get_logger().warning(status.message)

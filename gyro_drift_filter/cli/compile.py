@@ -1,0 +1,65 @@
+"""`gyro_drift compile`: compile the kernels ahead, so that no start has to wait for it."""
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.bags.cdr import EXAMPLE
+from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messages
+from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
+from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters
+from gyro_drift_filter.core.compiled import is_compiled, note_all_compiled
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'compile',
+        help='compile ahead of the first start',
+        description='Compile all kernels and keep them in ~/.cache/gyro_drift_filter, so that the '
+        'first start of the node does not have to. Needed once after an installation.',
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    if not is_compiled():
+        raise GyroDriftFilterError('numba is not installed: there is nothing to compile')
+    begin = time.monotonic()
+    compile_all()
+    print(f'compiled in {time.monotonic() - begin:.0f} s')
+
+
+def compile_all() -> None:
+    """Call every kernel that Python calls, so that it is compiled and kept."""
+    messages = MessageFilter(Parameters())
+    messages.step(EXAMPLE)
+    messages.process_batch([EXAMPLE])
+    messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    messages.filter.note_temperature(20.0)
+    data = np.frombuffer(EXAMPLE, np.uint8)
+    rows, imus, doubles = np.zeros(0, ROW), np.zeros(0, IMU), np.zeros(37)
+    list_messages(data[:0], rows)
+    read_imus(data, rows, (doubles.view(np.uint8), doubles), imus)
+    none = np.zeros(0, np.int64)
+    lay_out(
+        data,
+        rows,
+        none,
+        np.zeros(0, np.bool_),
+        imus,
+        np.zeros(0, np.bool_),
+        np.zeros((0, 96), np.uint8),
+        0,
+        np.zeros((0, 0, 24), np.uint8),
+        none,
+        none,
+        0,
+        np.zeros(0, np.uint8),
+        np.zeros(0, ENTRY),
+    )
+    note_all_compiled()
