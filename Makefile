@@ -1,4 +1,5 @@
-# make demo: the main job end to end. make test: lint, types and all tests.
+# make demo: the main job end to end. make test: lint, types and all tests. make bench: how fast.
+# make quality: how good.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,7 +7,7 @@ BIN := $(VENV)/bin
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench quality clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -15,7 +16,11 @@ test: lint
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/.installed
+	$(BIN)/python -m benchmark.speed --json benchmark_output.json
+
+quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
+	$(BIN)/python -m benchmark.bias
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
@@ -32,4 +37,4 @@ $(VENV)/.installed: setup.py package.xml
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo_output build install log
+	rm -rf $(VENV) demo_output benchmark_output.json build install log

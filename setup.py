@@ -51,7 +51,7 @@ setup(
         # The demo's figures.
         'demo': ['matplotlib>=3.8'],
         # What the benchmark compares with.
-        'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'scipy>=1.11'],
+        'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'psutil>=5.9', 'scipy>=1.11'],
         'test': [
             'colcon-common-extensions>=0.3',
             'colcon-ros>=0.5',

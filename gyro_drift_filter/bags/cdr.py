@@ -209,3 +209,39 @@ def vector3_stamped(stamp: int, frame: bytes, vector: tuple[float, float, float]
     return b'\x00\x01\x00\x00' + struct.pack(
         f'<iII{length}s{padding}x3d', seconds, nanoseconds, length, frame, *vector
     )
+
+
+class DiagnosticStatus(NamedTuple):
+    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id."""
+
+    level: int
+    name: str
+    message: str
+    values: dict[str, str]
+
+
+def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
+    """Return a serialized `diagnostic_msgs/msg/DiagnosticArray`, little endian.
+
+    Args:
+        stamp: header.stamp in ns; the frame_id is empty.
+        statuses: What it holds.
+    """
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    data = bytearray(struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses)))
+    for status in statuses:
+        data.append(status.level)
+        texts = [status.name, status.message, '']
+        _put_texts(data, texts)
+        data += bytes(-len(data) % 4) + struct.pack('<I', len(status.values))
+        _put_texts(data, [text for pair in status.values.items() for text in pair])
+    return b'\x00\x01\x00\x00' + data
+
+
+def _put_texts(data: bytearray, texts: Sequence[str]) -> None:
+    for text in texts:
+        encoded = text.encode()
+        data += bytes(-len(data) % 4)
+        data += (len(encoded) + 1).to_bytes(4, 'little')
+        data += encoded
+        data.append(0)

@@ -6,6 +6,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from gyro_drift_filter.bags.cdr import DiagnosticStatus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.core.bias import bias_variance
 from gyro_drift_filter.core.filter import RANGE
@@ -14,23 +15,6 @@ from gyro_drift_filter.core.parameters import AXES
 OK, WARN, ERROR, STALE = range(4)
 
 NODE_NAME = 'gyro_drift_filter'
-
-
-@dataclass(frozen=True)
-class Status:
-    """One `diagnostic_msgs/msg/DiagnosticStatus`, without the middleware's types.
-
-    Attributes:
-        level: OK, WARN, ERROR or STALE.
-        name: 'gyro_drift_filter: input' or the like.
-        message: What is the matter, and what to do.
-        values: Keys and values, as text.
-    """
-
-    level: int
-    name: str
-    message: str
-    values: dict[str, str]
 
 
 # Share of samples above which it is not the sample that is wrong, but the filter's idea of it.
@@ -65,7 +49,7 @@ class Health:
         self._name = name
         self._before = _Counts()
 
-    def report(self, seconds: float) -> list[Status]:
+    def report(self, seconds: float) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter.
 
         Args:
@@ -89,7 +73,7 @@ class Health:
             tuple(self._messages.filter.state['paper']['divergences'].tolist()),
         )
 
-    def _input(self, before: _Counts, now: _Counts, seconds: float) -> Status:
+    def _input(self, before: _Counts, now: _Counts, seconds: float) -> DiagnosticStatus:
         messages, state = self._messages, self._messages.filter.state
         clock, counts = state['clock'], state['counts']
         received = now.received - before.received
@@ -135,9 +119,9 @@ class Health:
             'Backward stamps': str(clock['backward_stamps']),
         }
         values |= _per_axis('Unusable rates bridged', counts['unusable'])
-        return Status(level, f'{self._name}: input', message, values)
+        return DiagnosticStatus(level, f'{self._name}: input', message, values)
 
-    def _filter(self, before: _Counts, now: _Counts) -> Status:
+    def _filter(self, before: _Counts, now: _Counts) -> DiagnosticStatus:
         state = self._messages.filter.state
         result = state['result']
         values = {
@@ -174,7 +158,7 @@ class Health:
                 f'steady as at rest, but the rate is beyond bias.max ({limit:g} deg/s) and stays '
                 'in: if it does not turn, raise bias.max, and have the sensor looked at'
             )
-        return Status(level, f'{self._name}: filter', message, values)
+        return DiagnosticStatus(level, f'{self._name}: filter', message, values)
 
 
 _UNKNOWN = (math.nan,) * 3

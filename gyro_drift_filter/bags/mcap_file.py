@@ -214,6 +214,11 @@ class McapStorage:
     """Storage of `rosbags.rosbag2.Writer`: an MCAP file in chunks, message by message or in bulk.
 
     The interface is rosbags' own for storages. Chunks are compressed beside the caller's work.
+
+    Attributes:
+        counts: Messages by channel that are in the file.
+        first: Log time of the first of them in ns.
+        last: Of the last.
     """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
@@ -223,9 +228,9 @@ class McapStorage:
         self._file.write(MAGIC + _record(HEADER, _text('ros2'), _text('gyro_drift_filter')))
         self._schemas: dict[str, tuple[int, bytes]] = {}
         self._channels: list[bytes] = []
-        self._counts: dict[int, int] = {}
+        self.counts: dict[int, int] = {}
         self._chunk_indexes: list[bytes] = []
-        self._first, self._last = 2**64 - 1, 0
+        self.first, self.last = 2**64 - 1, 0
         self._worker = ThreadPoolExecutor(1)
         self._pending: list[tuple[Future[tuple[int, int, bytes]], NDArray[Any]]] = []
         self._start_chunk()
@@ -264,7 +269,7 @@ class McapStorage:
             metadata,
         )
         self._channels.append(record)
-        self._counts[connection.id] = 0
+        self.counts[connection.id] = 0
         self._append(record)
 
     def _append(self, piece: Any) -> None:
@@ -284,8 +289,14 @@ class McapStorage:
     def write_bulk(self, records: NDArray[np.uint8], entries: NDArray[Any]) -> None:
         """Write message records that lie behind each other, with an ENTRY for each.
 
-        Chunks end where `write` would end them.
+        Both belong to the storage from then on. Chunks end where `write` would end them.
         """
+        self._settle_entries()
+        if self._size + len(records) <= CHUNK_BYTES:  # the common case
+            entries['offset'] += np.uint64(self._size)
+            self._bulk_entries.append(entries)
+            self._append(records)
+            return
         ends = np.append(entries['offset'][1:], len(records)).astype(np.int64)
         done = written = 0
         while done < len(entries):
@@ -337,9 +348,9 @@ class McapStorage:
             self._file.write(
                 _record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content)
             )
-            self._counts[int(channel)] += len(chosen)
+            self.counts[int(channel)] += len(chosen)
         if len(times):
-            self._first, self._last = min(self._first, first), max(self._last, last)
+            self.first, self.last = min(self.first, first), max(self.last, last)
         self._chunk_indexes.append(
             _record(
                 CHUNK_INDEX,
@@ -351,12 +362,16 @@ class McapStorage:
             )
         )
 
-    def close(self, version: int, metadata: str) -> None:
-        """Write what is left, the metadata of the bag, and the summary; close the file."""
+    def flush(self) -> None:
+        """Write all that is not in the file yet."""
         if self._size:
             self._close_chunk()
         while self._pending:
             self._write_chunk()
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write what is left, the metadata of the bag, and the summary; close the file."""
+        self.flush()
         self._worker.shutdown()
         content = _text('serialized_metadata') + _text(metadata)
         record = _record(METADATA, _text('rosbag2'), struct.pack('<I', len(content)), content)
@@ -368,10 +383,10 @@ class McapStorage:
         self._file.close()
 
     def _write_summary(self, metadata_index: bytes) -> None:
-        counts = b''.join(struct.pack('<HQ', *item) for item in sorted(self._counts.items()))
-        total = sum(self._counts.values())
+        counts = b''.join(struct.pack('<HQ', *item) for item in sorted(self.counts.items()))
+        total = sum(self.counts.values())
         numbers = total, len(self._schemas), len(self._channels), 0, 1, len(self._chunk_indexes)
-        times = (self._first, self._last) if total else (0, 0)
+        times = (self.first, self.last) if total else (0, 0)
         statistics = _record(
             STATISTICS, struct.pack('<QHIIIIQQI', *numbers, *times, len(counts)), counts
         )

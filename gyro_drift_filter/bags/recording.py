@@ -177,11 +177,22 @@ class BagWriter:
             try:
                 if kind is None:
                     with self._reporting():
+                        self._count()
                         self._writer.close()
                         self._written.rename(self._path)
             finally:
                 with suppress(Exception):
                     self._writer.abort()  # does nothing after close
+
+    def _count(self) -> None:
+        """Tell rosbags' writer, for metadata.yaml, what has gone past it into the storage."""
+        writer = self._writer
+        assert isinstance(writer.storage, McapStorage)
+        writer.storage.flush()
+        writer.counts.update(writer.storage.counts)
+        if any(writer.counts.values()):
+            writer.min_timestamp = writer.storage.first
+            writer.max_timestamp = writer.storage.last
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
@@ -244,16 +255,10 @@ class BagWriter:
         Raises:
             BagError: The disk is full or the like.
         """
-        if len(entries) == 0:
-            return
-        writer = self._writer
-        assert isinstance(writer.storage, McapStorage)
+        storage = self._writer.storage
+        assert isinstance(storage, McapStorage)
         with self._reporting():
-            writer.storage.write_bulk(records, entries)
-        for channel, count in zip(*np.unique(entries['channel'], return_counts=True), strict=True):
-            writer.counts[int(channel)] += int(count)
-        writer.min_timestamp = min(writer.min_timestamp, int(entries['log_time'].min()))
-        writer.max_timestamp = max(writer.max_timestamp, int(entries['log_time'].max()))
+            storage.write_bulk(records, entries)
 
 
 def is_cdr(connection: Connection) -> bool:

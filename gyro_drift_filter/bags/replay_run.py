@@ -7,9 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, NOT_REPORTED, VECTOR_TYPE
+from gyro_drift_filter.bags.cdr import (
+    GOOD,
+    IMU_TYPE,
+    MALFORMED,
+    NOT_REPORTED,
+    VECTOR_TYPE,
+    DiagnosticStatus,
+    diagnostic_array,
+)
 from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out
-from gyro_drift_filter.bags.health import NODE_NAME, Health, Status
+from gyro_drift_filter.bags.health import NODE_NAME, Health
 from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
     MessageFilter,
@@ -36,6 +44,7 @@ AT_REST = 'at_rest'
 # A batch is at most as long, in log time (ns) and messages. Reports are written between batches.
 BATCH_SPAN = 1_000_000_000
 LARGEST_BATCH = 4096
+_RATES = 100  # batches whose rates are added up at once
 _LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
 
 Message = tuple[Connection, int, bytes]
@@ -77,7 +86,7 @@ class Summary:
     raw: Statistics
     filtered: Statistics
     period: float
-    status: list[Status]
+    status: list[DiagnosticStatus]
 
 
 @dataclass(frozen=True)
@@ -197,6 +206,7 @@ class ReplayRun:
         self._health = Health(self._filter)
         self._health_in_all = Health(self._filter)
         self._raw, self._filtered = _Moments(), _Moments()
+        self._rates: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         self._written = 0
         self._began = self._reported = self._now = -1  # log times in ns
         names = SAMPLE_TOPICS if diagnostics else ()
@@ -369,8 +379,8 @@ class ReplayRun:
     def _report(self) -> None:
         """Write the filter's health since the last report."""
         seconds = (self._now - self._reported) * 1e-9
-        array = _diagnostic_array(self._now, self._health.report(seconds))
-        self._writer.write(self._reports, self._now, serialize(array, DIAGNOSTICS_TYPE))
+        report = diagnostic_array(min(self._now, _LATEST_STAMP), self._health.report(seconds))
+        self._writer.write(self._reports, self._now, report)
         self._reported = self._now
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
@@ -382,14 +392,25 @@ class ReplayRun:
             )
 
     def _add_up_rates(self, raw: NDArray[np.float64], filtered: NDArray[np.float64]) -> None:
+        self._rates.append((raw, filtered))
+        if len(self._rates) >= _RATES:
+            self._settle_rates()
+
+    def _settle_rates(self) -> None:
+        """Add up what has come since the last time, all at once as that is faster."""
+        if not self._rates:
+            return
+        raw, filtered = (np.concatenate(part) for part in zip(*self._rates, strict=True))
         usable = (np.abs(raw) <= LARGEST_RATE).all(axis=1)
         self._raw.add(raw[usable])
         self._filtered.add(filtered[usable])
+        self._rates = []
 
     def finish(self) -> Summary:
         """Write the last report and return what was done."""
         if self._began >= 0 and (self._now > self._reported or self._now == self._began):
             self._report()
+        self._settle_rates()
         state = self._filter.filter.state
         return Summary(
             topic=self._topic,
@@ -404,18 +425,3 @@ class ReplayRun:
             period=float(state['clock']['period']),
             status=self._health_in_all.report((self._now - self._began) * 1e-9),
         )
-
-
-def _diagnostic_array(log_time: int, statuses: list[Status]) -> Any:
-    seconds, nanoseconds = divmod(min(log_time, _LATEST_STAMP), 10**9)
-    header = message_type('std_msgs/msg/Header')
-    time = message_type('builtin_interfaces/msg/Time')
-    pair = message_type('diagnostic_msgs/msg/KeyValue')
-    status = message_type('diagnostic_msgs/msg/DiagnosticStatus')
-    return message_type(DIAGNOSTICS_TYPE)(
-        header(time(seconds, nanoseconds), ''),
-        [
-            status(s.level, s.name, s.message, '', [pair(k, v) for k, v in s.values.items()])
-            for s in statuses
-        ],
-    )

@@ -50,7 +50,9 @@ def compiled(function: Function) -> Function:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _DIRECTORY or before
     try:
-        decorated: Function = numba.njit(cache=_DIRECTORY is not None)(function)
+        decorated: Function = numba.njit(cache=_DIRECTORY is not None, error_model='numpy')(
+            function
+        )
     finally:
         numba.config.CACHE_DIR = before
     return decorated

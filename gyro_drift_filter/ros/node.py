@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -24,8 +23,9 @@ from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from gyro_drift_filter.bags import cdr
 from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, read_imu
-from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, WARN, Health, Status
+from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, WARN, Health
 from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
@@ -77,7 +77,7 @@ class GyroDriftFilterNode(Node):
             MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self._messages, self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
-        self._status: dict[str, Status] = {}
+        self._status: dict[str, cdr.DiagnosticStatus] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
 
@@ -193,9 +193,9 @@ class GyroDriftFilterNode(Node):
             waiting = self._cold_start.waiting
             if waiting is not None:
                 message = f'compiling for the first start: {len(waiting)} messages are kept'
-                status = replace(status, level=WARN, message=message)
+                status = status._replace(level=WARN, message=message)
             elif status.level == STALE:
-                status = replace(status, message=self._explain_silence())
+                status = status._replace(message=self._explain_silence())
             self._log_change(status)
             array.status.append(
                 DiagnosticStatus(
@@ -229,7 +229,7 @@ class GyroDriftFilterNode(Node):
             f'nobody publishes {topic}: is the driver running, and is imu/data_raw remapped?{hint}'
         )
 
-    def _log_change(self, status: Status) -> None:
+    def _log_change(self, status: cdr.DiagnosticStatus) -> None:
         """Log a status that is not as it was at the last report."""
         before = self._status.get(status.name)
         self._status[status.name] = status

@@ -1,0 +1,92 @@
+"""What one would write by hand: a loop over messages, and a copy of a file chunk by chunk.
+
+python -m benchmark.plain loop BAG OUT [--diagnostics]
+python -m benchmark.plain copy MCAP OUT
+"""
+
+import argparse
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE, VECTOR_TYPE
+from gyro_drift_filter.bags.mcap_file import zstd
+from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.core import Filter
+
+_STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def loop(source: Path, destination: Path, diagnostics: bool) -> None:
+    """Read, deserialize, step, serialize and write message by message, with rosbags."""
+    filter_ = Filter()
+    vector, stamped = (
+        _STORE.types[f'geometry_msgs/msg/{n}'] for n in ('Vector3', 'Vector3Stamped')
+    )
+    with AnyReader([source]) as reader:
+        writer = Writer(destination, version=9, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with writer:
+            copies = {
+                c.id: writer.add_connection(c.topic, c.msgtype, typestore=_STORE)
+                for c in reader.connections
+            }
+            output = writer.add_connection('/imu/data_filtered', IMU_TYPE, typestore=_STORE)
+            samples = {
+                name: writer.add_connection(f'/{name}', VECTOR_TYPE, typestore=_STORE)
+                for name in SAMPLE_TOPICS * diagnostics
+            }
+            for connection, log_time, data in reader.messages():
+                writer.write(copies[connection.id], log_time, data)
+                if connection.msgtype != IMU_TYPE:
+                    continue
+                imu = reader.deserialize(data, IMU_TYPE)
+                stamp = imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec
+                rate, push = imu.angular_velocity, imu.linear_acceleration
+                result = filter_.step(stamp, (rate.x, rate.y, rate.z), (push.x, push.y, push.z))
+                rate.x, rate.y, rate.z = result['angular_velocity'].tolist()
+                variance = np.diag(result['angular_velocity_variance']).ravel()
+                imu = replace(imu, angular_velocity_covariance=variance)
+                writer.write(output, log_time, _STORE.serialize_cdr(imu, IMU_TYPE))
+                for name, sample in samples.items():
+                    message = stamped(imu.header, vector(*result[name].tolist()))
+                    writer.write(sample, log_time, _STORE.serialize_cdr(message, VECTOR_TYPE))
+
+
+def copy(source: Path, destination: Path) -> None:
+    """Decompress and compress each chunk of an MCAP file and write it; all else as it is."""
+    with source.open('rb') as file, destination.open('wb') as out:
+        out.write(file.read(8))
+        while len(head := file.read(9)) == 9:
+            opcode, length = struct.unpack('<BQ', head)
+            content = file.read(length)
+            if opcode == 6:
+                place = 28 + 8  # behind times, size, checksum and the name of the compression
+                assert content[28:place] == b'\x04\x00\x00\x00zstd'
+                packed = zstd.compress(zstd.decompress(content[place + 8 :]))
+                content = content[:place] + struct.pack('<Q', len(packed)) + packed
+            out.write(struct.pack('<BQ', opcode, len(content)) + content)
+        out.write(head)
+
+
+def main() -> None:
+    """Run one of them."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('what', choices=('loop', 'copy'))
+    parser.add_argument('source', type=Path)
+    parser.add_argument('destination', type=Path)
+    parser.add_argument('--diagnostics', action='store_true')
+    options = parser.parse_args()
+    if options.what == 'copy':
+        copy(options.source, options.destination)
+    else:
+        loop(options.source, options.destination, options.diagnostics)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,291 @@
+"""How fast: the core beside filterpy, the node beside relays, replay beside a loop and a copy.
+
+    python -m benchmark.speed [--json FILE] [--quick] [--only core live offline]
+
+Everything is measured side by side, in turns, and told as a ratio of medians; times by themselves
+only illustrate. --quick takes fewer messages and repetitions.
+"""
+
+import argparse
+import json
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmark import live
+from benchmark.measure import ROOT, cost_of, median_costs
+from benchmark.tiled import short_one, write_tiled
+from gyro_drift_filter.cli.compile import compile_all
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.simulation import autoregressive
+
+PIECE = 4096  # samples that go through the core at once
+REPLAY = str(Path(sys.executable).parent / 'gyro_drift')
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured figure.
+
+    Attributes:
+        name: What was measured.
+        value: Of ours.
+        other: Of what it is compared with.
+        against: What that is.
+        ratio: What is judged.
+        bar: Its limit.
+        at_least: Whether the limit is the least instead of the largest.
+    """
+
+    name: str
+    value: str
+    other: str
+    against: str
+    ratio: float
+    bar: float
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar holds."""
+        return self.ratio >= self.bar if self.at_least else self.ratio <= self.bar
+
+
+def core(repetitions: int) -> Iterator[Figure]:
+    """Time the core's `run` beside filterpy's conventional filter, on the same data."""
+    from filterpy.kalman import KalmanFilter
+
+    few, many = 3000, 300_000
+    random = np.random.default_rng(0)
+    rates = autoregressive(random, many, 0.2, 0.005)
+    stamps = 10**18 + 10_000_000 * np.arange(many)
+    accelerations = np.zeros_like(rates)
+
+    def conventional() -> None:
+        for axis in range(3):
+            kalman = KalmanFilter(dim_x=2, dim_z=1)
+            kalman.F = np.array([[1.0, 1.0], [0.0, 0.2]])
+            kalman.H = np.array([[1.0, 0.0]])
+            kalman.Q = np.diag([0.0, 2.4e-5])
+            kalman.R *= 2.5e-5
+            for rate in rates[:few, axis]:
+                kalman.predict()
+                kalman.update(rate)
+
+    def ours(method: str) -> Callable[[], None]:
+        def run() -> None:
+            filter_ = Filter(Parameters(method=method))
+            for first in range(0, many, PIECE):
+                piece = slice(first, first + PIECE)
+                filter_.run(stamps[piece], rates[piece], accelerations[piece])
+
+        return run
+
+    runs = {'filterpy': (conventional, few), **{m: (ours(m), many) for m in ('kalman', 'adaptive')}}
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(repetitions):
+        for name, (run, count) in runs.items():
+            begin = time.perf_counter()
+            run()
+            times[name].append((time.perf_counter() - begin) / count * 1e6)
+    per_sample = {name: statistics.median(column) for name, column in times.items()}
+    for name, bar in (('kalman', 500.0), ('adaptive', 60.0)):
+        yield Figure(
+            f'core, {name}, three axes',
+            f'{per_sample[name]:.3g} us',
+            f'{per_sample["filterpy"]:.0f} us',
+            'filterpy, times faster',
+            per_sample['filterpy'] / per_sample[name],
+            bar,
+            at_least=True,
+        )
+
+
+def node(repetitions: int, quick: bool) -> Iterator[Figure]:
+    """Measure the node beside relays."""
+    start = live.starts(repetitions)
+    (bare_time, bare_memory), (time_, memory) = start['bare'], start['node']
+    yield Figure(
+        'node, start to first output',
+        f'{time_:.2f} s',
+        f'{bare_time:.2f} s',
+        'bare node',
+        time_ / bare_time,
+        3.0,
+    )
+    yield Figure(
+        'node, resident memory',
+        f'{memory:.0f} MB',
+        f'{bare_memory:.0f} MB',
+        'bare node',
+        memory / bare_memory,
+        2.5,
+    )
+    found = live.cpu_and_latency(repetitions)
+    quiet, loud, typed = found['node'], found['node, all listened to'], found['typed']
+    for row, other, bar in (
+        (quiet, 'typed', 0.35),
+        (quiet, 'raw', 1.3),
+        (loud, 'typed', 1.0),
+    ):
+        yield Figure(
+            'node, CPU a message' + (', all listened to' if row is loud else ''),
+            f'{row["cpu"]:.0f} us',
+            f'{found[other]["cpu"]:.0f} us',
+            f'{other} relay',
+            row['cpu'] / found[other]['cpu'],
+            bar,
+        )
+    for key, name in (('latency', 'median'), ('latency99', '99th percentile')):
+        yield Figure(
+            f'node, latency, {name}',
+            f'{quiet[key]:.3f} ms',
+            f'{typed[key]:.3f} ms',
+            'typed relay',
+            quiet[key] / typed[key],
+            1.0,
+        )
+    for rate, seconds in ((1000.0, 10.0 if quick else 60.0), (2000.0, 5.0 if quick else 20.0)):
+        lost, swapped = live.loss(rate, seconds)
+        yield Figure(
+            f'node, {seconds:g} s at {rate:g} Hz, reliable',
+            f'{lost} lost',
+            f'{swapped} out of order',
+            'nothing',
+            float(lost + swapped),
+            0.0,
+        )
+
+
+def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
+    """Measure `gyro_drift replay` beside a plain loop and a copy, and its memory and growth."""
+    name, rows = short_one()
+    small, plain, large, huge = (
+        (20_000, 20_000, 200_000, 1_000_000) if quick else (100_000, 200_000, 1_000_000, 10_000_000)
+    )
+    bags = {n: write_tiled(rows, n, folder / f'{name}_{n}') for n in {small, plain, large, huge}}
+    out = folder / 'out'
+
+    def cleared(command: Sequence[str]) -> Callable[[], Sequence[str]]:
+        def clear() -> Sequence[str]:
+            shutil.rmtree(out, ignore_errors=True)
+            out.unlink(missing_ok=True)
+            return command
+
+        return clear
+
+    def ours(count: int, *options: str) -> list[str]:
+        return [REPLAY, 'replay', str(bags[count]), '-o', str(out), '--quiet', *options]
+
+    def by_hand(what: str, source: Path, *options: str) -> list[str]:
+        return [sys.executable, '-m', 'benchmark.plain', what, str(source), str(out), *options]
+
+    cost_of(ours(large))
+    kept = folder / 'kept.mcap'
+    (out / 'out.mcap').rename(kept)
+    costs = median_costs(
+        {
+            'replay': cleared(ours(large)),
+            'copy': cleared(by_hand('copy', kept)),
+            'loop': cleared(by_hand('loop', bags[plain])),
+            'replay, all': cleared(ours(large, '--diagnostics')),
+            'loop, all': cleared(by_hand('loop', bags[plain], '--diagnostics')),
+            'small': cleared(ours(small)),
+        },
+        repetitions,
+    )
+    each = {key: cost.seconds / large * 1e6 for key, cost in costs.items() if key[0] == 'r'}
+    each |= {key: cost.seconds / plain * 1e6 for key, cost in costs.items() if key[0] == 'l'}
+    copy = costs['copy'].seconds / large * 1e6
+    for key, other, bar in (('replay', 'loop', 15.0), ('replay, all', 'loop, all', 8.0)):
+        yield Figure(
+            f'{key}, {large:,} messages of {name}',
+            f'{each[key]:.1f} us',
+            f'{each[other]:.0f} us',
+            f'plain loop over {plain:,}, times faster',
+            each[other] / each[key],
+            bar,
+            at_least=True,
+        )
+    yield Figure(
+        'replay, a message',
+        f'{each["replay"]:.1f} us',
+        f'{copy:.1f} us',
+        'copy of its output',
+        each['replay'] / copy,
+        3.0,
+    )
+    nothing = folder / 'nothing'
+    write_tiled(rows, 100, nothing)
+    bags[100] = nothing
+    start = median_costs({'start': cleared(ours(100))}, repetitions)['start'].seconds
+    last = cost_of(cleared(ours(huge))())
+    slow, fast = (
+        (cost - start) / n * 1e6
+        for cost, n in ((last.seconds, huge), (costs['small'].seconds, small))
+    )
+    yield Figure(
+        f'replay of {huge:,}, memory',
+        f'{last.memory:.0f} MB',
+        f'{costs["replay"].memory:.0f} MB',
+        f'replay of {large:,}',
+        last.memory / costs['replay'].memory,
+        1.1,
+    )
+    yield Figure(
+        f'replay of {huge:,}, memory',
+        f'{last.memory:.0f} MB',
+        '400 MB',
+        'limit',
+        last.memory / 400.0,
+        1.0,
+    )
+    yield Figure(
+        f'replay of {huge:,}, time a message without start-up',
+        f'{slow:.2f} us',
+        f'{fast:.2f} us',
+        f'replay of {small:,}',
+        slow / fast,
+        1.15,
+    )
+
+
+def main() -> None:
+    """Print the table, write the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--json', type=Path, help='where the figures are written, too')
+    parser.add_argument('--quick', action='store_true')
+    parser.add_argument('--only', nargs='*', default=['core', 'live', 'offline'])
+    parser.add_argument('--repetitions', type=int, default=5, help='default %(default)s')
+    options = parser.parse_args()
+    compile_all()
+    figures: list[Figure] = []
+    with tempfile.TemporaryDirectory(dir=ROOT) as folder, live.in_repository():
+        if 'core' in options.only:
+            figures += core(options.repetitions)
+        if 'live' in options.only:
+            figures += node(options.repetitions, options.quick)
+        if 'offline' in options.only:
+            figures += replay(options.repetitions, options.quick, Path(folder))
+    rows = [['figure', 'ours', 'other', 'against', 'ratio', 'bar', '']]
+    for figure in figures:
+        limit = f'{">=" if figure.at_least else "<="} {figure.bar:g}'
+        verdict = 'holds' if figure.holds else 'FALLS SHORT'
+        texts = [figure.name, figure.value, figure.other, figure.against]
+        rows.append([*texts, f'{figure.ratio:.3g}', limit, verdict])
+    print(table(rows))
+    if options.json:
+        figures_ = [asdict(figure) | {'holds': figure.holds} for figure in figures]
+        options.json.write_text(json.dumps(figures_, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,61 @@
+"""A long bag, from a short one laid end to end."""
+
+from pathlib import Path
+
+import numpy as np
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES
+from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message
+from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+
+RECORDING = Path(__file__).parents[2] / 'shared' / 'bags' / 'static_adis16405'
+_PIECE = 100_000  # messages
+_STAMP = RECORD_BYTES + 4  # place of header.stamp in a record
+
+
+def short_one() -> tuple[str, list[tuple[int, bytes]]]:
+    """Return name and messages (log time, data) of a real recording, or of a simulated one."""
+    if RECORDING.exists():
+        with open_bag(RECORDING) as reader:
+            rows = [(time, data) for c, time, data in messages(reader) if c.msgtype == IMU_TYPE]
+        return RECORDING.name, rows
+    data = simulate(SimulationSettings(static_seconds=1000.0, dynamic_seconds=0.0))
+    stamps = data.stamps.tolist()
+    samples = zip(stamps, data.angular_velocity, data.linear_acceleration, strict=True)
+    return 'simulated', [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
+
+
+def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) -> Path:
+    """Write `count` messages as a bag: `rows` again and again, with stamps that go on."""
+    size = len(rows[0][1])
+    assert all(len(data) == size for _, data in rows)
+    record = np.dtype(
+        {
+            'names': ['opcode', 'length', 'channel', 'log', 'publish', 'data', 'sec', 'nanosec'],
+            'formats': ['u1', '<u8', '<u2', '<u8', '<u8', f'V{size}', '<i4', '<u4'],
+            'offsets': [0, 1, 9, 15, 23, RECORD_BYTES, _STAMP, _STAMP + 4],
+            'itemsize': RECORD_BYTES + size,
+        }
+    )
+    times = np.array([time for time, _ in rows])
+    stamps = np.array([read_imu(data).stamp for _, data in rows])
+    content = np.frombuffer(b''.join(data for _, data in rows), f'V{size}')
+    span = int((times[-1] - times[0]) * len(rows) // (len(rows) - 1))
+    with BagWriter(destination) as writer:
+        channel = writer.add_connection(TOPIC, IMU_TYPE).id
+        for first in range(0, count, _PIECE):
+            number = np.arange(first, min(first + _PIECE, count))
+            tile, row = np.divmod(number, len(rows))
+            records = np.zeros(len(number), record)
+            records['opcode'], records['length'] = 5, record.itemsize - 9
+            records['channel'] = channel
+            records['log'] = records['publish'] = times[row] + tile * span
+            records['data'] = content[row]
+            records['sec'], records['nanosec'] = np.divmod(stamps[row] + tile * span, 10**9)
+            entries = np.empty(len(number), ENTRY)
+            entries['channel'], entries['log_time'] = channel, records['log']
+            entries['offset'] = np.arange(len(number)) * record.itemsize
+            writer.write_bulk(records.view(np.uint8), entries)
+    return destination
