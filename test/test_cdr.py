@@ -9,7 +9,9 @@ from rosbags.typesys import Stores, get_typestore
 from gyro_drift_filter.bags.cdr import (
     IMU_TYPE,
     VECTOR_TYPE,
+    DiagnosticStatus,
     MalformedMessageError,
+    diagnostic_array,
     frame_id,
     patch_imu,
     read_imu,
@@ -28,6 +30,7 @@ numbers = st.floats(allow_nan=False)
 vectors = st.tuples(numbers, numbers, numbers)
 covariances = st.lists(numbers, min_size=9, max_size=9)
 frames = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=40)
+words = st.text(st.characters(exclude_categories=['Cs']), max_size=9)
 stamps = st.tuples(st.integers(-(2**31), 2**31 - 1), st.integers(0, 10**9 - 1))
 
 
@@ -159,3 +162,36 @@ def test_many_that_differ_in_form_are_left_to_be_read_one_by_one(place):
     assert (result is None) or same_form
     assert read_imus([data, data + bytes(4)]) is None
     assert read_imus([data[:40]]) is None
+
+
+@given(
+    st.integers(0, 2**31 * 10**9 - 1),
+    st.lists(
+        st.tuples(
+            st.integers(0, 3),
+            words,
+            words,
+            st.dictionaries(words, words, max_size=5),
+        ),
+        max_size=3,
+    ),
+)
+def test_diagnostics_are_what_rosbags_writes(stamp, statuses):
+    types = STORE.types
+    message = types['diagnostic_msgs/msg/DiagnosticArray'](
+        types['std_msgs/msg/Header'](
+            types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), ''
+        ),
+        [
+            types['diagnostic_msgs/msg/DiagnosticStatus'](
+                level,
+                name,
+                text,
+                '',
+                [types['diagnostic_msgs/msg/KeyValue'](*pair) for pair in values.items()],
+            )
+            for level, name, text, values in statuses
+        ],
+    )
+    wanted = bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray'))
+    assert diagnostic_array(stamp, [DiagnosticStatus(*status) for status in statuses]) == wanted

@@ -13,6 +13,7 @@ Their place depends on the length of the frame name alone, so nothing has to be 
 import math
 import struct
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -231,17 +232,21 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     data = bytearray(struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses)))
     for status in statuses:
         data.append(status.level)
-        texts = [status.name, status.message, '']
-        _put_texts(data, texts)
-        data += bytes(-len(data) % 4) + struct.pack('<I', len(status.values))
-        _put_texts(data, [text for pair in status.values.items() for text in pair])
+        data += bytes(-len(data) % 4)
+        data += b''.join(map(_text, (status.name, status.message, '')))
+        data += struct.pack('<I', len(status.values))
+        last = ''
+        for key, last in status.values.items():
+            data += _text(key)
+            data += _text(last)
+        if status.values:  # what follows is no text, and aligns itself
+            del data[len(data) - -(len(last.encode()) + 1) % 4 :]
     return b'\x00\x01\x00\x00' + data
 
 
-def _put_texts(data: bytearray, texts: Sequence[str]) -> None:
-    for text in texts:
-        encoded = text.encode()
-        data += bytes(-len(data) % 4)
-        data += (len(encoded) + 1).to_bytes(4, 'little')
-        data += encoded
-        data.append(0)
+@lru_cache(maxsize=1024)
+def _text(text: str) -> bytes:
+    """Return a string that begins at a multiple of four bytes, up to the next one."""
+    encoded = text.encode()
+    padding = -(len(encoded) + 1) % 4
+    return (len(encoded) + 1).to_bytes(4, 'little') + encoded + bytes(1 + padding)
