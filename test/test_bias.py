@@ -275,6 +275,38 @@ def test_calibrate(random):
         filter_.calibrate()
 
 
+@pytest.mark.parametrize('how', ['reset', 'gap'])
+def test_calibrate_in_motion_after_a_reset_or_a_gap(how, random):
+    """The rest before is no rest under way."""
+    filter_, now = Filter(), START
+    run(filter_, *at_rest(random, 30))
+    if how == 'reset':
+        filter_.reset()
+        now += 30 * 10**9
+    else:
+        now += 600 * 10**9
+    rates, accelerations = moving_and_resting(random, [(10, True)], lambda time: 0.0)
+    run(filter_, rates, accelerations, start=now)
+    with pytest.raises(GyroDriftFilterError, match='the sensor moves'):
+        filter_.calibrate()
+
+
+def test_a_calibration_is_not_taken_back(random):
+    """The packages before it tell of another bias: the user knows better."""
+    rates, accelerations = at_rest(random, 95)
+    seconds = np.arange(len(rates)) / 100.0
+    rates[:, 0] += 1.5e-4 * np.clip(seconds - 60.0, 0.0, 30.0)
+    filter_ = Filter()
+    run(filter_, rates[:9000], accelerations[:9000])
+    state = filter_.state['bias']
+    before = float(state['bias'][0])
+    filter_.calibrate()
+    calibrated = float(state['bias'][0])
+    assert abs(calibrated - before) > 0.1 * DEGREE
+    run(filter_, rates[9000:], accelerations[9000:], start=START + 90 * 10**9)
+    assert abs(float(state['bias'][0]) - calibrated) < 0.05 * DEGREE
+
+
 @pytest.mark.parametrize('name', ['static_adis16405', 'static_mpu6050_bursty'])
 def test_the_mean_of_a_real_sensor_goes(name, real):
     stamps, rates, accelerations = real(name)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
 import gyro_drift_filter.bags.replay as replay_module
@@ -223,6 +223,61 @@ def test_what_the_fast_path_leaves_to_the_general_one(tmp_path, monkeypatch, ran
     ):
         source = write(tmp_path / f'bag{plugin.name}', {(TOPIC, IMU_TYPE): imus}, plugin, mode)
         check_same(both_ways(source, tmp_path / plugin.name, monkeypatch, fast=False))
+
+
+def test_log_times_near_the_end_of_time(tmp_path, monkeypatch):
+    """The end of a batch may lie where no 63 bits reach."""
+    rows = [
+        (TOPIC, IMU_TYPE, time, imu_message(START, (0, 0, 0.1), (0, 0, 9.8)))
+        for time in (2**63 - 10**9 + 5, 2**63 - 7, 2**63 - 1)
+    ]
+    check_same(both_ways(write_mcap(tmp_path / 'in.mcap', rows), tmp_path, monkeypatch))
+    rows.append((TOPIC, IMU_TYPE, 2**63 + 5, rows[0][3]))
+    late = write_mcap(tmp_path / 'late.mcap', rows)
+    with open_bag(late) as reader:
+        assert chunked_file(reader) is None
+
+
+def test_chunks_without_an_index_are_left_to_the_general_path(tmp_path, random):
+    options = {'index_types': IndexType.ALL & ~IndexType.MESSAGE}
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **options)
+    assert read_layout(path) is None
+
+
+@pytest.mark.parametrize('first', ['json', 'cdr'])
+def test_an_imu_topic_in_two_encodings(first, tmp_path, monkeypatch):
+    """What is not in CDR is left out, and named."""
+    path = tmp_path / 'in.mcap'
+    encodings = [first, *({'json', 'cdr'} - {first})]
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start(profile='ros2', library='test')
+        definition, _ = STORE.generate_msgdef(IMU_TYPE, ros_version=2)
+        schema = writer.register_schema(IMU_TYPE, 'ros2msg', definition.encode())
+        channels = {name: writer.register_channel(TOPIC, name, schema) for name in encodings}
+        for k in range(100):
+            time = START + 10_000_000 * k
+            message = imu_message(time, (0.001 * k, 0, 0), (0, 0, 9.8))
+            for name in encodings:
+                data = b'{"angular_velocity": {}}' if name == 'json' else message
+                writer.add_message(channels[name], time, data, time)
+        writer.finish()
+    results = both_ways(path, tmp_path, monkeypatch)
+    check_same(results)
+    assert results[0][1].received == results[0][1].written == 100
+    assert results[0][1].left_out == {TOPIC: 'its messages are not in CDR'}
+
+
+def test_an_imu_topic_that_is_not_in_cdr_at_all(tmp_path):
+    path = tmp_path / 'in.mcap'
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start(profile='ros2', library='test')
+        definition, _ = STORE.generate_msgdef(IMU_TYPE, ros_version=2)
+        schema = writer.register_schema(IMU_TYPE, 'ros2msg', definition.encode())
+        writer.add_message(writer.register_channel(TOPIC, 'json', schema), START, b'{}', START)
+        writer.finish()
+    check_refused(path, tmp_path, 'the messages of topic /imu/data_raw are not in CDR')
 
 
 def places_of(path):

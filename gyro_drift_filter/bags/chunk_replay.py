@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import McapReader
 
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
 from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
+from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_file import Layout, McapError, read_chunks, read_layout
-from gyro_drift_filter.bags.recording import AnyReader, BagError, Connection
+from gyro_drift_filter.bags.recording import BagError, kind
 from gyro_drift_filter.bags.replay_run import (
     BATCH_SPAN,
     LARGEST_BATCH,
@@ -56,16 +55,16 @@ def chunked_file(reader: AnyReader) -> ChunkedFile | None:
     layout = read_layout(Path(str(storage.path)))
     if layout is None:
         return None
+    # The reader numbers its connections anew; alike ones can't be told apart, so are left to it.
+    outer = {kind(connection): connection for connection in reader.connections}
+    if len(outer) != len(reader.connections):
+        return None
     connections = {}
     for inner in storage.connections:
-        same = [
-            outer
-            for outer in reader.connections
-            if (outer.topic, outer.msgtype, outer.ext) == (inner.topic, inner.msgtype, inner.ext)
-        ]
-        if len(same) != 1 or layout.channels.get(inner.id) != (inner.topic, inner.msgtype):
+        same = outer.get(kind(inner))
+        if same is None or layout.channels.get(inner.id) != (inner.topic, inner.msgtype):
             return None
-        connections[inner.id] = same[0]
+        connections[inner.id] = same
     return ChunkedFile(Path(str(storage.path)), layout, connections)
 
 
@@ -84,7 +83,7 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
     ours, told = known.copy(), known.copy()
     known[list(file.connections)] = True
     for channel, connection in file.connections.items():
-        ours[channel] = connection.topic == run.topic
+        ours[channel] = run.is_ours(connection)
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
     batches = _Batches(run)
@@ -96,13 +95,14 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
         before = np.append(0, np.cumsum(ours[rows['channel']]))
         messages_told = np.flatnonzero(told[rows['channel']])
         for first, stop in batches.stretches(rows['log_time']):
+            begin, end = np.searchsorted(messages_told, (first, stop))
             words = [
                 Word(
                     int(before[row] - before[first]),
                     file.connections[int(rows[row]['channel'])],
                     payload(data, rows[row]),
                 )
-                for row in messages_told[(messages_told >= first) & (messages_told < stop)]
+                for row in messages_told[begin:end]
             ]
             run.take_piece(Piece(data, rows[first:stop], imus[before[first] : before[stop]], words))
         done += len(rows)
@@ -156,7 +156,8 @@ class _Batches:
                 self.end()
             if self._count == 0:
                 self._first = following
-            late = place + int(np.searchsorted(times[place:], self._first + BATCH_SPAN))
+            # As a difference, for the sum may be beyond 63 bits.
+            late = place + int(np.searchsorted(times[place:] - self._first, BATCH_SPAN))
             stop = min(late, place + LARGEST_BATCH - self._count, len(times))
             yield place, stop
             self._count += stop - place

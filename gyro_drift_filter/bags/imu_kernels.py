@@ -42,7 +42,7 @@ PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED = 1, 2, 4, 8, 16
 
 @compiled
 def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
-    """Return an unsigned integer of up to seven bytes, or the low 63 bits of a longer one."""
+    """Return an unsigned integer of up to seven bytes; of eight, from 2**63 on, it is negative."""
     value = np.int64(0)
     for i in range(size):
         byte = data[place + (i if big_endian else size - 1 - i)]

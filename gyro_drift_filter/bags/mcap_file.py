@@ -16,10 +16,14 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
-from rosbags.rosbag2.enums import CompressionMode
 
 from gyro_drift_filter.bags.chunk_kernels import ENTRY
+from gyro_drift_filter.bags.library import (
+    CompressionMode,
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+)
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
 if sys.version_info >= (3, 14):
@@ -37,8 +41,10 @@ _CHUNK = struct.Struct('<QQQII')  # start, end, uncompressed size and CRC, lengt
 _FOOTER = struct.Struct('<QQI')
 # A chunk is closed with the message that makes it longer, as rosbags does.
 CHUNK_BYTES = 2**20
-# No recorder makes chunks beyond this; a file that says so lies.
-LARGEST_CHUNK = 2**30
+# No recorder makes chunks beyond this, in bytes; a file that says so lies.
+LARGEST_CHUNK = 2**28
+_LARGEST_SUMMARY = 2**26  # bytes: enough for 600,000 chunks
+_LATEST = 2**63  # ns: log times are unsigned in a file, and signed in all that counts with them
 # Chunks on their way to the disk.
 _PENDING = 3
 
@@ -97,8 +103,8 @@ class _Fields:
 def read_layout(path: Path) -> Layout | None:
     """Return the layout of an MCAP file, or None where it is no plain chunked and indexed one.
 
-    None stands for: no summary, chunks that overlap in time, anything that can't be read. A reader
-    for all files has to take over then.
+    None stands for: no summary, chunks without an index of their messages or that overlap in time,
+    anything that can't be read. A reader for all files has to take over then.
     """
     try:
         with path.open('rb') as file:
@@ -110,7 +116,7 @@ def read_layout(path: Path) -> Layout | None:
             summary, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
             if (opcode, length) != (FOOTER, _FOOTER.size) or file.read() != MAGIC:
                 return None
-            if not len(MAGIC) <= summary < footer:
+            if not len(MAGIC) <= summary < footer or footer - summary > _LARGEST_SUMMARY:
                 return None
             file.seek(summary)
             return _layout(file.read(footer - summary), summary)
@@ -132,6 +138,9 @@ def _layout(summary: bytes, end: int) -> Layout | None:
             channels[key] = fields.text(), schemas[schema]
         elif opcode == CHUNK_INDEX:
             chunks.append(ChunkPlace(*fields.take('QQQQ')))
+            # Readers that go by the index pass over a chunk without one.
+            if fields.take('I') == 0 or chunks[-1].last >= _LATEST:
+                return None
     chunks.sort()
     for before, after in pairwise(chunks):
         # At equal times the one that stands first in the file is read first.

@@ -136,7 +136,7 @@ class MessageFilter:
 
         Args:
             imus: (n,) with `kind`, `stamp`, `angular_velocity` and `linear_acceleration`, as IMU of
-                `chunk_kernels`.
+                `imu_kernels`.
             good: (n,) which of them are to go through the filter.
 
         Returns:

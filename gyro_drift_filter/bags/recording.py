@@ -9,40 +9,35 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError
-
-try:
-    from rosbags.highlevel import AnyReader
-    from rosbags.interfaces import (
-        Connection,
-        ConnectionExtRosbag2,
-        MessageDefinitionFormat,
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
-    from rosbags.rosbag2 import (
-        CompressionFormat,
-        CompressionMode,
-        StoragePlugin,
-        Writer,
-        WriterError,
-    )
-    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-except ImportError as error:
-    raise GyroDriftFilterError(
-        f'bags need the Python package rosbags ({error}): install it with '
-        '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
-    ) from error
-
+from gyro_drift_filter.bags.library import (
+    AnyReader,
+    CompressionFormat,
+    CompressionMode,
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+    StoragePlugin,
+    Stores,
+    TypesysError,
+    Writer,
+    WriterError,
+    get_types_from_msg,
+    get_typestore,
+)
 from gyro_drift_filter.bags.mcap_file import McapStorage
+from gyro_drift_filter.core.errors import GyroDriftFilterError
 
 _JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
+
+Kind = tuple[str, str, str, tuple[Qos, ...]]
 
 # Reliable, depth 10: what the node publishes with.
 RELIABLE = Qos(
@@ -147,7 +142,7 @@ class BagWriter:
 
     def __init__(self, path: Path) -> None:
         self._path = path.absolute()
-        self._connections: list[Connection] = []
+        self._copies: dict[Kind, Connection] = {}
 
     def __enter__(self) -> 'BagWriter':
         """Begin the bag.
@@ -207,15 +202,11 @@ class BagWriter:
 
         A bag may hold the same topic several times, one for each publisher: they become one.
         """
+        known = self._copies.get(kind(connection))
+        if known is not None:
+            return known
         extension = connection.ext
         assert isinstance(extension, ConnectionExtRosbag2)
-        for known in self._connections:
-            if (known.topic, known.msgtype, known.ext) == (
-                connection.topic,
-                connection.msgtype,
-                extension,
-            ):
-                return known
         definition, digest = connection.msgdef.data, connection.digest
         if connection.msgdef.format == MessageDefinitionFormat.NONE or not digest:
             definition, digest = _definition(connection, reader)
@@ -228,7 +219,7 @@ class BagWriter:
                 serialization_format=extension.serialization_format,
                 offered_qos_profiles=extension.offered_qos_profiles,
             )
-        self._connections.append(copy)
+        self._copies[kind(copy)] = copy
         return copy
 
     def add_connection(
@@ -261,6 +252,14 @@ class BagWriter:
             storage.write_bulk(records, entries)
 
 
+def kind(connection: Connection) -> Kind:
+    """Return what tells connections apart for a reader: topic, type, serialization and QoS."""
+    extension = connection.ext
+    assert isinstance(extension, ConnectionExtRosbag2)
+    qos = tuple(extension.offered_qos_profiles)
+    return connection.topic, connection.msgtype, extension.serialization_format, qos
+
+
 def is_cdr(connection: Connection) -> bool:
     """Tell whether a topic's messages are serialized as ROS 2 does; rosbags writes no others."""
     extension = connection.ext
@@ -289,13 +288,3 @@ def message_type(name: str) -> Any:
 def serialize(message: Any, name: str) -> bytes:
     """Return a message of rosbags' classes in CDR."""
     return bytes(_JAZZY.serialize_cdr(message, name))
-
-
-__all__ = [
-    'AnyReader',
-    'BagError',
-    'BagWriter',
-    'Connection',
-    'messages',
-    'open_bag',
-]

@@ -1,13 +1,14 @@
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE
 from gyro_drift_filter.bags.chunk_replay import chunked_file, replay_chunks
+from gyro_drift_filter.bags.library import AnyReader
 from gyro_drift_filter.bags.motion_hint import HINT_TYPES
 from gyro_drift_filter.bags.recording import (
-    AnyReader,
     BagError,
     BagWriter,
     messages,
@@ -81,6 +82,15 @@ def _batches(stream: Iterable[Message]) -> Iterator[list[Message]]:
         yield batch
 
 
+@contextmanager
+def _reporting_memory(source: Path) -> Iterator[None]:
+    """Turn a lack of memory, as a file that lies may bring it about, into one line."""
+    try:
+        yield
+    except MemoryError as error:
+        raise BagError(f'{source} holds messages that the memory is too small for') from error
+
+
 def replay(
     source: Path,
     destination: Path,
@@ -112,7 +122,7 @@ def replay(
         chosen = choose_topic(reader, topic)
         hinted = None if hint is None else choose_hint(reader, hint)
         total = reader.message_count
-        with BagWriter(destination) as writer:
+        with _reporting_memory(source), BagWriter(destination) as writer:
             run = ReplayRun(reader, writer, chosen, parameters, diagnostics, hinted)
             file = chunked_file(reader)
             if file is not None:

@@ -18,6 +18,7 @@ from gyro_drift_filter.bags.cdr import (
 )
 from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out
 from gyro_drift_filter.bags.health import NODE_NAME, Health
+from gyro_drift_filter.bags.library import AnyReader, Connection
 from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
     MessageFilter,
@@ -26,9 +27,8 @@ from gyro_drift_filter.bags.message_filter import (
 )
 from gyro_drift_filter.bags.motion_hint import moves
 from gyro_drift_filter.bags.recording import (
-    AnyReader,
+    BagError,
     BagWriter,
-    Connection,
     is_cdr,
     message_type,
     serialize,
@@ -164,7 +164,7 @@ class Piece(NamedTuple):
     Attributes:
         data: The chunk's records, bytes.
         rows: Where each message stands, ROWs of `chunk_kernels`.
-        imus: What those of the Imu topic hold, IMUs of `chunk_kernels`.
+        imus: What those of the Imu topic hold, IMUs of `imu_kernels`.
         words: What the filter is told between them.
     """
 
@@ -214,6 +214,7 @@ class ReplayRun:
         if diagnostics:
             own.add(self._topics.sample(AT_REST))
         self._copies: dict[int, Connection] = {}
+        self._imus: set[int] = set()
         self._left_out: dict[str, str] = {}
         for connection in reader.connections:
             if connection.topic in own:
@@ -222,6 +223,10 @@ class ReplayRun:
                 self._left_out[connection.topic] = 'its messages are not in CDR'
             else:
                 self._copies[connection.id] = writer.copy_connection(connection, reader)
+                if connection.topic == topic:
+                    self._imus.add(connection.id)
+        if not self._imus:
+            raise BagError(f'the messages of topic {topic} are not in CDR')
         self._output = writer.add_connection(self._topics.filtered, IMU_TYPE)
         existing = (
             copy
@@ -236,18 +241,17 @@ class ReplayRun:
             writer.add_connection(self._topics.sample(AT_REST), BOOL_TYPE) if diagnostics else None
         )
 
-    @property
-    def topic(self) -> str:
-        """The Imu topic."""
-        return self._topic
+    def is_ours(self, connection: Connection) -> bool:
+        """Tell whether a topic is the Imu topic."""
+        return connection.id in self._imus
 
     def is_told_by(self, connection: Connection) -> bool:
         """Tell whether the filter listens to a topic beside the Imu."""
-        return connection.topic in self._told_by
+        return connection.topic in self._told_by and is_cdr(connection)
 
     def take(self, batch: list[Message]) -> None:
         """Filter the Imu messages of a batch and write all of it, in its order."""
-        ours = [data for connection, _, data in batch if connection.topic == self._topic]
+        ours = [data for connection, _, data in batch if self.is_ours(connection)]
         outcomes = self._process(batch)
         self._add_up(outcomes)
         following = iter(zip(ours, outcomes, strict=True))
@@ -256,7 +260,7 @@ class ReplayRun:
             if copy is None:
                 continue
             self._writer.write(copy, log_time, data)
-            if connection.topic == self._topic:
+            if self.is_ours(connection):
                 self._write_outcome(log_time, *next(following))
 
     def _process(self, batch: list[Message]) -> list[Outcome]:
@@ -264,9 +268,9 @@ class ReplayRun:
         outcomes: list[Outcome] = []
         waiting: list[bytes] = []
         for connection, _, data in batch:
-            if connection.topic == self._topic:
+            if self.is_ours(connection):
                 waiting.append(data)
-            elif connection.topic in self._told_by:
+            elif self.is_told_by(connection):
                 outcomes += self._filter.process_batch(waiting)
                 waiting = []
                 self.tell(connection, data)
@@ -328,9 +332,12 @@ class ReplayRun:
             changed = rest != np.append(self._at_rest, rest[:-1])
             rests[np.flatnonzero(good)[filtered]] = np.where(changed, rest + 1, 0)
             self._at_rest = float(rest[-1])
-        copies = 2 + len(self._samples) + 1
-        out = np.empty(int((piece.rows['size'] + RECORD_BYTES).sum()) * copies, np.uint8)
-        entries = np.empty(len(piece.rows) * copies, ENTRY)
+        # One record for each message, and for an Imu what the filter makes of it: each no longer.
+        ours = piece.rows[self._ours[piece.rows['channel']]]
+        made = 1 + len(self._samples) + 1
+        sizes = int(piece.rows['size'].sum()) + made * int(ours['size'].sum())
+        count = len(piece.rows) + made * len(ours)
+        out, entries = np.empty(sizes + count * RECORD_BYTES, np.uint8), np.empty(count, ENTRY)
         size, count = lay_out(
             piece.data,
             piece.rows,

@@ -103,7 +103,7 @@ BIAS = np.dtype(
 @compiled
 def start_bias(state: Any, bias: Any, variance: Any) -> None:
     """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known."""
-    start_rest(state['rest'])
+    leave_rest(state)
     state['known'] = True
     for axis in range(3):
         state['bias'][axis] = bias[axis]
@@ -117,6 +117,23 @@ def start_bias(state: Any, bias: Any, variance: Any) -> None:
     state['growth'] = 0.0
     state['reach'] = 0.0
     state['turn_seconds'] = 0.0
+
+
+@compiled
+def leave_rest(state: Any) -> None:
+    """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
+    start_rest(state['rest'])
+    _forget_stillness(state)
+
+
+@compiled
+def _forget_stillness(state: Any) -> None:
+    state['recent_count'] = 0
+    state['beyond'] = False
+    state['still_seconds'] = 0.0
+    state['still_blocks'] = 0.0
+    for axis in range(3):
+        state['still_sum'][axis] = 0.0
 
 
 @compiled
@@ -155,23 +172,26 @@ def track_bias(
     note_sample(rest, rate, acceleration, believed, missing, period)
     run = rest['run']
     found = close_block(rest, period)
+    if found != NOTHING:
+        _take_package(state, found == MOVED, largest, period, calibration_time)
     if rest['run'] < run:
-        state['beyond'] = False
-        state['recent_count'] = 0
-        state['still_seconds'] = 0.0
-        state['still_blocks'] = 0.0
-        for axis in range(3):
-            state['still_sum'][axis] = 0.0
-    if found == NOTHING:
-        return
+        _forget_stillness(state)
+
+
+@compiled
+def _take_package(
+    state: Any, moved: bool, largest: float, period: float, calibration_time: float
+) -> None:
+    """Learn from a package that is ready; `moved` where the rest ended with it."""
+    rest = state['rest']
     if state['hint'] == MOVES:
         next_package(rest, True)
         return
-    if found != MOVED:
+    if not moved:
         _note_stillness(state, period, calibration_time)
     if _is_bias(state, largest, period):
         _learn(state)
-        next_package(rest, found == MOVED)
+        next_package(rest, moved)
     else:
         next_package(rest, True)
         rest['at_rest'] = False
@@ -199,6 +219,9 @@ def calibrate_bias(state: Any) -> None:
         blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
         state['variance'][axis] = state['rest']['signals'][axis]['scatter'] / blocks
+    # What came before tells nothing against it.
+    state['recent_count'] = 0
+    state['doubt'] = 0
     _settle(state)
 
 

@@ -28,6 +28,7 @@ from gyro_drift_filter.core.bias import (
     STANDS,
     bias_variance,
     calibrate_bias,
+    leave_rest,
     start_bias,
     track_bias,
     warm_bias,
@@ -48,7 +49,6 @@ from gyro_drift_filter.core.paper import (
     update_paper,
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
-from gyro_drift_filter.core.rest import start_rest
 
 SAGE_HUSA = METHODS.index('sage_husa')
 ADAPTIVE = METHODS.index('adaptive')
@@ -211,7 +211,7 @@ def _take_bias_off(
     """Learn the bias if this is rest, and subtract it from the result."""
     bias, result = state['bias'], state['result']
     if missing == RESTART:
-        start_rest(bias['rest'])
+        leave_rest(bias)
     believed = result['status'] == FILTERED
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
@@ -458,7 +458,7 @@ class Filter:
         bias = self.state['bias'].copy()
         self._state[:] = np.zeros(1, STATE)
         self.state['bias'] = bias
-        start_rest(self.state['bias']['rest'])
+        leave_rest(self.state['bias'])
         start_clock(self.state['clock'], self.parameters.sample_rate)
         self._underived = True
 

@@ -1,83 +1,111 @@
 """The first start after an installation: the kernels are compiled in a process of their own.
 
 That takes from half a minute to some minutes on a small board. The node is there meanwhile: what
-arrives is kept, and filtered in its order as soon as it can be.
+arrives is kept, and taken in its order as soon as it can be.
 """
 
 import os
 import subprocess
 import sys
+import tempfile
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 from gyro_drift_filter.core.compiled import is_cache_cold
 
 # A minute at 1 kHz, about 25 MB; beyond that the oldest messages go, and are counted.
 LARGEST_QUEUE = 60_000
 _POLL_SECONDS = 0.2
+# What was kept is worked off in slices, so that the node answers in between.
+_SLICE_SECONDS, _PAUSE_SECONDS = 0.02, 0.001
 _NICENESS = 5
 
 
 class ColdStart:
-    """Keep what arrives while the kernels are compiled, if they are not in the cache.
+    """Take what arrives at once, or keep it while the kernels are compiled.
 
     Attributes:
-        waiting: Messages kept, None where the filter is ready.
-        dropped: Messages that were too many.
+        waiting: What is kept: functions with their arguments; None where the filter is ready.
+        dropped: How many were too many.
     """
 
-    def __init__(self, node: Node, ready: Callable[[deque[bytes]], None]) -> None:
-        """Begin.
-
-        Args:
-            node: Whose timers and log are used.
-            ready: Called once, with the messages kept, when the kernels are in the cache. Not
-                called where they are there from the begin.
-        """
-        self.waiting: deque[bytes] | None = None
+    def __init__(self, node: Node) -> None:
+        """Begin to compile if the kernels are not in the cache; `stop` has to be called then."""
+        self.waiting: deque[tuple[Callable[[Any], None], Any]] | None = None
         self.dropped = 0
+        self._node = node
         self._compiler: subprocess.Popen[bytes] | None = None
         if not is_cache_cold():
             return
-        self._node, self._ready = node, ready
         self.waiting = deque(maxlen=LARGEST_QUEUE)
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115
         # -P, as a package in the working directory may not be the one that is running here.
         self._compiler = subprocess.Popen(
             [sys.executable, '-P', '-m', 'gyro_drift_filter.cli.main', 'compile'],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,  # what goes wrong there goes wrong here once more
+            stderr=self._errors,
         )
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, self._compiler.pid, _NICENESS)
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_POLL_SECONDS, self._poll, clock=clock)
+        self._timer = self._repeat(_POLL_SECONDS, self._poll)
         node.get_logger().warning(
             'first start: compiling the filter, for half a minute or more. Messages are kept until '
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
-    def keep(self, data: bytes) -> None:
-        """Keep a message until the filter is ready."""
-        assert self.waiting is not None
+    def take(self, function: Callable[[Any], None], argument: Any) -> None:
+        """Call a function with an argument: now, or after all that came before."""
+        if self.waiting is None:
+            function(argument)
+            return
         self.dropped += len(self.waiting) == LARGEST_QUEUE
-        self.waiting.append(data)
+        self.waiting.append((function, argument))
+
+    def _repeat(self, seconds: float, function: Callable[[], None]) -> Timer:
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        return self._node.create_timer(seconds, function, clock=clock)
 
     def _poll(self) -> None:
         if self._compiler is None or self._compiler.poll() is None:
             return
+        assert self.waiting is not None
+        log = self._node.get_logger()
+        if self._compiler.returncode == 0:
+            log.info(
+                f'compiled; {len(self.waiting)} messages were kept, {self.dropped} were too many'
+            )
+        else:
+            self._errors.seek(0)
+            lines = self._errors.read().decode(errors='replace').split('\n')
+            reason = next((line for line in reversed(lines) if line.strip()), '')
+            log.warning(
+                f'the compiler ended with {self._compiler.returncode}: {reason}. The filter is '
+                'compiled here now, and takes no message until then'
+            )
         self._compiler = None
+        self._errors.close()
         self._node.destroy_timer(self._timer)
-        waiting, self.waiting = self.waiting, None
-        assert waiting is not None
-        self._node.get_logger().info(
-            f'compiled; {len(waiting)} messages were kept, {self.dropped} were too many'
-        )
-        self._ready(waiting)
+        self._timer = self._repeat(_PAUSE_SECONDS, self._work_off)
+
+    def _work_off(self) -> None:
+        """Take what was kept, for a moment; what arrives meanwhile goes behind it."""
+        assert self.waiting is not None
+        end = time.monotonic() + _SLICE_SECONDS
+        while self.waiting:
+            function, argument = self.waiting.popleft()
+            function(argument)
+            if time.monotonic() > end:
+                return
+        self.waiting = None
+        self._node.destroy_timer(self._timer)
 
     def stop(self) -> None:
         """End the compiler, if it runs."""
@@ -85,3 +113,4 @@ class ColdStart:
             self._compiler.kill()
             self._compiler.wait()
             self._compiler = None
+            self._errors.close()

@@ -1,5 +1,6 @@
 """What the robot says of its own motion: wheel odometry, or the command it was given."""
 
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -8,18 +9,17 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
 from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
-from gyro_drift_filter.core import Filter
 
 _CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
 assert set(_CLASSES) == set(HINT_TYPES)
 
 
 class MotionHint:
-    """Subscribe to `motion_hint` with the type that the parameter names."""
+    """Subscribe to `motion_hint` with the type that the parameter names, and pass on the word."""
 
-    def __init__(self, node: Node, filter_: Filter, kind: str) -> None:
+    def __init__(self, node: Node, tell: Callable[[bool], None], kind: str) -> None:
         self._node = node
-        self._filter = filter_
+        self._tell = tell
         self._kind = 'none'
         self._subscription: Any = None
         self.listen(kind)
@@ -38,4 +38,4 @@ class MotionHint:
             )
 
     def _take(self, message: Any) -> None:
-        self._filter.hint(moves(message))
+        self._tell(moves(message))

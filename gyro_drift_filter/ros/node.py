@@ -1,6 +1,5 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -29,7 +28,7 @@ from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, WARN, Health
 from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
-from gyro_drift_filter.core.compiled import is_compiled
+from gyro_drift_filter.core.compiled import is_cache_cold, is_compiled
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
@@ -71,8 +70,7 @@ class GyroDriftFilterNode(Node):
             raise ParameterError(f'a parameter was given no value: {error}') from error
         parameters = LiveParameters(self, self._configure)
         self._messages = MessageFilter(parameters.current)
-        self._cold_start = ColdStart(self, self._catch_up)
-        if self._cold_start.waiting is None:
+        if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self._messages, self.get_name())
@@ -98,7 +96,7 @@ class GyroDriftFilterNode(Node):
             self._input = self.create_subscription(
                 Imu,
                 'imu/data_raw',
-                self._filter,
+                lambda data: self._cold_start.take(self._filter, data),
                 _INPUT_QOS,
                 raw=True,
                 qos_overriding_options=overridable,
@@ -106,7 +104,9 @@ class GyroDriftFilterNode(Node):
         self.create_subscription(
             Temperature, 'imu/temperature', self._note_temperature, qos_profile_sensor_data
         )
-        self._hint = MotionHint(self, self._messages.filter, parameters.current.motion_hint)
+        self._hint = MotionHint(self, self._note_hint, parameters.current.motion_hint)
+        # Last, as it starts a process that has to be stopped.
+        self._cold_start = ColdStart(self)
         self.get_logger().info(
             f'filtering {self._input.topic_name} into {self._output.topic_name} by '
             f'{parameters.current.method}'
@@ -131,14 +131,7 @@ class GyroDriftFilterNode(Node):
         self._messages.filter.configure(parameters)
         self._hint.listen(parameters.motion_hint)
 
-    def _catch_up(self, waiting: deque[bytes]) -> None:
-        for data in waiting:
-            self._filter(data)
-
     def _filter(self, data: bytes) -> None:
-        if self._cold_start.waiting is not None:
-            self._cold_start.keep(data)
-            return
         if not self._memory.recalled:
             self._memory.recall(data)
         messages = self._messages
@@ -174,7 +167,10 @@ class GyroDriftFilterNode(Node):
         return response
 
     def _note_temperature(self, message: Temperature) -> None:
-        self._messages.filter.note_temperature(message.temperature)
+        self._cold_start.take(self._messages.filter.note_temperature, message.temperature)
+
+    def _note_hint(self, moves: bool) -> None:
+        self._cold_start.take(self._messages.filter.hint, moves)
 
     def destroy_node(self) -> None:
         """Keep what was learned, and end."""

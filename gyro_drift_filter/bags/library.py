@@ -1,0 +1,56 @@
+"""What is used of rosbags, or one sentence on how to get it."""
+
+from gyro_drift_filter.core.errors import GyroDriftFilterError
+
+try:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import (
+        Connection,
+        ConnectionExtRosbag2,
+        MessageDefinitionFormat,
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+    from rosbags.rosbag2 import (
+        CompressionFormat,
+        CompressionMode,
+        StoragePlugin,
+        Writer,
+        WriterError,
+    )
+    from rosbags.rosbag2.reader import DirectoryReader
+    from rosbags.rosbag2.storage_mcap import McapReader
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+except ImportError as error:
+    raise GyroDriftFilterError(
+        f'bags need the Python package rosbags ({error}): install it with '
+        '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
+    ) from error
+
+__all__ = [
+    'AnyReader',
+    'CompressionFormat',
+    'CompressionMode',
+    'Connection',
+    'ConnectionExtRosbag2',
+    'DirectoryReader',
+    'McapReader',
+    'MessageDefinitionFormat',
+    'Qos',
+    'QosDurability',
+    'QosHistory',
+    'QosLiveliness',
+    'QosReliability',
+    'QosTime',
+    'StoragePlugin',
+    'Stores',
+    'TypesysError',
+    'Writer',
+    'WriterError',
+    'get_types_from_msg',
+    'get_typestore',
+]
