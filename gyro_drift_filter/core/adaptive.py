@@ -79,8 +79,13 @@ ADAPTIVE_STATE = np.dtype(
         ('predicted_rate', np.float64, _LEVEL_ARRAY),
         ('predicted_slope', np.float64, _LEVEL_ARRAY),
         ('predicted_bend', np.float64, _LEVEL_ARRAY),
-        ('predicted_noise', np.float64, _LEVEL_ARRAY),  # what its correlation foretells of it
-        ('variance', np.float64, _LEVEL_ARRAY),  # of the innovation of each level
+        ('expected', np.float64, _LEVEL_ARRAY),  # the sample: with what is foretold of its noise
+        # of the innovation of each level: variance, half its inverse, and the square root of that
+        ('variance', np.float64, _LEVEL_ARRAY),
+        ('half_precision', np.float64, _LEVEL_ARRAY),
+        ('density', np.float64, _LEVEL_ARRAY),
+        ('of_noise', np.float64, (3,)),  # variance, roughness and correlation that they belong to
+        ('level_spread', np.float64, _LEVEL_ARRAY),  # variance about the mean of all levels
         ('prediction', np.float64),
         ('prediction_variance', np.float64),  # of the innovation
         ('spread', np.float64),  # typical innovation, rad/s: the yardstick of outliers
@@ -167,6 +172,7 @@ def rescale_adaptive(axis: Any, periods: float) -> None:
     for j in range(LEVELS):
         slope[j] *= periods
         bend[j] *= periods * periods
+    axis['of_noise'][0] = 0.0
 
 
 @compiled
@@ -291,23 +297,50 @@ def _stay_within_reach(axis: Any, reach: float) -> None:
 @compiled
 def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     """Return what the levels say together: rate, its variance, and Q, in place of (17)."""
-    probability, rate = axis['probability'], axis['rate']
-    gain, process = ladder['gain_rate'], ladder['process_ratio']
-    ratio = ladder['innovation_ratio']
+    probability, rate, spread = axis['probability'], axis['rate'], axis['level_spread']
+    gain, ratio = ladder['gain_rate'], ladder['innovation_ratio']
     noise = axis['noise']['variance']
     # The error of an extrapolation grows about as the number of samples.
     growth = 1.0 * axis['doubt']['held'] * axis['doubt']['held']
-    mean = 0.0
-    process_noise = 0.0
-    for j in range(LEVELS):
-        mean += probability[j] * rate[j]
-        process_noise += probability[j] * process[j]
-    variance = 0.0
+    mean = _weighted(probability, rate)
     for j in range(LEVELS):
         distance = rate[j] - mean
         own = gain[j] if growth == 0.0 else (ratio[j] - 1.0) * growth
-        variance += probability[j] * (own * noise + distance * distance)
-    return mean, variance, process_noise * noise
+        spread[j] = own * noise + distance * distance
+    variance = _weighted(probability, spread)
+    return mean, variance, _weighted(probability, ladder['process_ratio']) * noise
+
+
+# The loops below are cut so that compilers turn them into vector instructions: what can be done on
+# each level apart from what goes from level to level, and sums by `_sum` and `_weighted`.
+
+
+@compiled
+def _sum(values: Any) -> float:
+    """Return the sum over the levels: four sums side by side, as each waits for its last term."""
+    a = b = c = d = 0.0
+    for j in range(0, LEVELS - 3, 4):
+        a += values[j]
+        b += values[j + 1]
+        c += values[j + 2]
+        d += values[j + 3]
+    for j in range(LEVELS - LEVELS % 4, LEVELS):
+        a += values[j]
+    return (a + b) + (c + d)
+
+
+@compiled
+def _weighted(weights: Any, values: Any) -> float:
+    """Return the sum of weighted values over the levels, as `_sum` does."""
+    a = b = c = d = 0.0
+    for j in range(0, LEVELS - 3, 4):
+        a += weights[j] * values[j]
+        b += weights[j + 1] * values[j + 1]
+        c += weights[j + 2] * values[j + 2]
+        d += weights[j + 3] * values[j + 3]
+    for j in range(LEVELS - LEVELS % 4, LEVELS):
+        a += weights[j] * values[j]
+    return (a + b) + (c + d)
 
 
 @compiled
@@ -315,8 +348,9 @@ def _mix(axis: Any, ladder: Any) -> None:
     """Move probability, and the states with it, along the chain: interacting models.
 
     Each level passes on a share upwards and a share downwards, which end with falling probability
-    on one of the levels beyond. Two passes do it, as the shares are geometric. What arrives on a
-    level is averaged into its state. Leaves the mixed states in predicted_*, and the prior.
+    on one of the levels beyond. One pass each way does it, as the shares are geometric. What
+    arrives on a level is averaged into its state. Leaves the mixed states in predicted_*, and the
+    prior.
     """
     probability, prior = axis['probability'], axis['prior']
     rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
@@ -325,37 +359,43 @@ def _mix(axis: Any, ladder: Any) -> None:
     climb, fall = ladder['climb'], ladder['fall']
     climb_on, climb_first = ladder['climb_on'], ladder['climb_first']
     keep_slope, keep_bend = ladder['keep_slope'], ladder['keep_bend']
-    weight = weighted_rate = weighted_slope = weighted_bend = 0.0
     for j in range(LEVELS):
         stay = probability[j] * (1.0 - climb[j] - fall[j])
-        prior[j] = stay + weight
-        mixed_rate[j] = stay * rate[j] + weighted_rate
-        mixed_slope[j] = stay * slope[j] + weighted_slope
-        mixed_bend[j] = stay * bend[j] + weighted_bend
-        on = climb_on[j + 1] if j + 1 < LEVELS else 0.0
-        leave = probability[j] * climb[j] * climb_first[j]
-        weight = weight * on + leave
-        weighted_rate = weighted_rate * on + leave * rate[j]
-        weighted_slope = weighted_slope * on + leave * slope[j]
-        weighted_bend = weighted_bend * on + leave * bend[j]
-    weight = weighted_rate = weighted_slope = weighted_bend = total = 0.0
-    for j in range(LEVELS - 1, -1, -1):
-        prior[j] += weight
-        mixed_rate[j] += weighted_rate
-        mixed_slope[j] += weighted_slope
-        mixed_bend[j] += weighted_bend
-        total += prior[j]
-        leave = probability[j] * fall[j] * (1.0 - FALLS)
-        weight = weight * FALLS + leave
-        weighted_rate = weighted_rate * FALLS + leave * rate[j]
-        weighted_slope = (weighted_slope * FALLS + leave * slope[j]) * keep_slope[j]
-        weighted_bend = (weighted_bend * FALLS + leave * bend[j]) * keep_bend[j]
+        prior[j] = stay
+        mixed_rate[j] = stay * rate[j]
+        mixed_slope[j] = stay * slope[j]
+        mixed_bend[j] = stay * bend[j]
+    up = up_rate = up_slope = up_bend = 0.0
+    down = down_rate = down_slope = down_bend = 0.0
+    for i in range(1, LEVELS):
+        # Both ways at once, as each waits for its last step: from i - 1 up and from k + 1 down.
+        on = climb_on[i]
+        leave = probability[i - 1] * climb[i - 1] * climb_first[i - 1]
+        up = up * on + leave
+        up_rate = up_rate * on + leave * rate[i - 1]
+        up_slope = up_slope * on + leave * slope[i - 1]
+        up_bend = up_bend * on + leave * bend[i - 1]
+        prior[i] += up
+        mixed_rate[i] += up_rate
+        mixed_slope[i] += up_slope
+        mixed_bend[i] += up_bend
+        k = LEVELS - 1 - i
+        leave = probability[k + 1] * fall[k + 1] * (1.0 - FALLS)
+        down = down * FALLS + leave
+        down_rate = down_rate * FALLS + leave * rate[k + 1]
+        down_slope = (down_slope * FALLS + leave * slope[k + 1]) * keep_slope[k + 1]
+        down_bend = (down_bend * FALLS + leave * bend[k + 1]) * keep_bend[k + 1]
+        prior[k] += down
+        mixed_rate[k] += down_rate
+        mixed_slope[k] += down_slope
+        mixed_bend[k] += down_bend
+    whole = 1.0 / _sum(prior)
     for j in range(LEVELS):
         share = 1.0 / prior[j]
         mixed_rate[j] *= share
         mixed_slope[j] *= share
         mixed_bend[j] *= share
-        prior[j] /= total
+        prior[j] *= whole
 
 
 @compiled
@@ -364,38 +404,58 @@ def _predict(axis: Any, ladder: Any) -> None:
 
     The innovation of a level is the sample less the predicted rate and less the noise that the
     last residual foretells, correlation * residual: this makes the innovations of a slow level
-    white although the sensor's noise is not. With gain K the residual holds 1 - K of the noise, so
-    the variance falls by (correlation * (1 - K)) ** 2. A fast level sees less noise, as far as its
-    own prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
+    white although the sensor's noise is not.
     """
     rate, slope, bend = axis['predicted_rate'], axis['predicted_slope'], axis['predicted_bend']
-    foretold, variance, prior = axis['predicted_noise'], axis['variance'], axis['prior']
-    lag_ratio, gain = ladder['lag_ratio'], ladder['gain_rate']
-    ratio, logarithm = ladder['innovation_ratio'], ladder['innovation_logarithm']
-    noise = axis['noise']
-    r, rough = noise['variance'], noise['roughness']
+    expected, variance, spread = axis['expected'], axis['variance'], axis['level_spread']
+    prior, noise, lag_ratio = axis['prior'], axis['noise'], ladder['lag_ratio']
     correlation = noise['correlation'] if axis['sample_believed'] else 0.0
+    of_noise = axis['of_noise']
+    if (
+        of_noise[0] != noise['variance']
+        or of_noise[1] != noise['roughness']
+        or of_noise[2] != correlation
+    ):
+        _spread_levels(axis, correlation, ladder)
     sample = axis['doubt']['sample']
-    prediction = 0.0
-    mean_logarithm = 0.0
     for j in range(LEVELS):
-        foretold[j] = correlation * (sample - rate[j])
+        foretold = correlation * (sample - rate[j])
         rate[j] += slope[j]
+        expected[j] = rate[j] + foretold
         slope[j] = lag_ratio[j] * slope[j] + bend[j]
         bend[j] *= lag_ratio[j]
-        prediction += prior[j] * (rate[j] + foretold[j])
-        mean_logarithm += prior[j] * logarithm[j]
-    total = 0.0
+    prediction = _weighted(prior, expected)
+    for j in range(LEVELS):
+        distance = expected[j] - prediction
+        spread[j] = variance[j] + distance * distance
+    axis['prediction'] = prediction
+    axis['prediction_variance'] = _weighted(prior, spread)
+    # The geometric mean is not blown up by the small chance of a high level.
+    typical = math.exp(_weighted(prior, ladder['innovation_logarithm']))
+    axis['spread'] = math.sqrt(noise['variance'] * typical)
+
+
+@compiled
+def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
+    """Tell how far a sample may be from what each level expects of it.
+
+    With gain K the last residual holds 1 - K of the noise, so knowing it takes
+    (correlation * (1 - K)) ** 2 off the variance. A fast level sees less noise, as far as its own
+    prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
+    """
+    variance, noise, of_noise = axis['variance'], axis['noise'], axis['of_noise']
+    half_precision, density = axis['half_precision'], axis['density']
+    gain, ratio = ladder['gain_rate'], ladder['innovation_ratio']
+    of_noise[0] = noise['variance']
+    of_noise[1] = noise['roughness']
+    of_noise[2] = correlation
     for j in range(LEVELS):
         left = 1.0 - gain[j]
+        rough = noise['roughness'] + (1.0 - noise['roughness']) * left
         known = correlation * left
-        variance[j] = r * (ratio[j] * (rough + (1.0 - rough) * left) - known * known)
-        distance = rate[j] + foretold[j] - prediction
-        total += prior[j] * (variance[j] + distance * distance)
-    axis['prediction'] = prediction
-    axis['prediction_variance'] = total
-    # The geometric mean is not blown up by the small chance of a high level.
-    axis['spread'] = math.sqrt(r * math.exp(mean_logarithm))
+        variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
+        half_precision[j] = 0.5 / variance[j]
+        density[j] = math.sqrt(half_precision[j])
 
 
 @compiled
@@ -405,28 +465,50 @@ def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
     `steps` is the number of samples since the last one that was believed: the innovation has built
     up over all of them, and gains for one step would overshoot in slope and bend.
     """
-    probability, prior, variance = axis['probability'], axis['prior'], axis['variance']
+    probability, prior = axis['probability'], axis['prior']
     rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
     predicted_rate, predicted_slope = axis['predicted_rate'], axis['predicted_slope']
-    predicted_bend, foretold = axis['predicted_bend'], axis['predicted_noise']
+    predicted_bend, expected = axis['predicted_bend'], axis['expected']
     gain_rate, gain_slope = ladder['gain_rate'], ladder['gain_slope']
     gain_bend = ladder['gain_bend']
-    least = np.inf
+    half_precision, density = axis['half_precision'], axis['density']
+    share = 1.0 / steps
     for j in range(LEVELS):
         innovation = sample - predicted_rate[j]
         rate[j] = predicted_rate[j] + gain_rate[j] * innovation
-        slope[j] = predicted_slope[j] + gain_slope[j] * innovation / steps
-        bend[j] = predicted_bend[j] + gain_bend[j] * innovation / (steps * steps)
-        innovation -= foretold[j]
-        probability[j] = innovation * innovation / variance[j]
-        least = min(least, probability[j])
-    total = 0.0
+        slope[j] = predicted_slope[j] + gain_slope[j] * innovation * share
+        bend[j] = predicted_bend[j] + gain_bend[j] * innovation * (share * share)
     for j in range(LEVELS):
-        likelihood = math.exp(0.5 * (least - probability[j])) / math.sqrt(variance[j])
-        probability[j] = prior[j] * likelihood
-        total += probability[j]
+        innovation = sample - expected[j]
+        probability[j] = -(innovation * innovation * half_precision[j])
+    largest = -np.inf
     for j in range(LEVELS):
-        probability[j] = max(probability[j] / total, LEAST_PROBABILITY)
+        largest = max(largest, probability[j])
+    for j in range(LEVELS):
+        probability[j] = prior[j] * density[j] * _decay(probability[j] - largest)
+    whole = 1.0 / _sum(probability)
+    for j in range(LEVELS):
+        probability[j] = max(probability[j] * whole, LEAST_PROBABILITY)
+
+
+@compiled
+def _decay(exponent: float) -> float:
+    """Return exp(exponent) for one of 0 and below, with an error of 1e-13; exp(-80) for less.
+
+    By its series for a 256th of it, and eight squares. Unlike `math.exp` it can be a vector
+    instruction.
+    """
+    x = max(exponent, -80.0) / 256.0
+    tail = 1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x / 720.0))
+    root = 1.0 + x * (1.0 + x * (0.5 + x * tail))
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    return root * root
 
 
 @compiled

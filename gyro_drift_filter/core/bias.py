@@ -22,7 +22,6 @@ from gyro_drift_filter.core.rest import (
     MOVED,
     NOTHING,
     REST,
-    block_seconds,
     close_block,
     next_package,
     note_sample,
@@ -150,15 +149,15 @@ def track_bias(
     believed: bool,
     missing: int,
     elapsed: float,
-    period: float,
+    lengths: Any,
     largest: float,
     random_walk: float,
     calibration_time: float,
 ) -> None:
     """Take a sample in: rate (3,) in rad/s, acceleration (3,) in m/s^2; `missing` ones before it.
 
-    `elapsed` in s since the last sample, `period` in s; `largest` is bias.max in rad/s,
-    `random_walk` in rad/s/sqrt(s), `calibration_time` in s.
+    `elapsed` in s since the last sample; `lengths` a record of LENGTHS; `largest` is bias.max in
+    rad/s, `random_walk` in rad/s/sqrt(s), `calibration_time` in s.
     """
     rest = state['rest']
     state['hint_seconds'] -= elapsed
@@ -169,27 +168,31 @@ def track_bias(
     state['reach'] += walked
     state['growth'] += walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     believed = believed and state['hint'] != MOVES
-    note_sample(rest, rate, acceleration, believed, missing, period)
+    if not note_sample(rest, rate, acceleration, believed, missing, lengths):
+        return
     run = rest['run']
-    found = close_block(rest, period)
+    found = close_block(rest, lengths)
     if found != NOTHING:
-        _take_package(state, found == MOVED, largest, period, calibration_time)
+        _take_package(state, found == MOVED, largest, lengths['block_seconds'], calibration_time)
     if rest['run'] < run:
         _forget_stillness(state)
 
 
 @compiled
 def _take_package(
-    state: Any, moved: bool, largest: float, period: float, calibration_time: float
+    state: Any, moved: bool, largest: float, block_seconds: float, calibration_time: float
 ) -> None:
     """Learn from a package that is ready; `moved` where the rest ended with it."""
     rest = state['rest']
     if state['hint'] == MOVES:
         next_package(rest, True)
         return
-    if not moved:
-        _note_stillness(state, period, calibration_time)
-    if _is_bias(state, largest, period):
+    if moved:
+        # By itself: the begin of the motion may be in it.
+        state['recent_count'] = 0
+    else:
+        _note_stillness(state, block_seconds, calibration_time)
+    if _is_bias(state, largest, block_seconds):
         _learn(state)
         next_package(rest, moved)
     else:
@@ -198,7 +201,7 @@ def _take_package(
 
 
 @compiled
-def _note_stillness(state: Any, period: float, calibration_time: float) -> None:
+def _note_stillness(state: Any, block_seconds: float, calibration_time: float) -> None:
     """Keep the mean rate of the last stillness, of one to two times `calibration_time` s."""
     rest = state['rest']
     if state['still_seconds'] > 2.0 * calibration_time:
@@ -206,7 +209,7 @@ def _note_stillness(state: Any, period: float, calibration_time: float) -> None:
         state['still_blocks'] *= 0.5
         for axis in range(3):
             state['still_sum'][axis] *= 0.5
-    state['still_seconds'] += rest['blocks'] * block_seconds(period)
+    state['still_seconds'] += rest['blocks'] * block_seconds
     state['still_blocks'] += rest['blocks']
     for axis in range(3):
         state['still_sum'][axis] += rest['blocks'] * package_mean(rest, axis)
@@ -244,7 +247,7 @@ def warm_bias(state: Any, temperature: float, step: float, coefficient: float) -
 
 
 @compiled
-def _is_bias(state: Any, largest: float, period: float) -> bool:
+def _is_bias(state: Any, largest: float, block_seconds: float) -> bool:
     """Tell whether the package is rest: its rate is one that the bias can have."""
     rest = state['rest']
     for axis in range(3):
@@ -269,7 +272,7 @@ def _is_bias(state: Any, largest: float, period: float) -> bool:
         state['turning'] += 1
         state['doubt'] = DOUBTED
         _take_back(state, turned)
-        return _stays(state, rest['blocks'] * block_seconds(period))
+        return _stays(state, rest['blocks'] * block_seconds)
     state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
 

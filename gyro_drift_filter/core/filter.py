@@ -49,6 +49,7 @@ from gyro_drift_filter.core.paper import (
     update_paper,
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
+from gyro_drift_filter.core.rest import LENGTHS, derive_lengths
 
 SAGE_HUSA = METHODS.index('sage_husa')
 ADAPTIVE = METHODS.index('adaptive')
@@ -103,6 +104,7 @@ COEFFICIENTS = np.dtype(
         ('period', np.float64),  # s, that the others were derived for
         ('paper', PAPER_COEFFICIENTS, _AXES),
         ('adaptive', ADAPTIVE_COEFFICIENTS),
+        ('rest', LENGTHS),
     ],
     align=True,
 )
@@ -178,7 +180,7 @@ def step(
         _step_adaptive(rate, acceleration, missing, settings, coefficients['adaptive'], state)
     else:
         _step_paper(rate, missing, settings, coefficients['paper'], state)
-    _take_bias_off(rate, acceleration, elapsed, missing, settings, state)
+    _take_bias_off(rate, acceleration, elapsed, missing, settings, coefficients['rest'], state)
     for axis in range(3):
         state['measured'][axis] = rate[axis]
         if not _usable(rate[axis]):
@@ -206,7 +208,13 @@ def _elapsed(clock: Any, stamp: int) -> float:
 
 @compiled
 def _take_bias_off(
-    rate: Any, acceleration: Any, elapsed: float, missing: int, settings: Any, state: Any
+    rate: Any,
+    acceleration: Any,
+    elapsed: float,
+    missing: int,
+    settings: Any,
+    lengths: Any,
+    state: Any,
 ) -> None:
     """Learn the bias if this is rest, and subtract it from the result."""
     bias, result = state['bias'], state['result']
@@ -223,7 +231,7 @@ def _take_bias_off(
         believed,
         max(missing, 0),
         elapsed,
-        state['clock']['period'],
+        lengths,
         settings['bias_max'],
         settings['bias_random_walk'],
         settings['bias_calibration_time'],
@@ -616,4 +624,5 @@ class Filter:
             period,
             coefficients['adaptive'],
         )
+        derive_lengths(period, coefficients['rest'])
         self._underived = False

@@ -95,26 +95,24 @@ REST = np.dtype(
     align=True,
 )
 
+LENGTHS = np.dtype(
+    [
+        ('value', np.int64),  # samples that are averaged to a value
+        ('block', np.int64),  # values in a block
+        ('block_seconds', np.float64),
+    ]
+)
+
 # What a block brought.
 NOTHING, PACKED, MOVED = 0, 1, 2
 
 
-@compiled
-def value_length(period: float) -> int:
-    """Return the number of samples that are averaged to a value."""
-    return max(1, int(VALUE_SECONDS / period + 0.5))
-
-
-@compiled
-def block_length(period: float) -> int:
-    """Return the number of values of a block."""
-    return max(LEAST_BLOCK, int(BLOCK_SECONDS / (value_length(period) * period) + 0.5))
-
-
-@compiled
-def block_seconds(period: float) -> float:
-    """Return the length of a block in s."""
-    return block_length(period) * value_length(period) * period
+def derive_lengths(period: float, lengths: Any) -> None:
+    """Fill a record of LENGTHS for a sample period in s."""
+    lengths['value'] = max(1, int(VALUE_SECONDS / period + 0.5))
+    seconds = lengths['value'] * period
+    lengths['block'] = max(LEAST_BLOCK, int(BLOCK_SECONDS / seconds + 0.5))
+    lengths['block_seconds'] = lengths['block'] * seconds
 
 
 @compiled
@@ -160,34 +158,38 @@ def _start_package(rest: Any) -> None:
 
 @compiled
 def note_sample(
-    rest: Any, rate: Any, acceleration: Any, believed: bool, missing: int, period: float
-) -> None:
+    rest: Any, rate: Any, acceleration: Any, believed: bool, missing: int, lengths: Any
+) -> bool:
     """Take a sample (3,), (3,) and `missing` ones before it; the latter only take their place.
 
-    An acceleration that is not finite counts as zero: who has none has none all the time.
+    An acceleration that is not finite counts as zero: who has none has none all the time. Returns
+    whether a value is complete, so that `close_block` has to be called.
     """
-    length = value_length(period)
     rest['samples'] += 1 + missing
     if believed:
         rest['believed'] += 1
-        for i in range(SIGNALS):
-            value = rate[i] if i < 3 else acceleration[i - 3]
-            if abs(value) < np.inf:
-                rest['signals'][i]['value'] += value
-    if rest['samples'] < length:
-        return
-    rest['place'] += rest['samples'] // length
+        for axis in range(3):
+            gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
+            gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
+            force = acceleration[axis]
+            accelerometer['value'] += force if abs(force) < np.inf else 0.0
+    if rest['samples'] < lengths['value']:
+        return False
+    # Without missing samples it is one: the division is for the others, as it takes its time.
+    rest['place'] += rest['samples'] // lengths['value'] if missing > 0 else 1
     if 2 * rest['believed'] >= rest['samples']:
         _note_value(rest)
     _start_value(rest)
+    return True
 
 
 @compiled
 def _note_value(rest: Any) -> None:
     rest['count'] += 1
+    share = 1.0 / rest['believed']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        value = signal['value'] / rest['believed']
+        value = signal['value'] * share
         if rest['count'] == 1:
             signal['origin'] = value
         else:
@@ -200,14 +202,14 @@ def _note_value(rest: Any) -> None:
 
 
 @compiled
-def close_block(rest: Any, period: float) -> int:
-    """Judge the block if it is full; `period` in s.
+def close_block(rest: Any, lengths: Any) -> int:
+    """Judge the block if it is full.
 
     Returns:
         PACKED where a package is ready, for `package_mean` to be read and `next_package` to be
         called; MOVED where the block ended the rest, with the same; else NOTHING.
     """
-    length = block_length(period)
+    length = lengths['block']
     if rest['place'] < length:
         return NOTHING
     still = 2 * rest['count'] >= length
@@ -216,7 +218,7 @@ def close_block(rest: Any, period: float) -> int:
             if not _is_still(rest, rest['signals'][i]):
                 still = False
     rest['restless'] += 1
-    if rest['restless'] * block_seconds(period) > FORGOTTEN_SECONDS:
+    if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
         rest['known'] = False
     if not still:
         ready = (
