@@ -15,7 +15,7 @@ import gyro_drift_filter.bags.replay as replay_module
 from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
 from gyro_drift_filter.bags.chunk_kernels import ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
-from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.mcap_file import read_layout
 from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
 from gyro_drift_filter.bags.replay import replay
@@ -360,7 +360,8 @@ def test_the_compiled_reader_of_imus_agrees_with_the_plain_one(junk, place, byte
         rows = np.array([(0, 0, 0, len(message))], ROW)
         imus = np.zeros(1, IMU)
         doubles = np.zeros(37)
-        read_imus(np.frombuffer(message, np.uint8), rows, (doubles.view(np.uint8), doubles), imus)
+        room, frame = (doubles.view(np.uint8), doubles), no_frame()
+        read_imus(np.frombuffer(message, np.uint8), rows, room, frame, imus)
         try:
             wanted = read_imu(message)
         except MalformedMessageError:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.filter import FILTERED, REFUSED, RESULT
+from gyro_drift_filter.core.filter import FILTERED, REFUSED, RESULT, is_stuck
 from gyro_drift_filter.core.parameters import METHODS
 from gyro_drift_filter.core.simulation import SimulationSettings, simulate
 
@@ -98,6 +98,66 @@ def test_a_method_that_takes_over_again_starts_from_the_sample(first, then):
         filter_.configure(filter_.parameters.with_names({'method': method}))
         out = filter_.run(stamps[part], z[part], np.zeros_like(z[part]))
     assert np.abs(out['angular_velocity'][0] - 3.0).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ('first', 'then', 'moves'),
+    [(first, then, False) for first in METHODS for then in METHODS if first != then]
+    + [('adaptive', 'kalman', True), ('adaptive', 'sage_husa', True)],
+)
+def test_a_method_that_takes_over_does_not_make_the_output_jump(first, then, moves, random):
+    """Where the output is near the samples, as adaptive's always is and the others' is at rest."""
+    n = 2000
+    stamps = 10**18 + 10_000_000 * np.arange(n)
+    turn = 0.5 * np.sin(2 * np.pi * 0.2 * np.arange(n) / 100) * moves
+    z = turn[:, None] + 0.005 * random.standard_normal((n, 3))
+    noisy = np.abs(np.diff(z, axis=0)).max()
+    for k in range(1000, 1030):
+        filter_ = Filter(Parameters(method=first))
+        before = filter_.run(stamps[:k], z[:k], np.zeros_like(z[:k]))['angular_velocity'][-1]
+        filter_.configure(filter_.parameters.with_names({'method': then}))
+        out = filter_.run(stamps[k:], z[k:], np.zeros_like(z[k:]))['angular_velocity']
+        jump = np.abs(out[0] - before).max()
+        assert jump < (1.2 * noisy if moves else 0.02), k
+        assert jump > 0.0
+
+
+def test_a_sensor_that_is_stuck_or_at_the_end_of_its_range(random):
+    n = 600
+    stamps = 10**18 + 10_000_000 * np.arange(n)
+    rates = 0.01 * random.standard_normal((n, 3))
+    rates[:, 1] = np.clip(rates[:, 1] + 12.0 * np.sin(np.arange(n) / 30.0), -8.73, 8.73)
+    clipped = int((np.abs(rates[:300, 1]) == 8.73).sum())
+    accelerations = 9.8 + 0.02 * random.standard_normal((n, 3))
+    rates[300:450], accelerations[300:450] = rates[300], accelerations[300]
+    filter_ = Filter()
+    filter_.run(stamps[:300], rates[:300], accelerations[:300])
+    counts = filter_.state['counts']
+    assert 0.8 * clipped < counts['clipped'][1] <= clipped
+    assert counts['clipped'][[0, 2]].tolist() == [0, 0]
+    assert counts['stuck'] == 0
+    filter_.run(stamps[300:450], rates[300:450], accelerations[300:450])
+    assert is_stuck(filter_.state)
+    filter_.run(stamps[450:], rates[450:], accelerations[450:])
+    assert not is_stuck(filter_.state)
+    assert counts['stuck'] == 1
+
+
+def test_a_stuck_sensor_tells_nothing_of_the_bias(random):
+    """It stands at some rate of a turn, for minutes."""
+    n = 6000
+    stamps = 10**18 + 10_000_000 * np.arange(2 * n)
+    rates, accelerations = 0.005 * random.standard_normal((2 * n, 3)), np.full((2 * n, 3), 9.8)
+    accelerations += 0.02 * random.standard_normal((2 * n, 3))
+    rates[n:], accelerations[n:] = (0.05, 0.0, 0.0), accelerations[n]
+    filter_ = Filter()
+    out = filter_.run(stamps, rates, accelerations)
+    assert np.abs(out['bias'][-1] - out['bias'][n - 1]).max() < 1e-3
+    for nan in (False, True):
+        other = accelerations * (np.nan if nan else 1.0)
+        filter_ = Filter()
+        filter_.run(stamps, rates, other)
+        assert is_stuck(filter_.state)
 
 
 @pytest.mark.parametrize('rate', [1e-300, 1e-6, 0.5])

@@ -151,4 +151,7 @@ def test_health_survives_a_reset():
     filter_.process_batch(simulated(100))
     input_, status = health.report(1.0)
     assert (input_.level, status.level) == (OK, OK)
-    assert float(status.values['Outliers since last report (%) x']) >= 0
+    assert status.values['Outliers of late (%) x'] == 'nan'  # too few to tell
+    filter_.process_batch(simulated(400)[100:])
+    _, status = health.report(3.0)
+    assert 0 < float(status.values['Outliers of late (%) x']) < 10

@@ -331,7 +331,7 @@ def test_a_type_without_definition_passes(tmp_path):
 def test_the_summary_tells_of_the_whole_bag(tmp_path):
     """Degrees for a minute, then a rest: the end of the bag is not all of it."""
     stamps = [10**18 + k * 10**7 for k in range(1000)]
-    rates = [(90.0, 0, 0) if k < 800 else (0.0, 0, 0) for k in range(1000)]
+    rates = [(90.0 + k % 7 if k < 800 else 0.0, 0, k % 3 * 1e-3) for k in range(1000)]
     imu = [(t, imu_message(t, rate, (0, 0, 9.8))) for t, rate in zip(stamps, rates, strict=True)]
     imu[3] = (imu[3][0], b'junk')
     words = [(stamps[-1] + k * 10**9, text('late')) for k in range(1, 5)]

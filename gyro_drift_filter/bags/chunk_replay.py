@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
-from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_file import Layout, McapError, read_chunks, read_layout
 from gyro_drift_filter.bags.recording import BagError, kind
@@ -87,10 +87,11 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
     batches = _Batches(run)
+    frame = no_frame()
     done = 0
     for data, rows in _chunks(file):
         rows = rows[known[rows['channel']]]
-        imus = _imus(data, rows[ours[rows['channel']]])
+        imus = _imus(data, rows[ours[rows['channel']]], frame)
         # How many of our messages come before each row.
         before = np.append(0, np.cumsum(ours[rows['channel']]))
         messages_told = np.flatnonzero(told[rows['channel']])
@@ -129,11 +130,11 @@ def _chunks(file: ChunkedFile) -> Iterator[tuple[NDArray[np.uint8], NDArray[Any]
         raise BagError(f'{file.path} is damaged and can be read no further: {error}') from error
 
 
-def _imus(data: NDArray[np.uint8], rows: NDArray[Any]) -> NDArray[Any]:
-    """Return an IMU for each ROW."""
+def _imus(data: NDArray[np.uint8], rows: NDArray[Any], frame: NDArray[Any]) -> NDArray[Any]:
+    """Return an IMU for each ROW; `frame` is that of the message before."""
     imus = np.zeros(len(rows), IMU)
     doubles = np.zeros(37)
-    read_imus(data, rows, (doubles.view(np.uint8), doubles), imus)
+    read_imus(data, rows, (doubles.view(np.uint8), doubles), frame, imus)
     return imus
 
 

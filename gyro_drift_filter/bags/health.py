@@ -1,7 +1,14 @@
-"""What `/diagnostics` tells of the input and of the filter, for the node and for `replay`."""
+"""What `/diagnostics` tells of the input and of the filter, for the node and for `replay`.
+
+Two statuses with the keys of REP-107. Shares and rates are over the last `_WINDOW` reports; a level
+that depends on one is raised at one limit and taken back at another, so that it does not flicker.
+What a message says does not change from report to report: a change of it is logged. Numbers stand
+in the values.
+"""
 
 import math
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -9,26 +16,35 @@ from typing import Any
 from gyro_drift_filter.bags.cdr import DiagnosticStatus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.core.bias import bias_variance
-from gyro_drift_filter.core.filter import RANGE
+from gyro_drift_filter.core.filter import RANGE, is_stuck
 from gyro_drift_filter.core.parameters import AXES
 
 OK, WARN, ERROR, STALE = range(4)
 
 NODE_NAME = 'gyro_drift_filter'
 
-
-# Share of samples above which it is not the sample that is wrong, but the filter's idea of it.
-_MANY_OUTLIERS = 0.5
+# Reports, one a second, that shares and rates are taken over.
+_WINDOW = 10
+# Samples in the window below which shares tell nothing.
+_FEW = 200
 
 
 @dataclass(frozen=True)
 class _Counts:
+    seconds: float = 0.0
     received: int = 0
     malformed: int = 0
     samples: int = 0
+    refused: int = 0
+    gaps: int = 0
+    restarts: int = 0
+    frames: int = 0
     beyond_range: int = 0
-    unusable: tuple[int, ...] = (0, 0, 0)
+    unusable: int = 0
+    clipped: int = 0
     outliers: tuple[int, ...] = (0, 0, 0)
+    nis_sum: tuple[float, ...] = (0.0, 0.0, 0.0)
+    nis_samples: tuple[int, ...] = (0, 0, 0)
     divergences: tuple[int, ...] = (0, 0, 0)
 
 
@@ -41,13 +57,34 @@ def package_version() -> str:
         return 'unknown'
 
 
+class _Alarm:
+    """A level with hysteresis: raised beyond one limit, taken back within another."""
+
+    def __init__(self, raised_at: float, cleared_at: float) -> None:
+        self._raised_at, self._cleared_at = raised_at, cleared_at
+        self._raised = False
+
+    def judge(self, value: float) -> bool:
+        """Return whether the alarm stands; NaN leaves it as it is."""
+        if value > self._raised_at:
+            self._raised = True
+        elif value < self._cleared_at:
+            self._raised = False
+        return self._raised
+
+
 class Health:
     """Report on a message filter at regular intervals."""
 
     def __init__(self, messages: MessageFilter, name: str = NODE_NAME) -> None:
         self._messages = messages
         self._name = name
-        self._before = _Counts()
+        self._window = deque([_Counts()], maxlen=_WINDOW + 1)
+        self._outliers = _Alarm(0.1, 0.05)  # share of the samples
+        # A filter that fits has a mean of 1; a third of that or so is no fault.
+        self._overconfident = _Alarm(4.0, 2.5)
+        self._inert = _Alarm(1.0 / 0.1, 1.0 / 0.2)
+        self._rate_off = _Alarm(0.2, 0.1)  # share of the expected rate
 
     def report(self, seconds: float) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter.
@@ -55,55 +92,46 @@ class Health:
         Args:
             seconds: Time since the last report.
         """
-        before, now = self._before, self._count()
+        before = self._window[-1]
+        now = self._count(before.seconds + seconds)
         if now.samples < before.samples:  # the filter was reset
-            before = replace(_Counts(), received=before.received, malformed=before.malformed)
-        self._before = now
-        return [self._input(before, now, seconds), self._filter(before, now)]
+            kept = _Counts(before.seconds, before.received, before.malformed, frames=before.frames)
+            self._window.clear()
+            self._window.append(kept)
+        self._window.append(now)
+        return [self._input(self._window[-2], now), self._filter(self._window[-2], now)]
 
-    def _count(self) -> _Counts:
-        messages, counts = self._messages, self._messages.filter.state['counts']
+    def _count(self, seconds: float) -> _Counts:
+        messages, state = self._messages, self._messages.filter.state
+        counts, clock = state['counts'], state['clock']
         return _Counts(
+            seconds,
             messages.received,
             messages.malformed,
             int(counts['samples']),
+            int(counts['refused']),
+            int(clock['gaps']),
+            int(clock['restarts']),
+            messages.frame_changes,
             int(counts['beyond_range']),
-            tuple(counts['unusable'].tolist()),
+            sum(counts['unusable'].tolist()),
+            sum(counts['clipped'].tolist()),
             tuple(counts['outliers'].tolist()),
-            tuple(self._messages.filter.state['paper']['divergences'].tolist()),
+            tuple(counts['nis_sum'].tolist()),
+            tuple(counts['nis_samples'].tolist()),
+            tuple(state['paper']['divergences'].tolist()),
         )
 
-    def _input(self, before: _Counts, now: _Counts, seconds: float) -> DiagnosticStatus:
+    def _input(self, before: _Counts, now: _Counts) -> DiagnosticStatus:
         messages, state = self._messages, self._messages.filter.state
-        clock, counts = state['clock'], state['counts']
-        received = now.received - before.received
-        samples = now.samples - before.samples
-        level, message = OK, 'receiving'
-        if received == 0:
-            level, message = STALE, 'no message: is the driver running, and is the topic right?'
-        elif now.malformed > before.malformed:
-            level = ERROR
-            message = f'messages refused, the last because {messages.last_malformed}'
-        elif samples == 0:
-            level = WARN
-            message = (
-                'no angular velocity reported (covariance starts with -1): messages are passed '
-                'on unfiltered'
-            )
-        elif 2 * (now.beyond_range - before.beyond_range) > samples:
-            level = WARN
-            message = (
-                f'rates stay above {RANGE:g} rad/s: the driver may publish degrees '
-                'per second where REP-103 asks for radians'
-            )
-        elif now.unusable != before.unusable:
-            level = WARN
-            message = (
-                'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by '
-                'the prediction for as long as gap_limit, then nothing is published'
-            )
+        clock, counts, first = state['clock'], state['counts'], self._window[0]
+        seconds = now.seconds - first.seconds
+        rate = (now.received - first.received) / seconds if seconds > 0.0 else math.nan
+        expected = self._expected_rate()
+        level, message = self._judge_input(before, now, rate, expected)
         values = {
-            'Actual frequency (Hz)': _number(received / seconds) if seconds > 0 else 'nan',
+            'Actual frequency (Hz)': _number(rate),
+            'Expected frequency (Hz)': _number(expected),
             'Sample period learned (s)': _number(clock['period']),
             'Events since startup': str(now.received),
             'Samples': str(now.samples),
@@ -117,24 +145,103 @@ class Health:
             'Zero stamps': str(clock['zero_stamps']),
             'Equal stamps': str(clock['same_stamps']),
             'Backward stamps': str(clock['backward_stamps']),
+            'Changes of frame_id': str(now.frames),
+            'Times stuck': str(counts['stuck']),
         }
         values |= _per_axis('Unusable rates bridged', counts['unusable'])
+        values |= _per_axis('Samples at the end of the range', counts['clipped'])
         return DiagnosticStatus(level, f'{self._name}: input', message, values)
 
+    def _expected_rate(self) -> float:
+        """Return the rate in Hz that was given or learned, NaN before it is."""
+        given = self._messages.filter.parameters.sample_rate
+        clock = self._messages.filter.state['clock']
+        if given > 0.0:
+            return given
+        return 1.0 / float(clock['period']) if clock['blocks'] > 0 else math.nan
+
+    def _judge_input(
+        self, before: _Counts, now: _Counts, rate: float, expected: float
+    ) -> tuple[int, str]:
+        """Return level and message; what is worst comes first."""
+        messages, state = self._messages, self._messages.filter.state
+        samples = now.samples - before.samples
+        off = self._rate_off.judge(abs(rate / expected - 1.0))
+        if now.received == before.received:
+            return STALE, 'no message: is the driver running, and is the topic right?'
+        if now.malformed > before.malformed:
+            return ERROR, f'messages refused, the last because {messages.last_malformed}'
+        if samples > 0 and now.refused - before.refused == samples:
+            return (
+                ERROR,
+                'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is '
+                'published; look at the driver',
+            )
+        if is_stuck(state):
+            return (
+                ERROR,
+                'all values have stayed the same for a second or more: the sensor or its bus hangs '
+                '(a simulated sensor without noise does this, too)',
+            )
+        if now.frames > before.frames:
+            return (
+                WARN,
+                f"frame_id changes, the last time to '{messages.frame}': two sensors on one topic?",
+            )
+        if samples == 0:
+            return (
+                WARN,
+                'no angular velocity reported (covariance starts with -1): messages are passed '
+                'on unfiltered',
+            )
+        if 2 * (now.beyond_range - before.beyond_range) > samples:
+            return (
+                WARN,
+                f'rates stay above {RANGE:g} rad/s: the driver may publish degrees '
+                'per second where REP-103 asks for radians',
+            )
+        if now.clipped > before.clipped:
+            return (
+                WARN,
+                'a fast rate stays the same to the last bit: the end of the measuring range; choose'
+                ' a larger one in the driver',
+            )
+        if now.unusable != before.unusable:
+            return (
+                WARN,
+                'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by '
+                'the prediction for as long as gap_limit, then nothing is published',
+            )
+        if now.restarts > before.restarts:
+            return (
+                WARN,
+                'stamps jumped by more than gap_limit: the filter has started anew from there',
+            )
+        if off:
+            given = self._messages.filter.parameters.sample_rate > 0.0
+            less = 'fewer' if rate < expected else 'more'
+            if given:
+                return WARN, f'{less} messages come than sample_rate says: set it right, or to 0'
+            lost = 'are some lost on the way?' if rate < expected else 'are there two publishers?'
+            return WARN, f'{less} messages come than their stamps say: {lost}'
+        if now.gaps > before.gaps:
+            return WARN, 'gaps in the stamps: messages are lost before they come here'
+        return OK, 'receiving'
+
     def _filter(self, before: _Counts, now: _Counts) -> DiagnosticStatus:
-        state = self._messages.filter.state
-        result = state['result']
-        values = {
-            'Method': self._messages.filter.parameters.method,
-            'Version': package_version(),
-        }
+        filter_, first = self._messages.filter, self._window[0]
+        state, method = filter_.state, filter_.parameters.method
+        result, bias = state['result'], state['bias']
+        samples = now.samples - first.samples
+        shares = [_share(a - b, samples) for a, b in zip(now.outliers, first.outliers, strict=True)]
+        pairs = zip(now.nis_sum, first.nis_sum, now.nis_samples, first.nis_samples, strict=True)
+        surprise = [_share(a - b, c - d) for a, b, c, d in pairs]
+        values = {'Method': method, 'Version': package_version()}
         values |= _per_axis('Outliers', state['counts']['outliers'])
-        samples = max(1, now.samples - before.samples)
-        recent = [(a - b) / samples for a, b in zip(now.outliers, before.outliers, strict=True)]
-        values |= _per_axis('Outliers since last report (%)', [100.0 * share for share in recent])
+        values |= _per_axis('Outliers of late (%)', [100.0 * share for share in shares])
+        values |= _per_axis('Normalised innovation squared', surprise)
         values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'])
         values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'])
-        bias = state['bias']
         deviations = [bias_variance(bias, axis) ** 0.5 for axis in range(3)]
         values |= _per_axis('Bias (rad/s)', bias['bias'])
         values |= _per_axis('Bias deviation (rad/s)', deviations if bias['known'] else _UNKNOWN)
@@ -144,21 +251,43 @@ class Health:
         values['Rests with a rate beyond bias.max'] = str(bias['beyond_max'])
         values['Slow turns told from rest'] = str(bias['turning'])
         values |= _per_axis('Divergences', now.divergences)
-        level, message = OK, 'filtering'
-        method = self._messages.filter.parameters.method
-        if max(recent) > _MANY_OUTLIERS:
-            level = WARN
-            message = f'more than half of the samples count as outliers: {_REMEDIES[method]}'
-        elif now.divergences != before.divergences:
-            level, message = WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
-        elif bias['beyond']:
-            limit = math.degrees(self._messages.filter.parameters.bias_max)
-            level = WARN
-            message = (
-                f'steady as at rest, but the rate is beyond bias.max ({limit:g} deg/s) and stays '
-                'in: if it does not turn, raise bias.max, and have the sensor looked at'
-            )
+        level, message = self._judge_filter(before, now, shares, surprise)
         return DiagnosticStatus(level, f'{self._name}: filter', message, values)
+
+    def _judge_filter(
+        self, before: _Counts, now: _Counts, shares: list[float], surprise: list[float]
+    ) -> tuple[int, str]:
+        """Return level and message; what is worst comes first."""
+        filter_ = self._messages.filter
+        method, stuck = filter_.parameters.method, is_stuck(filter_.state)
+        many = self._outliers.judge(_largest(shares))
+        overconfident = self._overconfident.judge(_largest(surprise))
+        # A stuck sensor is its own fault, told of the input.
+        least = math.nan if stuck else -_largest([-value for value in surprise])
+        inert = self._inert.judge(1.0 / least if least else math.inf)
+        if now.divergences != before.divergences:
+            return WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
+        if many:
+            return WARN, f'many samples count as outliers: {_REMEDIES[method]}'
+        if overconfident:
+            return (
+                WARN,
+                f'innovations are much larger than the filter expects: {_OVERCONFIDENT[method]}',
+            )
+        if inert:
+            return (
+                WARN,
+                'innovations are far smaller than the filter expects, so that no outlier will be '
+                f'found: {_INERT[method]}',
+            )
+        if filter_.state['bias']['beyond']:
+            limit = math.degrees(filter_.parameters.bias_max)
+            return (
+                WARN,
+                f'steady as at rest, but the rate is beyond bias.max ({limit:g} deg/s) and stays '
+                'in: if it does not turn, raise bias.max, and have the sensor looked at',
+            )
+        return OK, 'filtering'
 
 
 _UNKNOWN = (math.nan,) * 3
@@ -168,6 +297,33 @@ _REMEDIES = {
     'sage_husa': _METHOD_FOR_STANDSTILL,
     'adaptive': 'look at the raw rates; raise outlier.threshold or outlier.acceleration',
 }
+_MODEL_TOO_SMALL = (
+    'it lags behind motion; set method to adaptive, or raise model.process_noise and '
+    'model.measurement_noise (gyro_drift identify finds them)'
+)
+_OVERCONFIDENT = {
+    'kalman': _MODEL_TOO_SMALL,
+    'sage_husa': _MODEL_TOO_SMALL,
+    'adaptive': 'is it a vibration? Leave it at rest for a second so that it learns its noise, or '
+    'set model.noise_deviation',
+}
+_MODEL_TOO_LARGE = (
+    'lower model.process_noise and model.measurement_noise (gyro_drift identify finds them)'
+)
+_INERT = {
+    'kalman': _MODEL_TOO_LARGE,
+    'sage_husa': _MODEL_TOO_LARGE,
+    'adaptive': 'set model.noise_deviation lower, or to 0',
+}
+
+
+def _share(part: float, whole: int) -> float:
+    return part / whole if whole >= _FEW else math.nan
+
+
+def _largest(values: list[float]) -> float:
+    """Return the largest value, NaN where there is none."""
+    return max((value for value in values if value == value), default=math.nan)
 
 
 def _per_axis(key: str, values: Any) -> dict[str, str]:

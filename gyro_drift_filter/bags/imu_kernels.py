@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
 from gyro_drift_filter.core.compiled import compiled
@@ -22,9 +23,22 @@ IMU = np.dtype(
         ('frame_size', np.int64),  # of it, without its closing zero
         ('doubles', np.int64),  # place of the 37 doubles in the payload
         ('big_endian', np.bool_),
+        ('new_frame', np.bool_),  # the frame_id is not that of the message before
     ],
     align=True,
 )
+
+# The frame_id of the last message, without its closing zero: what is longer is cut off.
+LONGEST_FRAME = 256
+FRAME = np.dtype([('size', np.int64), ('text', np.uint8, (LONGEST_FRAME,))])
+
+
+def no_frame() -> NDArray[Any]:
+    """Return (1,) FRAME before the first message."""
+    frame = np.zeros(1, FRAME)
+    frame['size'] = -1
+    return frame
+
 
 ENCAPSULATION = 4
 HEADER = 12  # stamp and length of frame_id
@@ -36,8 +50,9 @@ _ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
 PATCHED = 12
 
 # What `filter_message` tells: there is something to publish; it went through the filter; it is as
-# it came, for there is no rate in it; the sensor is at rest; the sample period is another one.
-PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED = 1, 2, 4, 8, 16
+# it came, for there is no rate in it; the sensor is at rest; the sample period is another one; so
+# is the frame_id.
+PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED, NEW_FRAME = 1, 2, 4, 8, 16, 32
 
 
 @compiled
@@ -51,13 +66,32 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
 
 
 @compiled
-def read_imus(data: Any, rows: Any, doubles: Any, imus: Any) -> None:
+def read_imus(data: Any, rows: Any, doubles: Any, frame: Any, imus: Any) -> None:
     """Read the Imus that ROWs tell of into `imus`, an array of IMU.
 
-    `doubles` is room for the 37 doubles of one message, as bytes (296,) and as numbers (37,).
+    `doubles` is room for the 37 doubles of one message, as bytes (296,) and as numbers (37,);
+    `frame` is (1,) FRAME, of the message before.
     """
     for i in range(len(rows)):
-        read_one(data, rows[i]['start'], rows[i]['size'], doubles[0], doubles[1], imus[i])
+        start = rows[i]['start']
+        read_one(data, start, rows[i]['size'], doubles[0], doubles[1], imus[i])
+        imus[i]['new_frame'] = _note_frame(data, start, imus[i], frame[0])
+
+
+@compiled
+def _note_frame(data: Any, start: int, imu: Any, frame: Any) -> bool:
+    """Keep the frame_id of a message; return whether it is another one than before."""
+    if imu['kind'] == MALFORMED:
+        return False
+    known, text = frame['size'] >= 0, frame['text']
+    changed = frame['size'] != imu['frame_size']
+    frame['size'] = imu['frame_size']
+    begin = start + imu['frame']
+    for i in range(min(imu['frame_size'], LONGEST_FRAME)):
+        if text[i] != data[begin + i]:
+            changed = True
+            text[i] = data[begin + i]
+    return bool(known and changed)
 
 
 @compiled
@@ -108,7 +142,14 @@ def patch(out: Any, begin: int, values: Any, big_endian: bool) -> None:
 
 @compiled
 def filter_message(
-    data: Any, out: Any, room: Any, imu: Any, settings: Any, coefficients: Any, state: Any
+    data: Any,
+    out: Any,
+    room: Any,
+    frame: Any,
+    imu: Any,
+    settings: Any,
+    coefficients: Any,
+    state: Any,
 ) -> int:
     """Read one message, take it through `step`, and write it anew: the live path.
 
@@ -116,6 +157,7 @@ def filter_message(
         data: The message, bytes.
         out: Room for as many.
         room: The same room for 37 doubles, as bytes and as numbers.
+        frame: (1,) FRAME, of the message before.
         imu: (1,) IMU, filled.
         settings: (1,) as for `step`, like
         coefficients: (1,) and
@@ -131,9 +173,10 @@ def filter_message(
         return 0
     for i in range(len(data)):
         out[i] = data[i]
+    flags = NEW_FRAME if _note_frame(data, 0, imu[0], frame[0]) else 0
     if kind == NOT_REPORTED:
-        return PUBLISH | PASSED_ON
-    flags = FILTERED
+        return flags | PUBLISH | PASSED_ON
+    flags |= FILTERED
     if step(
         imu[0]['stamp'],
         imu[0]['angular_velocity'],

@@ -13,16 +13,20 @@ from gyro_drift_filter.bags.cdr import (
     MalformedMessageError,
     frame_id,
     patch_imu,
+    printable,
     read_imu,
     vector3_stamped,
 )
 from gyro_drift_filter.bags.imu_kernels import (
     FILTERED,
     IMU,
+    LONGEST_FRAME,
+    NEW_FRAME,
     PASSED_ON,
     PERIOD_CHANGED,
     PUBLISH,
     filter_message,
+    no_frame,
 )
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import REFUSED
@@ -62,6 +66,8 @@ class MessageFilter:
         malformed: Messages that are no Imu; nothing is published for them.
         last_malformed: Why the last of them was refused.
         not_reported: Messages without angular velocity (covariance starts with -1); passed on.
+        frame_changes: Messages with another frame_id than the one before.
+        frame: The frame_id after the last change.
         output: What `step` has to publish.
     """
 
@@ -71,7 +77,11 @@ class MessageFilter:
         self.malformed = 0
         self.last_malformed = ''
         self.not_reported = 0
+        self.frame_changes = 0
+        self.frame = ''
         self.output = b''
+        self._frame_before: tuple[int, bytes] | None = None  # of `process_batch`
+        self._last_frame = no_frame()
         doubles = np.zeros(37)
         self._room = doubles.view(np.uint8), doubles
         self._imu = np.zeros(1, IMU)
@@ -89,12 +99,20 @@ class MessageFilter:
             self._out = np.empty(2 * len(data), np.uint8)
         message = np.frombuffer(data, np.uint8)
         flags: int = filter_message(
-            message, self._out, self._room, self._imu, *self.filter.arrays_of_step()
+            message,
+            self._out,
+            self._room,
+            self._last_frame,
+            self._imu,
+            *self.filter.arrays_of_step(),
         )
         if flags & PERIOD_CHANGED:
             self.filter.note_new_period()
         if flags & PUBLISH:
             self.output = self._out[: len(data)].tobytes()
+        if flags & NEW_FRAME:
+            self.frame_changes += 1
+            self.explain_frame(data)
         if flags & PASSED_ON:
             self.not_reported += 1
         elif flags == 0:
@@ -145,6 +163,7 @@ class MessageFilter:
         self.received += len(imus)
         self.malformed += int((imus['kind'] == MALFORMED).sum())
         self.not_reported += int((imus['kind'] == NOT_REPORTED).sum())
+        self.frame_changes += int(imus['new_frame'].sum())
         return self.filter.run(
             imus['stamp'][good], imus['angular_velocity'][good], imus['linear_acceleration'][good]
         )
@@ -156,6 +175,10 @@ class MessageFilter:
         except MalformedMessageError as error:
             self.last_malformed = str(error)
 
+    def explain_frame(self, data: bytes) -> None:
+        """Note the frame_id of a message that `process_arrays` has counted already."""
+        self.frame = printable(frame_id(data, read_imu(data)))
+
     def _read(self, data: bytes) -> Imu | None:
         self.received += 1
         try:
@@ -164,6 +187,12 @@ class MessageFilter:
             self.malformed += 1
             self.last_malformed = str(error)
             return None
+        frame = frame_id(data, imu)
+        compared = len(frame), frame[:LONGEST_FRAME]
+        if self._frame_before not in (None, compared):
+            self.frame_changes += 1
+            self.frame = printable(frame)
+        self._frame_before = compared
         if not imu.angular_velocity_reported:
             self.not_reported += 1
         return imu

@@ -369,6 +369,10 @@ class ReplayRun:
             self.tell(word.connection, word.data)
             done = word.place
         results.append(self._filter.process_arrays(imus[done:], good[done:]))
+        changed = np.flatnonzero(imus['new_frame'])
+        if len(changed):
+            row = piece.rows[self._ours[piece.rows['channel']]][changed[-1]]
+            self._filter.explain_frame(payload(piece.data, row))
         broken = np.flatnonzero(imus['kind'] == MALFORMED)
         if len(broken):
             row = piece.rows[self._ours[piece.rows['channel']]][broken[-1]]

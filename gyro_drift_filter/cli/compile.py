@@ -8,13 +8,15 @@ import numpy as np
 
 from gyro_drift_filter.bags.cdr import EXAMPLE
 from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messages
-from gyro_drift_filter.bags.imu_kernels import IMU, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.adaptive import rescale_adaptive
-from gyro_drift_filter.core.bias import calibrate_bias
+from gyro_drift_filter.core.bias import bias_variance, calibrate_bias
 from gyro_drift_filter.core.compiled import is_compiled, note_all_compiled
+from gyro_drift_filter.core.filter import is_stuck
 from gyro_drift_filter.core.noise import start_noise
+from gyro_drift_filter.core.parameters import METHODS
 
 
 def add_parser(subcommands: Any) -> None:
@@ -44,13 +46,18 @@ def compile_all() -> None:
     messages.process_batch([EXAMPLE])
     messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     messages.filter.note_temperature(20.0)
+    for method in METHODS:
+        messages.filter.configure(Parameters(method=method))
+        messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    is_stuck(messages.filter.state)
+    bias_variance(messages.filter.state['bias'], 0)
     calibrate_bias(messages.filter.state['bias'])
     rescale_adaptive(messages.filter.state['adaptive'][0], 1.0)
     start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
     data = np.frombuffer(EXAMPLE, np.uint8)
     rows, imus, doubles = np.zeros(0, ROW), np.zeros(0, IMU), np.zeros(37)
     list_messages(data[:0], rows)
-    read_imus(data, rows, (doubles.view(np.uint8), doubles), imus)
+    read_imus(data, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
     none = np.zeros(0, np.int64)
     lay_out(
         data,

@@ -166,6 +166,14 @@ def _believe_level(axis: Any, level: int) -> None:
 
 
 @compiled
+def believe_all_levels(axis: Any) -> None:
+    """Leave it to the next sample which level holds, after `start_adaptive` at a rate."""
+    probability = axis['probability']
+    for j in range(LEVELS):
+        probability[j] = 1.0 / LEVELS
+
+
+@compiled
 def rescale_adaptive(axis: Any, periods: float) -> None:
     """Carry slope and bend, which are per sample, over to another period, `periods` old ones."""
     slope, bend = axis['slope'], axis['bend']

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core.adaptive import (
     ADAPTIVE_COEFFICIENTS,
     ADAPTIVE_STATE,
+    believe_all_levels,
     derive_adaptive,
     estimate_adaptive,
     jolts,
@@ -59,6 +60,21 @@ LARGEST_RATE = 1.0e6
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
+
+# A sensor whose values all stay the same for so long is stuck, in s: drivers repeat the last ones
+# when the bus hangs. From so many equal samples on it tells nothing of the bias.
+STUCK_SECONDS = 1.0
+STUCK_SAMPLES = 20
+# A rate that is the same so many times is the end of the range where none that came twice was
+# faster: no motion holds a rate to the last bit. The smallest range is above this, in rad/s.
+CLIPPED_RATE = 2.0
+CLIPPED_SAMPLES = 3
+
+# A method takes over from another's output where that is so many deviations from the last sample.
+NEAR = 4.0
+
+# Of a sample in the sum: a start of motion may be any number.
+LARGEST_NIS = 100.0
 
 # The bias walks no further than in this time, whatever the stamps say, in s.
 LONGEST_ABSENCE = 86_400.0
@@ -115,6 +131,11 @@ COUNTS = np.dtype(
         ('repeats', np.int64),
         ('refused', np.int64),
         ('beyond_range', np.int64),  # samples that no gyroscope measures: degrees, not radians?
+        ('stuck', np.int64),  # times that all values stayed the same for `STUCK_SECONDS`
+        ('clipped', np.int64, _AXES),
+        # Normalised innovation squared of the samples that were believed: sum and number.
+        ('nis_sum', np.float64, _AXES),
+        ('nis_samples', np.int64, _AXES),
         ('unusable', np.int64, _AXES),
         ('outliers', np.int64, _AXES),
     ],
@@ -142,6 +163,10 @@ STATE = np.dtype(
         ('clock', CLOCK),
         ('counts', COUNTS),
         ('measured', np.float64, _AXES),  # angular velocity of the last sample as it came, rad/s
+        ('acceleration', np.float64, _AXES),  # m/s^2, of the last sample
+        ('equal', np.int64, _AXES),  # how often the rate has come before in a row
+        ('largest', np.float64, _AXES),  # |rate| of those that came twice in a row, rad/s
+        ('equal_all', np.int64),  # how often all rates and accelerations have
         ('bridged', np.int64, _AXES),  # unusable samples in a row
         ('paper', PAPER_STATE, _AXES),
         ('adaptive', ADAPTIVE_STATE, _AXES),
@@ -175,6 +200,7 @@ def step(
     elapsed = _elapsed(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     result['status'] = FILTERED
+    _note_equal(rate, acceleration, state)
     _stop_bridging(rate, missing, settings['gap_limit'], state)
     if settings['method'] == ADAPTIVE:
         _step_adaptive(rate, acceleration, missing, settings, coefficients['adaptive'], state)
@@ -182,13 +208,12 @@ def step(
         _step_paper(rate, missing, settings, coefficients['paper'], state)
     _take_bias_off(rate, acceleration, elapsed, missing, settings, coefficients['rest'], state)
     for axis in range(3):
-        state['measured'][axis] = rate[axis]
         if not _usable(rate[axis]):
             counts['unusable'][axis] += 1
-        if result['status'] != REFUSED and result['outlier'][axis] > 0.0:
-            counts['outliers'][axis] += 1
     if result['status'] == REFUSED:
         counts['refused'] += 1
+    else:
+        _count_result(settings['method'] == ADAPTIVE, state)
     if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
         counts['beyond_range'] += 1
     if clock['period'] == coefficients['period']:
@@ -196,6 +221,56 @@ def step(
     for axis in range(3):
         rescale_adaptive(state['adaptive'][axis], clock['period'] / coefficients['period'])
     return True
+
+
+@compiled
+def _count_result(adaptive: bool, state: Any) -> None:
+    counts, result = state['counts'], state['result']
+    for axis in range(3):
+        if result['outlier'][axis] > 0.0:
+            counts['outliers'][axis] += 1
+            continue
+        if adaptive and state['adaptive'][axis]['noise']['blocks'] == 0:
+            continue  # nothing is expected before the noise is known
+        innovation = result['innovation'][axis]
+        squared = innovation * innovation / result['innovation_variance'][axis]
+        counts['nis_sum'][axis] += min(squared, LARGEST_NIS)
+        counts['nis_samples'][axis] += 1
+
+
+@compiled
+def _note_equal(rate: Any, acceleration: Any, state: Any) -> None:
+    """Count how often values have stayed the same to the last bit, and what that tells."""
+    counts, equal, largest, same = state['counts'], state['equal'], state['largest'], True
+    for axis in range(3):
+        if rate[axis] == state['measured'][axis]:
+            equal[axis] += 1
+            largest[axis] = max(largest[axis], abs(rate[axis]))
+            fastest = abs(rate[axis]) > CLIPPED_RATE and abs(rate[axis]) == largest[axis]
+            if fastest and equal[axis] + 1 >= CLIPPED_SAMPLES:
+                counts['clipped'][axis] += 1
+        else:
+            equal[axis] = 0
+            same = False
+        # NaN, for who has no accelerometer, is the same as NaN.
+        force, before = acceleration[axis], state['acceleration'][axis]
+        if force != before and (force == force or before == before):
+            same = False
+        state['measured'][axis] = rate[axis]
+        state['acceleration'][axis] = force
+    was_stuck = is_stuck(state)
+    state['equal_all'] = state['equal_all'] + 1 if same else 0
+    if not was_stuck and is_stuck(state):
+        counts['stuck'] += 1
+
+
+@compiled
+def is_stuck(state: Any) -> bool:
+    """Tell whether all values of the sensor have stayed the same for `STUCK_SECONDS`."""
+    return bool(
+        state['equal_all'] >= STUCK_SAMPLES
+        and state['equal_all'] * state['clock']['period'] >= STUCK_SECONDS
+    )
 
 
 @compiled
@@ -220,7 +295,7 @@ def _take_bias_off(
     bias, result = state['bias'], state['result']
     if missing == RESTART:
         leave_rest(bias)
-    believed = result['status'] == FILTERED
+    believed = result['status'] == FILTERED and state['equal_all'] < STUCK_SAMPLES
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             believed = False
@@ -458,8 +533,35 @@ class Filter:
         if parameters.bias_initial != before.bias_initial:
             self.set_bias(parameters.bias_initial)
         if (parameters.method == 'adaptive') != (before.method == 'adaptive'):
-            # The state that takes over is as old as the last switch.
-            state['adaptive' if parameters.method == 'adaptive' else 'paper']['tracking'] = False
+            self._take_over()
+
+    def _take_over(self) -> None:
+        """Begin with the state of another method, as old as the last switch, where this one ends.
+
+        So the output does not jump. Where it lags behind the samples it has to: then, and where
+        there is no output, the other method begins at the next sample.
+        """
+        state, settings = self.state, self._settings[0]
+        self._derive()
+        adaptive = settings['method'] == ADAPTIVE
+        before, after = ('paper', 'adaptive') if adaptive else ('adaptive', 'paper')
+        result = state['result']
+        rates = result['angular_velocity'] + result['bias']
+        for axis in range(3):
+            tracking = state[before]['tracking'][axis] and result['status'] != REFUSED
+            distance = state['measured'][axis] - rates[axis]
+            limit = NEAR * math.sqrt(result['innovation_variance'][axis])
+            state[after]['tracking'][axis] = False
+            if not tracking or not abs(distance) <= limit:
+                continue
+            if adaptive:
+                model = settings['model'][axis]
+                start_adaptive(
+                    state['adaptive'][axis], rates[axis], model['noise_deviation'], model['phi']
+                )
+                believe_all_levels(state['adaptive'][axis])
+            else:
+                start_paper(state['paper'][axis], self._coefficients[0]['paper'][axis], rates[axis])
 
     def reset(self) -> None:
         """Forget all samples, counts and what was learned of noise and time; not the bias."""
