@@ -51,6 +51,7 @@ class LiveNode:
     Attributes:
         node: The player's own rclpy node, for further subscriptions.
         process: The node's process.
+        domain: Their ROS domain.
         returncode: The node's exit status after the end.
     """
 
@@ -58,7 +59,7 @@ class LiveNode:
         self, arguments: Sequence[str] = LOSSLESS, node: Path = NODE, home: Path | None = None
     ) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        domain = own_domain()
+        self.domain = domain = own_domain()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.node = rclpy.create_node('player', context=self._context)

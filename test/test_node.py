@@ -14,6 +14,7 @@ from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, MagneticField
 from std_srvs.srv import Trigger
@@ -204,12 +205,12 @@ def test_degrees_draw_a_warning(fresh):
     def warned(statuses):
         nonlocal stamp
         stamp += 10**7
-        fresh.publish(imu_message(stamp, (90.0, 0.1, 0.1), (0, 0, 9.8)))
+        fresh.publish(imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8)))
         return statuses['gyro_drift_filter: input'].level == b'\x01'
 
     for _ in range(100):
         stamp += 10**7
-        fresh.play([imu_message(stamp, (90.0, 0.1, 0.1), (0, 0, 9.8))])
+        fresh.play([imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8))])
     status = diagnostics(fresh, warned)['gyro_drift_filter: input']
     assert 'degrees' in status.message
 
@@ -226,7 +227,13 @@ def test_parameters_are_described(live):
         assert descriptor.additional_constraints == description.limits
         if description.kind == 'double':
             assert descriptor.type == ParameterType.PARAMETER_DOUBLE
-            assert descriptor.floating_point_range
+            (limits,) = descriptor.floating_point_range
+            assert (limits.from_value, limits.to_value) == (description.low, description.high)
+            assert abs(limits.from_value) < 1e5
+            assert abs(limits.to_value) < 1e9, 'a slider needs an end'
+        if description.kind == 'integer':
+            (limits,) = descriptor.integer_range
+            assert (limits.from_value, limits.to_value) == (description.low, description.high)
 
 
 def test_a_valid_set_takes_effect(fresh):
@@ -339,7 +346,7 @@ def test_wrong_type_on_the_topic_is_reported():
     rclpy.init(context=context, domain_id=domain)
     other = rclpy.create_node('magnetometer', context=context)
     other.create_publisher(MagneticField, '/imu/wrong_type', 10)
-    message = 'magnetometer publishes sensor_msgs/msg/MagneticField on /imu/wrong_type, not'
+    message = '/magnetometer publishes sensor_msgs/msg/MagneticField on /imu/wrong_type, not'
     try:
         status, log = start('-r', 'imu/data_raw:=imu/wrong_type', until=message, domain=domain)
     finally:
@@ -347,6 +354,82 @@ def test_wrong_type_on_the_topic_is_reported():
         context.try_shutdown()
     assert status == 0
     assert f'{message} sensor_msgs/msg/Imu: remap imu/data_raw' in log
+
+
+class Other:
+    """A node beside the filter, in its domain."""
+
+    def __init__(self, live, name):
+        import rclpy
+
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=live.domain)
+        self.node = rclpy.create_node(name, context=self.context)
+
+    def __enter__(self):
+        return self.node
+
+    def __exit__(self, *error):
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def input_status(live, text):
+    """Return the first status of the input with a text; it has to be in one of two reports."""
+    reports = []
+
+    def told(statuses):
+        reports.append(statuses['gyro_drift_filter: input'])
+        return text in reports[-1].message
+
+    diagnostics(live, told)
+    # One more, as the first may have been under way already.
+    assert len(reports) <= 3, [report.message for report in reports]
+    return reports[-1]
+
+
+def test_a_second_publisher_is_named(fresh):
+    with Other(fresh, 'camera') as camera:
+        camera.create_publisher(Imu, '/imu/data_raw', 10)
+        status = input_status(fresh, '2 publishers on /imu/data_raw: /camera, /player')
+        assert status.level in (b'\x01', b'\x03')
+    diagnostics(fresh, lambda s: 'publishers on' not in s['gyro_drift_filter: input'].message)
+
+
+def test_a_subscriber_that_asks_for_too_much_is_named(fresh):
+    with Other(fresh, 'logger') as logger:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        logger.create_subscription(Imu, '/imu/data_filtered', print, latched)
+        input_status(fresh, '/logger gets nothing of /imu/data_filtered: ')
+
+
+def test_a_publisher_that_offers_too_little_is_named(fresh):
+    """The tests' node asks for reliable input."""
+    with Other(fresh, 'radio') as radio:
+        radio.create_publisher(Imu, '/imu/data_raw', qos_profile_sensor_data)
+        status = input_status(fresh, 'nothing comes from /radio on /imu/data_raw: ')
+        assert 'qos_overrides./imu/data_raw.subscription' in status.message
+
+
+def test_a_frame_that_changes_is_told(fresh):
+    data = simulated(20)
+    other = [
+        imu_message(read_imu(message).stamp, (0.0, 0.1, 0.2), (0, 0, 9.8), frame='rear\n')
+        for message in data
+    ]
+    mixed = [message for pair in zip(data[::2], other[1::2], strict=True) for message in pair]
+
+    def told(statuses):
+        return (
+            "frame_id changes, the last time to '" in statuses['gyro_drift_filter: input'].message
+        )
+
+    before = values(diagnostics(fresh, lambda s: True)['gyro_drift_filter: input'])
+    fresh.play(mixed)
+    status = diagnostics(fresh, told)['gyro_drift_filter: input']
+    changes = int(values(status)['Changes of frame_id']) - int(before['Changes of frame_id'])
+    assert changes in (19, 20)
+    assert status.message.isprintable()
 
 
 def test_runs_in_plain_python_without_an_events_executor(tmp_path):

@@ -22,6 +22,8 @@ from gyro_drift_filter.core.parameters import AXES
 OK, WARN, ERROR, STALE = range(4)
 
 NODE_NAME = 'gyro_drift_filter'
+# The names of the statuses, behind that of the node.
+INPUT, FILTER = ': input', ': filter'
 
 # Reports, one a second, that shares and rates are taken over.
 _WINDOW = 10
@@ -150,7 +152,7 @@ class Health:
         }
         values |= _per_axis('Unusable rates bridged', counts['unusable'])
         values |= _per_axis('Samples at the end of the range', counts['clipped'])
-        return DiagnosticStatus(level, f'{self._name}: input', message, values)
+        return DiagnosticStatus(level, self._name + INPUT, message, values)
 
     def _expected_rate(self) -> float:
         """Return the rate in Hz that was given or learned, NaN before it is."""
@@ -252,7 +254,7 @@ class Health:
         values['Slow turns told from rest'] = str(bias['turning'])
         values |= _per_axis('Divergences', now.divergences)
         level, message = self._judge_filter(before, now, shares, surprise)
-        return DiagnosticStatus(level, f'{self._name}: filter', message, values)
+        return DiagnosticStatus(level, self._name + FILTER, message, values)
 
     def _judge_filter(
         self, before: _Counts, now: _Counts, shares: list[float], surprise: list[float]

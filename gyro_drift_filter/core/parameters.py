@@ -144,6 +144,7 @@ class Parameters:
         'is flagged. Of kalman and sage_husa.',
         low=0.0,
         low_excluded=True,
+        high=1.0e4,
     )
     outlier_enabled: bool = _parameter(
         True,

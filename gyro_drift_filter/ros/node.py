@@ -23,8 +23,8 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags import cdr
-from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, read_imu
-from gyro_drift_filter.bags.health import NODE_NAME, OK, STALE, WARN, Health
+from gyro_drift_filter.bags.cdr import EXAMPLE, read_imu
+from gyro_drift_filter.bags.health import INPUT, NODE_NAME, OK, STALE, WARN, Health
 from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
@@ -32,6 +32,7 @@ from gyro_drift_filter.core.compiled import is_cache_cold, is_compiled
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
+from gyro_drift_filter.ros.neighbours import Neighbours
 from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
@@ -101,6 +102,7 @@ class GyroDriftFilterNode(Node):
                 raw=True,
                 qos_overriding_options=overridable,
             )
+        self._neighbours = Neighbours(self, self._input, self._output)
         self.create_subscription(
             Temperature, 'imu/temperature', self._note_temperature, qos_profile_sensor_data
         )
@@ -185,13 +187,7 @@ class GyroDriftFilterNode(Node):
         self._reported = now
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        for status in self._health.report(seconds):
-            waiting = self._cold_start.waiting
-            if waiting is not None:
-                message = f'compiling for the first start: {len(waiting)} messages are kept'
-                status = status._replace(level=WARN, message=message)
-            elif status.level == STALE:
-                status = status._replace(message=self._explain_silence())
+        for status in map(self._with_surroundings, self._health.report(seconds)):
             self._log_change(status)
             array.status.append(
                 DiagnosticStatus(
@@ -203,27 +199,20 @@ class GyroDriftFilterNode(Node):
             )
         self._diagnostics.publish(array)
 
-    def _explain_silence(self) -> str:
-        """Return why no message comes in, as far as the graph of publishers tells."""
-        topic = self._input.topic_name
-        publishers = self.get_publishers_info_by_topic(topic)
-        wrong = [p for p in publishers if p.topic_type != IMU_TYPE]
-        if wrong:
-            return (
-                f'{wrong[0].node_name} publishes {wrong[0].topic_type} on {topic}, '
-                f'not {IMU_TYPE}: remap imu/data_raw to an Imu topic'
-            )
-        if publishers:
-            return f'no message, though {publishers[0].node_name} publishes {topic}'
-        others = sorted(
-            name
-            for name, types in self.get_topic_names_and_types()
-            if IMU_TYPE in types and name not in (topic, self._output.topic_name)
-        )
-        hint = f'; Imu topics there are: {", ".join(others)}' if others else ''
-        return (
-            f'nobody publishes {topic}: is the driver running, and is imu/data_raw remapped?{hint}'
-        )
+    def _with_surroundings(self, status: cdr.DiagnosticStatus) -> cdr.DiagnosticStatus:
+        """Add what the messages can't tell: a first start, and who else is on the topics."""
+        waiting = self._cold_start.waiting
+        if waiting is not None:
+            message = f'compiling for the first start: {len(waiting)} messages are kept'
+            return status._replace(level=WARN, message=message)
+        if not status.name.endswith(INPUT) or status.level not in (OK, STALE):
+            return status
+        fault = self._neighbours.fault()
+        if fault is not None:
+            return status._replace(level=max(WARN, status.level), message=fault)
+        if status.level == STALE:
+            return status._replace(message=self._neighbours.silence())
+        return status
 
     def _log_change(self, status: cdr.DiagnosticStatus) -> None:
         """Log a status that is not as it was at the last report."""

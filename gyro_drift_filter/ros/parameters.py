@@ -1,10 +1,10 @@
 """The filter's parameters as ROS 2 parameters: declared with descriptions, checked as a whole."""
 
-import sys
 from collections.abc import Callable
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
+    IntegerRange,
     ParameterDescriptor,
     SetParametersResult,
 )
@@ -101,13 +101,11 @@ def _descriptor(description: Description) -> ParameterDescriptor:
         description=description.text,
         additional_constraints=description.limits,
     )
+    low, high = description.low, description.high
     if description.kind == 'double':
-        largest = sys.float_info.max
         descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=max(description.low, -largest),
-                to_value=min(description.high, largest),
-                step=0.0,
-            )
+            FloatingPointRange(from_value=low, to_value=high, step=0.0)
         ]
+    if description.kind == 'integer':
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return descriptor

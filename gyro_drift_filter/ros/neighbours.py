@@ -1,0 +1,86 @@
+"""Who else is on the node's topics, as the graph tells: names what keeps messages from coming."""
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE
+
+
+class Neighbours:
+    """Look at the publishers of the input and the subscribers of the output."""
+
+    def __init__(self, node: Node, input_: Subscription, output: Publisher) -> None:
+        self._node = node
+        self._input = input_
+        self._output = output
+
+    def fault(self) -> str | None:
+        """Return what is wrong with the connections, by the names of the other nodes."""
+        node, topic, output = self._node, self._input.topic_name, self._output.topic_name
+        publishers = self._publishers()
+        requested = self._own(node.get_subscriptions_info_by_topic(topic))
+        for other in publishers:
+            reason = _mismatch(other, requested)
+            if reason:
+                return (
+                    f'nothing comes from {_name(other)} on {topic}: {reason}; set '
+                    f'qos_overrides.{topic}.subscription.* to what it offers'
+                )
+        imus = [other for other in publishers if other.topic_type == IMU_TYPE]
+        if len(imus) > 1:
+            names = ', '.join(sorted(_name(other) for other in imus))
+            return (
+                f'{len(imus)} publishers on {topic}: {names}. Their messages are mixed: remap all '
+                'but one'
+            )
+        offered = self._own(node.get_publishers_info_by_topic(output))
+        for other in node.get_subscriptions_info_by_topic(output):
+            reason = _mismatch(offered, other)
+            if reason:
+                return f'{_name(other)} gets nothing of {output}: {reason}'
+        return None
+
+    def silence(self) -> str:
+        """Return why no message comes in."""
+        topic = self._input.topic_name
+        publishers = self._publishers()
+        wrong = [p for p in publishers if p.topic_type != IMU_TYPE]
+        if wrong:
+            return (
+                f'{_name(wrong[0])} publishes {wrong[0].topic_type} on {topic}, '
+                f'not {IMU_TYPE}: remap imu/data_raw to an Imu topic'
+            )
+        if publishers:
+            return f'no message, though {_name(publishers[0])} publishes {topic}'
+        others = sorted(
+            name
+            for name, types in self._node.get_topic_names_and_types()
+            if IMU_TYPE in types and name not in (topic, self._output.topic_name)
+        )
+        hint = f'; Imu topics there are: {", ".join(others)}' if others else ''
+        return (
+            f'nobody publishes {topic}: is the driver running, and is imu/data_raw remapped?{hint}'
+        )
+
+    def _own(self, endpoints: list[TopicEndpointInfo]) -> TopicEndpointInfo | None:
+        """Return the node's own one: only the graph tells the QoS with all of its defaults."""
+        name = self._node.get_fully_qualified_name()
+        return next((endpoint for endpoint in endpoints if _name(endpoint) == name), None)
+
+    def _publishers(self) -> list[TopicEndpointInfo]:
+        return self._node.get_publishers_info_by_topic(self._input.topic_name)
+
+
+def _name(other: TopicEndpointInfo) -> str:
+    return f'{other.node_namespace.rstrip("/")}/{other.node_name}'
+
+
+def _mismatch(offered: TopicEndpointInfo | None, requested: TopicEndpointInfo | None) -> str:
+    """Return why a publisher and a subscription do not match, '' where they do."""
+    if offered is None or requested is None or offered.topic_type != requested.topic_type:
+        return ''
+    verdict, reason = qos_check_compatible(offered.qos_profile, requested.qos_profile)
+    return reason.rstrip('; ') if verdict == QoSCompatibility.ERROR else ''
