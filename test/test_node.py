@@ -374,16 +374,17 @@ class Other:
         self.context.try_shutdown()
 
 
-def input_status(live, text):
-    """Return the first status of the input with a text; it has to be in one of two reports."""
+def input_status(live, other, text):
+    """Return the first status of the input with a text, soon after another node is known."""
     reports = []
+    live.wait(lambda: other.get_name() in live.node.get_node_names(), 'the other node')
 
     def told(statuses):
         reports.append(statuses['gyro_drift_filter: input'])
         return text in reports[-1].message
 
     diagnostics(live, told)
-    # One more, as the first may have been under way already.
+    # Two seconds, and one report that may have been under way already.
     assert len(reports) <= 3, [report.message for report in reports]
     return reports[-1]
 
@@ -391,7 +392,7 @@ def input_status(live, text):
 def test_a_second_publisher_is_named(fresh):
     with Other(fresh, 'camera') as camera:
         camera.create_publisher(Imu, '/imu/data_raw', 10)
-        status = input_status(fresh, '2 publishers on /imu/data_raw: /camera, /player')
+        status = input_status(fresh, camera, '2 publishers on /imu/data_raw: /camera, /player')
         assert status.level in (b'\x01', b'\x03')
     diagnostics(fresh, lambda s: 'publishers on' not in s['gyro_drift_filter: input'].message)
 
@@ -400,14 +401,14 @@ def test_a_subscriber_that_asks_for_too_much_is_named(fresh):
     with Other(fresh, 'logger') as logger:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         logger.create_subscription(Imu, '/imu/data_filtered', print, latched)
-        input_status(fresh, '/logger gets nothing of /imu/data_filtered: ')
+        input_status(fresh, logger, '/logger gets nothing of /imu/data_filtered: ')
 
 
 def test_a_publisher_that_offers_too_little_is_named(fresh):
     """The tests' node asks for reliable input."""
     with Other(fresh, 'radio') as radio:
         radio.create_publisher(Imu, '/imu/data_raw', qos_profile_sensor_data)
-        status = input_status(fresh, 'nothing comes from /radio on /imu/data_raw: ')
+        status = input_status(fresh, radio, 'nothing comes from /radio on /imu/data_raw: ')
         assert 'qos_overrides./imu/data_raw.subscription' in status.message
 
 
