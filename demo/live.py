@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ NODE = Path(sys.executable).parent / 'gyro_drift_filter_node'
 # Nothing may get lost between player and node, however busy the machine is.
 LOSSLESS = (
     *('-p', 'qos_overrides./imu/data_raw.subscription.reliability:=reliable'),
+    *('-p', 'qos_overrides./imu/data_raw.subscription.depth:=1000'),
     *('-p', 'qos_overrides./imu/data_filtered.publisher.depth:=1000'),
 )
 _IN_FLIGHT = 100
@@ -66,7 +68,8 @@ class LiveNode:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         qos = QoSProfile(depth=10 * _IN_FLIGHT)
-        self._player = self.node.create_publisher(Imu, 'imu/data_raw', qos)
+        self._create_player = partial(self.node.create_publisher, Imu, 'imu/data_raw', qos)
+        self._player = self._create_player()
         self.received: list[bytes] = []
         self.node.create_subscription(Imu, 'imu/data_filtered', self.received.append, qos, raw=True)
         # What other runs of the node remember is of no concern here.
@@ -124,6 +127,12 @@ class LiveNode:
             if time.monotonic() > end:
                 raise TimeoutError(f'waited {_PATIENCE:g} s for {what}')
             self._executor.spin_once(timeout_sec=0.05)
+
+    def restart_player(self) -> None:
+        """End the publisher of the input, and begin another one, as a driver that starts anew."""
+        self.node.destroy_publisher(self._player)
+        self._player = self._create_player()
+        self.wait(self._player.get_subscription_count, 'the node to find the new publisher')
 
     def publish(self, message: bytes) -> None:
         """Publish one serialized Imu."""

@@ -1,0 +1,233 @@
+"""Long runs, by hand: a day of data through the core, and the real node under random commands.
+
+    python -m test.soak core [--hours 24]
+    python -m test.soak node [--minutes 20]
+
+Ends with status 1, and says why, where something is not as it should be.
+"""
+
+import argparse
+import sys
+import time
+
+import numpy as np
+import psutil
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from demo.live import LOSSLESS, LiveNode
+from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.simulated import imu_message
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
+from gyro_drift_filter.core.noise import LEAST_NOISE
+from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from test.conftest import NAMES, RECORDINGS
+
+RATE = 200.0
+PIECE = 100_000  # samples
+LARGEST_GROWTH = 5.0  # MB
+
+# What is set at random while the node runs.
+CHANGES = (
+    ('method', ('kalman', 'sage_husa', 'adaptive')),
+    ('forgetting_factor', (0.95, 0.98, 0.999)),
+    ('outlier.enabled', (True, False)),
+    ('outlier.threshold', (5.0, 9.0, 20.0)),
+    ('outlier.run', (1, 3, 10)),
+    ('sample_rate', (0.0, 100.0, 500.0)),
+    ('bias.enabled', (True, False)),
+    ('bias.max', (0.05, 0.17)),
+    ('epsilon', (1e-3, 2e-2)),
+    ('model.noise_deviation', ([0.0] * 3, [0.01] * 3)),
+    ('forgetting_factor', (0.1, -3.0)),  # refused
+)
+
+
+def real_data():
+    """Return rates and accelerations (n, 3) of all recordings, or simulated ones without them."""
+    if not RECORDINGS.exists():
+        data = simulate(SimulationSettings(static_seconds=600, dynamic_seconds=600))
+        return data.angular_velocity, data.linear_acceleration
+    bags = [read_imu_arrays(RECORDINGS / name) for name in NAMES]
+    return (
+        np.concatenate([bag.angular_velocity for bag in bags]),
+        np.concatenate([bag.linear_acceleration for bag in bags]),
+    )
+
+
+def with_faults(random, stamps, rates, accelerations):
+    """Strew faults into a piece, about one in two thousand samples; all in place."""
+    n = len(stamps)
+    for place in random.integers(0, n - 400, n // 2000):
+        length = int(random.integers(1, 300))
+        part = slice(place, place + length)
+        match random.integers(0, 12):
+            case 0:
+                rates[part, random.integers(0, 3)] = np.nan
+            case 1:
+                rates[place] = np.inf
+            case 2:
+                rates[place, random.integers(0, 3)] += random.choice([-30.0, 5.0, 1e300])
+            case 3:
+                rates[place : place + 3] = 0.0
+            case 4:
+                rates[part], accelerations[part] = rates[place], accelerations[place]
+            case 5:
+                stamps[place:] += int(random.choice([1e8, 1e10, 3.6e12]))
+            case 6:
+                stamps[place:] -= int(random.choice([1e7, 1e9, 1e11]))
+            case 7:
+                stamps[part] = stamps[place]
+            case 8:
+                stamps[part] = 0
+            case 9:
+                accelerations[part] = np.nan
+            case 10:
+                rates[part] = np.clip(20.0 * rates[part], -8.73, 8.73)
+            case 11:
+                stamps[part] += random.integers(-4_000_000, 4_000_000, length)
+
+
+def memory():
+    """Return the resident memory of this process in MB."""
+    return psutil.Process().memory_info().rss / 1e6
+
+
+def soak_core(hours):
+    """Take hours of data through `adaptive` and check every sample."""
+    random = np.random.default_rng(0)
+    rates, accelerations = real_data()
+    samples = round(hours * 3600 * RATE)
+    filter_, now, done = Filter(Parameters()), 10**18, 0
+    least, largest, first_memory = np.inf, 0.0, 0.0
+    while done < samples:
+        place = random.integers(0, len(rates) - PIECE)
+        piece = rates[place : place + PIECE].copy()
+        forces = accelerations[place : place + PIECE].copy()
+        stamps = now + np.round(np.arange(PIECE) * 1e9 / RATE).astype(np.int64)
+        with_faults(random, stamps, piece, forces)
+        now = int(stamps.max()) + 5_000_000
+        results = filter_.run(stamps, piece, forces)
+        good = results[results['status'] != REFUSED]
+        for name in results.dtype.names:
+            assert np.isfinite(good[name]).all(), name
+        assert np.abs(good['angular_velocity']).max() < 2.0 * LARGEST_RATE
+        assert np.abs(good['bias']).max() <= filter_.parameters.bias_max
+        noise = good['measurement_noise']
+        assert (noise >= LEAST_NOISE**2).all()
+        assert (good['process_noise'] >= 0.0).all()
+        assert (good['innovation_variance'] > 0.0).all()
+        assert (good['angular_velocity_variance'] > 0.0).all()
+        least, largest = min(least, noise.min()), max(largest, noise.max())
+        done += PIECE
+        if done >= 10 * PIECE and not first_memory:
+            first_memory = memory()
+    counts = filter_.state['counts']
+    growth = memory() - first_memory
+    print(
+        f'{done:,} samples, {counts["outliers"].sum():,} outliers, {counts["stuck"]} times stuck, '
+        f'{filter_.state["clock"]["restarts"]} restarts, {filter_.state["bias"]["packages"]:,} '
+        f'rests; noise {np.sqrt(least):.2g} to {np.sqrt(largest):.2g} rad/s; '
+        f'memory {growth:+.1f} MB'
+    )
+    assert growth < LARGEST_GROWTH, 'memory grows'
+
+
+class Player:
+    """Publishes at an even rate, and counts what has to come back."""
+
+    def __init__(self, live, rates, accelerations, rate):
+        self.live, self.rate = live, rate
+        self._rates, self._accelerations = rates, accelerations
+        self.sent = 0
+        self._begin = time.monotonic()
+        self._began = time.time_ns()
+
+    def restart(self):
+        """End the publisher, and begin another one."""
+        self.live.restart_player()
+        self._begin = time.monotonic() - self.sent / self.rate
+
+    def play(self, seconds):
+        """Publish for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            while self.sent < (time.monotonic() - self._begin) * self.rate:
+                k = self.sent % len(self._rates)
+                stamp = self._began + round(self.sent * 1e9 / self.rate)
+                self.live.publish(imu_message(stamp, self._rates[k], self._accelerations[k]))
+                self.sent += 1
+            self.live._executor.spin_once(timeout_sec=0.002)
+
+
+def soak_node(minutes, rate=500.0):
+    """Play to the real node for minutes, with random sets, resets and other publishers."""
+    random = np.random.default_rng(0)
+    rates, accelerations = real_data()
+    with LiveNode(LOSSLESS) as live:
+        name = '/gyro_drift_filter'
+        sets = live.node.create_client(SetParameters, f'{name}/set_parameters')
+        resets = live.node.create_client(Trigger, f'{name}/reset')
+        process = psutil.Process(live.process.pid)
+        player = Player(live, rates, accelerations, rate)
+        end, count, refused, first = time.monotonic() + 60 * minutes, [0, 0, 0], 0, 0.0
+        settled = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            player.play(random.uniform(0.2, 2.0))
+            what = int(random.choice([0, 0, 0, 0, 1, 2]))
+            count[what] += 1
+            if what == 0:
+                key, values = CHANGES[random.integers(len(CHANGES))]
+                value = values[random.integers(len(values))]
+                request = SetParameters.Request(
+                    parameters=[Parameter(key, value=value).to_parameter_msg()]
+                )
+                future = sets.call_async(request)
+                player.play(0.2)
+                live.wait(future.done, 'an answer')
+                refused += not future.result().results[0].successful
+            elif what == 1:
+                future = resets.call_async(Trigger.Request())
+                player.play(0.2)
+                live.wait(future.done, 'an answer')
+                assert future.result().success
+            else:
+                wanted = player.sent
+                live.wait(lambda wanted=wanted: len(live.received) >= wanted, 'all messages')
+                player.restart()
+            if not first and time.monotonic() > settled:
+                first = process.memory_info().rss / 1e6
+        live.wait(lambda: len(live.received) >= player.sent, 'the last message')
+        lost = player.sent - len(live.received)
+        growth = process.memory_info().rss / 1e6 - first
+        print(
+            f'{player.sent:,} messages at {rate:g} Hz, {lost} lost; {count[0]} sets ({refused} '
+            f'refused), {count[1]} resets, {count[2]} other publishers; memory {growth:+.1f} MB'
+        )
+    assert live.returncode == 0
+    assert lost == 0, 'messages are lost'
+    assert growth < LARGEST_GROWTH, 'memory grows'
+
+
+def main():
+    """Run one of them."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('what', choices=['core', 'node'])
+    parser.add_argument('--hours', type=float, default=24.0)
+    parser.add_argument('--minutes', type=float, default=20.0)
+    options = parser.parse_args()
+    try:
+        if options.what == 'core':
+            soak_core(options.hours)
+        else:
+            soak_node(options.minutes)
+    except (AssertionError, TimeoutError) as error:
+        print(f'failed: {error!r}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
