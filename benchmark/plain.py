@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE, VECTOR_TYPE
-from gyro_drift_filter.bags.mcap_file import zstd
+from gyro_drift_filter.bags.mcap_records import zstd
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS
 from gyro_drift_filter.core import Filter
 

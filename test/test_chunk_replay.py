@@ -16,7 +16,7 @@ from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessa
 from gyro_drift_filter.bags.chunk_kernels import ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
-from gyro_drift_filter.bags.mcap_file import read_layout
+from gyro_drift_filter.bags.mcap_reader import read_layout
 from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message

@@ -69,7 +69,10 @@ def test_replay_takes_a_parameter_file(tmp_path, capsys):
     [
         (['replay', 'none', '-o', 'out'], 'no such bag: none'),
         (['replay', 'words', '-o', 'out'], 'no topic of type sensor_msgs/msg/Imu in the bag'),
-        (['replay', 'in', '-o', 'in'], 'in exists already: remove it or choose another name'),
+        (
+            ['replay', 'in', '-o', 'in'],
+            'in exists already: remove it, choose another name or use --force',
+        ),
         (['replay', 'in', '-o', 'out', '--params', 'none.yaml'], 'none.yaml: No such file'),
         (['replay', 'in', '-o', 'out', '--params', 'bad.yaml'], "did you mean 'epsilon'?"),
         (['replay', 'in', '-o', 'out', '--params', 'text.yaml'], "'epsilon' must be a number"),

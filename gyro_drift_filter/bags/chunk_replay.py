@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
-from gyro_drift_filter.bags.mcap_file import Layout, McapError, read_chunks, read_layout
+from gyro_drift_filter.bags.mcap_reader import Layout, read_chunks, read_layout
+from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.recording import BagError, kind
 from gyro_drift_filter.bags.replay_run import (
     BATCH_SPAN,

@@ -1,5 +1,6 @@
 """Bags in and out, by rosbags: whatever it opens is read, a rosbag2 folder with MCAP is written."""
 
+import logging
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -30,8 +31,12 @@ from gyro_drift_filter.bags.library import (
     get_types_from_msg,
     get_typestore,
 )
-from gyro_drift_filter.bags.mcap_file import McapStorage
+from gyro_drift_filter.bags.mcap_records import McapError
+from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
+from gyro_drift_filter.bags.mcap_writer import McapStorage
 from gyro_drift_filter.core.errors import GyroDriftFilterError
+
+_log = logging.getLogger(__name__)
 
 _JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
@@ -65,20 +70,46 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         BagError: The path is missing, or is no bag that rosbags can read.
     """
     _check_path(path)
+    with tempfile.TemporaryDirectory() as folder:
+        reader = _opened(_recovered(path, Path(folder)), path)
+        try:
+            yield reader
+        finally:
+            reader.close()
+
+
+def _opened(path: Path, name: Path) -> AnyReader:
     # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
     # read. Errors of the caller's own pass, as the reader is open by then.
     try:
         reader = AnyReader([path], default_typestore=_JAZZY)
         reader.open()
     except Exception as error:
-        hint = ''
-        if 'magic' in str(error):
-            hint = " (where the recorder was killed, 'mcap recover' or 'ros2 bag reindex' may help)"
-        raise BagError(f'{path} can not be read as a bag: {one_line(error)}{hint}') from error
+        raise BagError(f'{name} can not be read as a bag: {one_line(error)}') from error
+    return reader
+
+
+def _recovered(path: Path, folder: Path) -> Path:
+    """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it."""
     try:
-        yield reader
-    finally:
-        reader.close()
+        if path.suffix != '.mcap' or not is_cut_off(path):
+            return path
+        copy = folder / path.name
+        count = recover(path, copy)
+    except McapError as error:
+        raise BagError(f'{path} was cut off, and what is there {error}') from error
+    except OSError as error:
+        raise BagError(
+            f'{path} was cut off, and can not be recovered in {folder}: {one_line(error)}'
+        ) from error
+    if count == 0:
+        raise BagError(f'{path} was cut off before its first whole message')
+    _log.warning(
+        '%s was cut off, as when the recorder is killed: read to its last whole message (%d)',
+        path,
+        count,
+    )
+    return copy
 
 
 def _check_path(path: Path) -> None:
@@ -140,8 +171,10 @@ class BagWriter:
     Until then it stands in a hidden folder beside, which is removed if writing fails.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, replace: bool = False) -> None:
+        """Prepare; with `replace` a bag that is there is replaced when the new one is complete."""
         self._path = path.absolute()
+        self._replace = replace
         self._copies: dict[Kind, Connection] = {}
 
     def __enter__(self) -> 'BagWriter':
@@ -152,7 +185,7 @@ class BagWriter:
         """
         with self._reporting():
             if self._path.exists():
-                raise BagError(f'{self._path} exists already: remove it or choose another name')
+                self._check_replacement()
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._folder = tempfile.TemporaryDirectory(
                 prefix=f'.{self._path.name}.', suffix='.incomplete', dir=self._path.parent
@@ -174,10 +207,19 @@ class BagWriter:
                     with self._reporting():
                         self._count()
                         self._writer.close()
+                        if self._replace and self._path.exists():
+                            # It goes with the hidden folder.
+                            self._path.rename(Path(self._folder.name) / 'replaced')
                         self._written.rename(self._path)
             finally:
                 with suppress(Exception):
                     self._writer.abort()  # does nothing after close
+
+    def _check_replacement(self) -> None:
+        if not self._replace:
+            raise BagError(f'{self._path} exists already: remove it or choose another name')
+        if not (self._path / 'metadata.yaml').is_file():
+            raise BagError(f'{self._path} is no rosbag2 folder, and is not replaced')
 
     def _count(self) -> None:
         """Tell rosbags' writer, for metadata.yaml, what has gone past it into the storage."""

@@ -82,6 +82,12 @@ def _batches(stream: Iterable[Message]) -> Iterator[list[Message]]:
         yield batch
 
 
+def _is_within(path: Path, folder: Path) -> bool:
+    """Tell whether a path is a folder or in it."""
+    resolved = path.resolve()
+    return folder.resolve() in (resolved, *resolved.parents)
+
+
 @contextmanager
 def _reporting_memory(source: Path) -> Iterator[None]:
     """Turn a lack of memory, as a file that lies may bring it about, into one line."""
@@ -99,6 +105,7 @@ def replay(
     topic: str | None = None,
     diagnostics: bool = False,
     hint: str | None = None,
+    force: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> Summary:
     """Filter the Imu topic of a bag and write all into a new bag.
@@ -113,16 +120,23 @@ def replay(
         topic: The Imu topic, needed where there are several.
         diagnostics: Whether the per-sample topics are written, too.
         hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
+        force: Whether a bag at the destination is replaced.
         progress: Called with the number of messages done and their total.
 
     Raises:
         BagError: The source can't be read, holds no Imu, or the destination can't be written.
     """
+    if destination.exists() and not force:
+        raise BagError(
+            f'{destination} exists already: remove it, choose another name or use --force'
+        )
+    if force and _is_within(source, destination):
+        raise BagError(f'{destination} is the bag to be read: choose another name')
     with open_bag(source) as reader:
         chosen = choose_topic(reader, topic)
         hinted = None if hint is None else choose_hint(reader, hint)
         total = reader.message_count
-        with _reporting_memory(source), BagWriter(destination) as writer:
+        with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             run = ReplayRun(reader, writer, chosen, parameters, diagnostics, hinted)
             file = chunked_file(reader)
             if file is not None:

@@ -1,6 +1,7 @@
 """Entry point of `gyro_drift`: choose the subcommand, and tell a known error in one line."""
 
 import argparse
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -32,6 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done, 1 a known error told in one line on stderr, 130 interrupted. Bad usage exits with
         2 from within argparse.
     """
+    logging.basicConfig(format='%(levelname)s: %(message)s', level=logging.WARNING)
+    logging.addLevelName(logging.WARNING, 'warning')
     options = parser().parse_args(arguments)
     try:
         options.run(options)

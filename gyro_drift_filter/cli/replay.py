@@ -35,6 +35,7 @@ def add_parser(subcommands: Any) -> None:
         metavar='TOPIC',
         help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
     )
+    command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
     command.add_argument('--quiet', action='store_true', help='no progress, no table')
     command.set_defaults(run=run)
 
@@ -55,6 +56,7 @@ def run(options: argparse.Namespace) -> None:
             topic=options.topic,
             diagnostics=options.diagnostics,
             hint=options.motion_hint,
+            force=options.force,
             progress=progress,
         )
     finally:

@@ -1,0 +1,118 @@
+"""MCAP records: their opcodes, layouts and fields.
+
+Layouts are those of the MCAP specification (mcap.dev/spec, version 0). All integers are little
+endian; a string is its length in four bytes and then UTF-8.
+"""
+
+import struct
+import sys
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from gyro_drift_filter.core.errors import GyroDriftFilterError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd as zstd
+else:
+    from backports import zstd as zstd
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+MAGIC = b'\x89MCAP0\r\n'
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
+STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
+
+PREFIX = struct.Struct('<BQ')  # of every record: opcode and length
+CHUNK_HEAD = struct.Struct('<QQQII')  # start, end, uncompressed size and CRC, length of 'zstd'
+FOOTER_FIELDS = struct.Struct('<QQI')
+
+# No recorder makes chunks beyond this, in bytes; a file that says so lies.
+LARGEST_CHUNK = 2**28
+
+
+class McapError(GyroDriftFilterError):
+    """A file is not as its own index says; the text says where."""
+
+
+class Fields:
+    """Read the fields of a record one after the other; too few bytes are a `struct.error`."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._place = 0
+
+    def take(self, layout: str) -> Any:
+        """Return the next field, or the next ones where the layout has several."""
+        values = struct.unpack_from('<' + layout, self._data, self._place)
+        self._place += struct.calcsize('<' + layout)
+        return values[0] if len(values) == 1 else values
+
+    def text(self) -> str:
+        """Return the next field, a string."""
+        data: bytes = self.take(f'{self.take("I")}s')
+        return data.decode()
+
+
+def records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and content of records that lie behind each other."""
+    place = 0
+    while place < len(data):
+        opcode, length = PREFIX.unpack_from(data, place)
+        place += PREFIX.size
+        yield opcode, data[place : place + length]
+        place += length
+
+
+def text(value: str) -> bytes:
+    """Return a string field."""
+    data = value.encode()
+    return struct.pack('<I', len(data)) + data
+
+
+def record(opcode: int, *fields: bytes) -> bytes:
+    """Return a record."""
+    content = b''.join(fields)
+    return PREFIX.pack(opcode, len(content)) + content
+
+
+class Chunk(NamedTuple):
+    """The content of a chunk record.
+
+    Attributes:
+        size: Of its records in bytes, uncompressed.
+        checksum: CRC-32 of them, 0 where there is none.
+        data: Its records, uncompressed; one byte more than `size` at most, to see whether it lies.
+        whole: Whether all of the compressed bytes are there.
+    """
+
+    size: int
+    checksum: int
+    data: bytes
+    whole: bool
+
+
+def unpack_chunk(content: bytes) -> Chunk:
+    """Return what is there of a chunk, whose end may be missing.
+
+    Raises:
+        McapError: It is damaged, longer than can be, or compressed in an unknown way.
+    """
+    try:
+        _, _, size, checksum, name_length = CHUNK_HEAD.unpack_from(content)
+        place = CHUNK_HEAD.size + name_length
+        compression = content[CHUNK_HEAD.size : place].decode()
+        (compressed_size,) = struct.unpack_from('<Q', content, place)
+        compressed = content[place + 8 : place + 8 + compressed_size]
+        if size > LARGEST_CHUNK:
+            raise McapError('can not be as long as it says')
+        match compression:
+            case '':
+                data = compressed
+            case 'zstd':
+                data = zstd.ZstdDecompressor().decompress(compressed, size + 1)
+            case 'lz4':
+                data = LZ4FrameDecompressor().decompress(compressed, size + 1)
+            case _:
+                raise McapError(f'has the unknown compression {compression!r}')
+    except (struct.error, UnicodeDecodeError, zstd.ZstdError, RuntimeError) as error:
+        raise McapError(f'is damaged: {error}') from error
+    return Chunk(size, checksum, data, len(compressed) == compressed_size)

@@ -1,0 +1,142 @@
+"""Bags that were cut off in mid-write, at any byte, and bags that are replaced."""
+
+import pytest
+from mcap.writer import CompressionType
+
+from gyro_drift_filter.bags.cdr import IMU_TYPE
+from gyro_drift_filter.bags.mcap_reader import read_layout
+from gyro_drift_filter.bags.mcap_records import MAGIC, PREFIX
+from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
+from gyro_drift_filter.bags.recording import BagError, messages, open_bag
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Parameters
+from test.test_chunk_replay import START, mixed, write_mcap
+from test.test_replay import TEXT, read, text
+
+FORMS = {
+    'plain': {'compression': CompressionType.NONE},
+    'zstd': {'compression': CompressionType.ZSTD, 'chunk_size': 30_000},
+    'lz4': {'compression': CompressionType.LZ4, 'chunk_size': 10_000},
+    'flat': {'use_chunking': False},
+}
+
+
+def found(path):
+    """Return (topic, log time, data) of all messages of a bag."""
+    with open_bag(path) as reader:
+        return [(c.topic, time, data) for c, time, data in messages(reader)]
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_all_whole_messages_are_read(form, tmp_path, random, caplog):
+    rows = [
+        (topic, kind, time + k, data) for k, (topic, kind, time, data) in enumerate(mixed(random))
+    ]
+    wanted = [(topic, time, data) for topic, _, time, data in rows]
+    path = write_mcap(tmp_path / 'in.mcap', rows, **FORMS[form])
+    whole = path.read_bytes()
+    assert found(path) == wanted
+    assert caplog.records == []
+    counts = []
+    for cut in [len(whole) - 1, *sorted(random.integers(5_000, len(whole), 12).tolist())]:
+        path.write_bytes(whole[:cut])
+        copy = tmp_path / 'copy.mcap'
+        got = found(path) if recover(path, copy) else []
+        copy.unlink()
+        assert got == wanted[: len(got)]
+        counts.append(len(got))
+        if form in ('plain', 'flat') and got:
+            # The next message was not whole: its bytes are not in the file.
+            following = wanted[len(got)][2] if len(got) < len(wanted) else b''
+            assert not following or len(following) < 300 or following not in whole[:cut]
+    assert counts[0] == len(rows)
+    assert counts[1:] == sorted(counts[1:])
+    assert counts[-1] > 0.5 * len(rows)
+    assert 'was cut off, as when the recorder is killed: read to its last whole' in caplog.text
+
+
+def test_the_last_message_of_an_open_chunk(tmp_path):
+    """Message by message: cut within one, those before are all there."""
+    rows = [
+        (TOPIC, IMU_TYPE, START + k, imu_message(START + k, (0.001 * k, 0, 0), (0, 0, 9.8)))
+        for k in range(20)
+    ]
+    for form in ('plain', 'flat'):
+        path = write_mcap(tmp_path / f'{form}.mcap', rows, **FORMS[form])
+        whole = path.read_bytes()
+        for k, (_, _, _, data) in enumerate(rows):
+            end = whole.index(data) + len(data)
+            for cut, count in ((end, k + 1), (end - 1, k)):
+                path.write_bytes(whole[:cut])
+                copy = tmp_path / 'copy.mcap'
+                assert recover(path, copy) == count
+                assert read_layout(copy) is not None or count == 0
+                copy.unlink()
+
+
+def test_replay_and_its_warning(tmp_path, random, capsys):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    assert main(['replay', str(path), '-o', str(tmp_path / 'out'), '--quiet']) == 0
+    topics, _ = read(tmp_path / 'out')
+    assert 100 < len(topics['/imu/data_filtered']) < 600
+    assert topics['/words']
+
+
+def test_what_can_not_be_recovered_is_one_line(tmp_path, random):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
+    whole = path.read_bytes()
+    for data, reason in (
+        (whole[: len(MAGIC) + 3], 'was cut off before its first whole message'),
+        (whole[:3000].replace(b'zstd', b'zst?'), 'has the unknown compression'),
+        (MAGIC + PREFIX.pack(6, 2**60) + b'abc', 'has a record at byte 17 that is too long'),
+        (MAGIC + PREFIX.pack(99, 2**64 - 1) + b'abc', 'before its first whole message'),
+        (MAGIC, 'can not be read as a bag|before its first whole message'),
+        (MAGIC[:5], 'can not be read as a bag'),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(BagError, match=reason) as error:
+            found(path)
+        assert '\n' not in str(error.value)
+
+
+def test_a_whole_file_is_not_copied(tmp_path, random, monkeypatch):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    assert not is_cut_off(path)
+    with open_bag(path) as reader:
+        assert [str(p) for p in reader.paths] == [str(path)]
+
+
+def test_force_replaces_a_bag_when_the_new_one_is_complete(tmp_path, random, caplog):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    out = tmp_path / 'out'
+    replay(source, out, parameters=Parameters())
+    before = (out / 'out.mcap').read_bytes()
+    with pytest.raises(BagError, match='choose another name or use --force'):
+        replay(source, out, parameters=Parameters(method='kalman'))
+    replay(source, out, parameters=Parameters(method='kalman'), force=True)
+    after = (out / 'out.mcap').read_bytes()
+    assert after != before
+    empty = write_mcap(tmp_path / 'empty.mcap', [('/words', TEXT, START, text('x'))])
+    with pytest.raises(BagError, match='no topic of type'):
+        replay(empty, out, parameters=Parameters(), force=True)
+    assert (out / 'out.mcap').read_bytes() == after
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['empty.mcap', 'in.mcap', 'out']
+
+
+def test_force_replaces_nothing_but_bags(tmp_path, random):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    precious = tmp_path / 'thesis'
+    precious.mkdir()
+    (precious / 'chapter').write_text('x')
+    with pytest.raises(BagError, match='is no rosbag2 folder, and is not replaced'):
+        replay(source, precious, parameters=Parameters(), force=True)
+    assert (precious / 'chapter').read_text() == 'x'
+    bag = tmp_path / 'bag'
+    replay(source, bag, parameters=Parameters())
+    for inner in (bag, bag / 'bag.mcap'):
+        with pytest.raises(BagError, match='is the bag to be read'):
+            replay(inner, bag, parameters=Parameters(), force=True, topic=TOPIC)
