@@ -141,13 +141,24 @@ class Player:
     def __init__(self, live, rates, accelerations, rate):
         self.live, self.rate = live, rate
         self._rates, self._accelerations = rates, accelerations
-        self.sent = 0
+        self.sent = self.lost = 0
         self._begin = time.monotonic()
         self._began = time.time_ns()
 
     def restart(self):
-        """End the publisher, and begin another one."""
+        """End the publisher, and begin another one; the first messages may not arrive."""
         self.live.restart_player()
+        before = len(self.live.received)
+        while len(self.live.received) == before:
+            self._publish()
+            end = time.monotonic() + 0.2
+            while len(self.live.received) == before and time.monotonic() < end:
+                self.live._executor.spin_once(timeout_sec=0.01)
+        # Let those that do arrive late do so.
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            self.live._executor.spin_once(timeout_sec=0.01)
+        self.lost = self.sent - len(self.live.received)
         self._begin = time.monotonic() - self.sent / self.rate
 
     def play(self, seconds):
@@ -155,11 +166,19 @@ class Player:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             while self.sent < (time.monotonic() - self._begin) * self.rate:
-                k = self.sent % len(self._rates)
-                stamp = self._began + round(self.sent * 1e9 / self.rate)
-                self.live.publish(imu_message(stamp, self._rates[k], self._accelerations[k]))
-                self.sent += 1
+                self._publish()
             self.live._executor.spin_once(timeout_sec=0.002)
+
+    def _publish(self):
+        k = self.sent % len(self._rates)
+        stamp = self._began + round(self.sent * 1e9 / self.rate)
+        self.live.publish(imu_message(stamp, self._rates[k], self._accelerations[k]))
+        self.sent += 1
+
+    @property
+    def due(self):
+        """How many messages have to have come back."""
+        return self.sent - self.lost
 
 
 def soak_node(minutes, rate=500.0):
@@ -194,20 +213,18 @@ def soak_node(minutes, rate=500.0):
                 live.wait(future.done, 'an answer')
                 assert future.result().success
             else:
-                wanted = player.sent
-                live.wait(lambda wanted=wanted: len(live.received) >= wanted, 'all messages')
+                live.wait(lambda: len(live.received) >= player.due, 'all messages')
                 player.restart()
             if not first and time.monotonic() > settled:
                 first = process.memory_info().rss / 1e6
-        live.wait(lambda: len(live.received) >= player.sent, 'the last message')
-        lost = player.sent - len(live.received)
+        live.wait(lambda: len(live.received) >= player.due, 'the last message')
         growth = process.memory_info().rss / 1e6 - first
         print(
-            f'{player.sent:,} messages at {rate:g} Hz, {lost} lost; {count[0]} sets ({refused} '
-            f'refused), {count[1]} resets, {count[2]} other publishers; memory {growth:+.1f} MB'
+            f'{player.sent:,} messages at {rate:g} Hz, {player.lost} lost while the publisher was '
+            f'another one, none else; {count[0]} sets ({refused} refused), {count[1]} resets, '
+            f'{count[2]} other publishers; memory {growth:+.1f} MB'
         )
     assert live.returncode == 0
-    assert lost == 0, 'messages are lost'
     assert growth < LARGEST_GROWTH, 'memory grows'
 
 
