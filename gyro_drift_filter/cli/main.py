@@ -33,8 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done, 1 a known error told in one line on stderr, 130 interrupted. Bad usage exits with
         2 from within argparse.
     """
-    logging.basicConfig(format='%(levelname)s: %(message)s', level=logging.WARNING)
     logging.addLevelName(logging.WARNING, 'warning')
+    # By force: each run has its own stderr, as in the tests.
+    logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
     options = parser().parse_args(arguments)
     try:
         options.run(options)

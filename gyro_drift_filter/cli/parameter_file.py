@@ -1,13 +1,17 @@
 """Read ROS 2 parameter files, so that `replay` takes the file that the node takes."""
 
+import logging
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.bags.health import NODE_NAME
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE, unknown_name
+
+_log = logging.getLogger(__name__)
+
+LARGEST_FILE = 1_000_000  # bytes
 
 _NAMES = {description.name for description in DESCRIPTIONS}
 
@@ -17,7 +21,7 @@ def read_parameters(path: Path) -> Parameters:
 
     Taken are the sections that rcl gives to a node called gyro_drift_filter, in whatever namespace;
     `*` stands for one part of a name and `**` for any number. A parameter that does not exist is an
-    error in a section that names the node; in one for many nodes it draws a warning on stderr, as
+    error in a section that names the node; in one for many nodes it draws a logged warning, as
     it may be meant for another.
 
     Raises:
@@ -34,7 +38,7 @@ def read_parameters(path: Path) -> Parameters:
             if key in _NAMES:
                 values[key] = value
             elif '*' in name:
-                print(f'warning: parameter file {path}: {unknown_name(key)}', file=sys.stderr)
+                _log.warning('parameter file %s: %s', path, unknown_name(key))
             else:
                 raise ParameterError(f'parameter file {path}: {unknown_name(key)}')
     try:
@@ -53,7 +57,13 @@ def _load(path: Path) -> dict[Any, Any]:
         ) from error
 
     class Loader(yaml.SafeLoader):
-        """YAML as rcl reads it, where 2e-5 is a number: PyYAML wants 2.0e-5."""
+        """YAML as rcl reads it: 2e-5 is a number, where PyYAML wants 2.0e-5, and no aliases."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            # A few lines of them can stand for more values than there is memory.
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError('aliases (*name) are not taken')
+            return super().compose_node(parent, index)
 
     Loader.add_implicit_resolver(
         'tag:yaml.org,2002:float',
@@ -62,7 +72,7 @@ def _load(path: Path) -> dict[Any, Any]:
     )
     try:
         # A subclass of SafeLoader.
-        document = yaml.load(path.read_text(encoding='utf-8'), Loader)
+        document = yaml.load(_text(path), Loader)
     except OSError as error:
         raise ParameterError(f'parameter file {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
@@ -72,6 +82,14 @@ def _load(path: Path) -> dict[Any, Any]:
     if not isinstance(document, dict):
         raise ParameterError(f'parameter file {path} holds no node names')
     return document
+
+
+def _text(path: Path) -> str:
+    with path.open('rb') as file:
+        data = file.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise ParameterError(f'parameter file {path} is longer than {LARGEST_FILE} bytes')
+    return data.decode('utf-8')
 
 
 def _ours(path: Path, document: dict[Any, Any]) -> dict[str, dict[Any, Any]]:

@@ -20,6 +20,7 @@ LONGEST_AGE = 30 * 86_400.0
 # A clock may be wrong by this much before a file from the future is refused, in s.
 CLOCK_ERROR = 86_400.0
 _LONGEST_NAME = 200
+LARGEST_FILE = 100_000  # bytes
 
 
 class MemoryFileError(Exception):
@@ -63,7 +64,8 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
             `largest`.
     """
     try:
-        content = json.loads(path.read_text(encoding='utf-8'))
+        with path.open('rb') as file:
+            content = json.loads(file.read(LARGEST_FILE))
         owner = content['format'], content['node'], content['frame']
         bias, deviation = _three(content['bias']), _three(content['deviation'])
         age = time.time() - float(content['time'])
@@ -74,7 +76,7 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise MemoryFileError(f'{path} is damaged: {_one_line(error)}') from error
     if owner != (FORMAT, node, frame):
-        raise MemoryFileError(f'{path} is of another node, frame or version: {owner}')
+        raise MemoryFileError(f'{path} is of another node, frame or version')
     if not -CLOCK_ERROR <= age <= LONGEST_AGE:
         raise MemoryFileError(f'{path} is from {age / 86_400.0:.1f} days ago')
     if max(map(abs, bias)) > largest:

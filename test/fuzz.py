@@ -1,0 +1,313 @@
+"""Inputs that nobody meant, for all that reads bytes from elsewhere: none may crash, hang or bloat.
+
+    python -m test.fuzz [--inputs 1000000] [--only cdr mcap recovery parameters memory]
+
+Hypothesis edits seeds. What fails is kept in test/corpus, and tested from then on.
+"""
+
+import argparse
+import hashlib
+import json
+import logging
+import resource
+import struct
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType
+
+from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, MalformedMessageError, read_imu
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.imu_kernels import IMU, PUBLISH, no_frame, read_imus
+from gyro_drift_filter.bags.mcap_reader import read_chunks, read_layout
+from gyro_drift_filter.bags.mcap_records import McapError
+from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
+from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.bags.simulated import TOPIC, imu_message
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.core import ParameterError, Parameters
+from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
+from test.conftest import REPOSITORY
+from test.test_chunk_replay import START, write_mcap
+from test.test_replay import TEXT, text
+
+CORPUS = Path(__file__).parent / 'corpus'
+LONGEST = 1.0  # s
+LARGEST = 2**30  # bytes, beyond what the process has at its begin
+BATCH = 2000  # inputs of one run of hypothesis, which keeps all of them in memory
+# Lengths and counts that lie.
+NUMBERS = [
+    0,
+    1,
+    2,
+    3,
+    31,
+    255,
+    2**15,
+    2**16 - 1,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**62,
+    2**63,
+    2**64 - 1,
+]
+WORDS = [
+    b'*a',
+    b'&a ',
+    b'{',
+    b'[' * 50,
+    b'- ',
+    b': ',
+    b'\n',
+    b'!!python/name:os',
+    b'"',
+    b'1e999',
+    b'.nan',
+]
+NODE, FRAME = '/gyro_drift_filter', 'imu_link'
+
+
+@st.composite
+def edited(draw, seeds):
+    """A seed with a few edits, or any bytes."""
+    if draw(st.integers(0, 19)) == 0:
+        return draw(st.binary(max_size=600))
+    data = bytearray(draw(st.sampled_from(seeds)))
+    for _ in range(draw(st.integers(1, 4))):
+        place = draw(st.integers(0, max(0, len(data) - 1)))
+        match draw(st.integers(0, 7)):
+            case 0:
+                data[place : place + 1] = bytes([draw(st.integers(0, 255))])
+            case 1:
+                data = data[:place]
+            case 2:
+                layout = draw(st.sampled_from(['<B', '<H', '<I', '<Q', '>I']))
+                number = draw(st.sampled_from(NUMBERS)) % 256 ** struct.calcsize(layout)
+                data[place : place + struct.calcsize(layout)] = struct.pack(layout, number)
+            case 3:
+                data[place:place] = draw(st.binary(max_size=20))
+            case 4:
+                del data[place : place + draw(st.integers(1, 40))]
+            case 5:
+                other = draw(st.integers(0, max(0, len(data) - 1)))
+                size = draw(st.integers(1, 60))
+                data[place : place + size] = data[other : other + size]
+            case 6:
+                data[place:place] = draw(st.sampled_from(WORDS))
+            case 7:
+                data[place : place + 8] = struct.pack('<d', draw(st.floats()))
+    return bytes(data)
+
+
+@contextmanager
+def in_one_line(kind):
+    """Let an error of this kind pass that is told in one line of text."""
+    try:
+        yield
+    except kind as error:
+        if '\n' in str(error):
+            raise AssertionError('more than a line') from error
+
+
+def check_cdr(data, folder):
+    """The compiled and the plain reader agree, and nothing but finite numbers comes out."""
+    filter_ = check_cdr.filter
+    flags = filter_.step(data)
+    try:
+        imu = read_imu(data)
+    except MalformedMessageError:
+        assert flags == 0
+        return
+    assert flags != 0
+    rows, imus, doubles = np.array([(0, 0, 0, len(data))], ROW), np.zeros(1, IMU), np.zeros(37)
+    room = doubles.view(np.uint8), doubles
+    read_imus(np.frombuffer(data, np.uint8), rows, room, no_frame(), imus)
+    np.testing.assert_array_equal(imus[0]['angular_velocity'], imu.angular_velocity)
+    assert imus[0]['stamp'] == imu.stamp
+    if flags & PUBLISH:
+        out = read_imu(filter_.output)
+        assert out.stamp == imu.stamp
+        assert not imu.angular_velocity_reported or np.isfinite(out.angular_velocity).all()
+
+
+check_cdr.filter = MessageFilter(Parameters())
+
+
+def check_mcap(data, folder):
+    """The fast path walks the file, or says why not."""
+    path = folder / 'in.mcap'
+    path.write_bytes(data)
+    layout = read_layout(path)
+    if layout is None:
+        return
+    with in_one_line(McapError):
+        for chunk in read_chunks(path, layout):
+            rows = np.empty(len(chunk) // RECORD_BYTES + 1, ROW)
+            count = list_messages(chunk, rows)
+            rows = rows[: max(count, 0)]
+            assert (rows['start'] + rows['size'] <= len(chunk)).all()
+            imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
+            read_imus(chunk, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
+
+
+def check_recovery(data, folder):
+    """What is cut off is recovered as a sound file, or it says why not."""
+    path, copy = folder / 'cut.mcap', folder / 'copy.mcap'
+    path.write_bytes(data)
+    if not is_cut_off(path):
+        return
+    copy.unlink(missing_ok=True)
+    with in_one_line(McapError):
+        count = recover(path, copy)
+        assert not is_cut_off(copy)
+        assert count == 0 or copy.stat().st_size > 31 * count
+
+
+def check_parameters(data, folder):
+    """Parameters, or one line."""
+    path = folder / 'p.yaml'
+    path.write_bytes(data)
+    with in_one_line(ParameterError):
+        assert read_parameters(path) == read_parameters(path)
+
+
+def check_memory(data, folder):
+    """A bias, or one line."""
+    path = folder / 'bias.json'
+    path.write_bytes(data)
+    with in_one_line(MemoryFileError):
+        found = recall(path, NODE, FRAME, 0.2)
+        assert np.isfinite([*found.bias, *found.deviation]).all()
+        assert max(map(abs, found.bias)) <= 0.2
+
+
+def mcap_seeds():
+    """Return small files of all kinds."""
+    rows = []
+    for k in range(6):
+        rows.append((TOPIC, IMU_TYPE, START + k, imu_message(START + k, (0.1, 0, 0), (0, 0, 9.8))))
+        rows.append(('/words', TEXT, START + k, text('word')))
+    forms = [{'compression': c, 'chunk_size': 900} for c in CompressionType]
+    forms += [{'use_chunking': False}, {'enable_crcs': False, 'compression': CompressionType.NONE}]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'seed.mcap'
+        return [write_mcap(path, rows, **form).read_bytes() for form in forms]
+
+
+def memory_seeds():
+    """Return a file as it is written."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bias.json'
+        remember(path, NODE, FRAME, (0.01, -0.02, 0.0), (1e-4,) * 3)
+        return [path.read_bytes(), json.dumps({'format': 1, 'node': NODE, 'frame': FRAME}).encode()]
+
+
+def seeds_of(name):
+    """Return the inputs that are edited."""
+    match name:
+        case 'cdr':
+            named = imu_message(START, (0.1, 0.2, 0.3), (0, 0, 9.8), frame='a frame')
+            return [EXAMPLE, imu_message(START, (1, 2, 3), (0, 0, 9.8)), named, named + bytes(3)]
+        case 'mcap':
+            return mcap_seeds()
+        case 'recovery':
+            return [data[: 2 * len(data) // 3] for data in mcap_seeds()]
+        case 'parameters':
+            shipped = (REPOSITORY / 'config' / 'gyro_drift_filter.yaml').read_bytes()
+            return [
+                shipped,
+                b'/**: {ros__parameters: {method: kalman, epsilon: 1, model: {phi: [0, 0, 0]}}}\n',
+                b'a: {gyro_drift_filter: {ros__parameters: {outlier: {run: 3}}}}\n',
+            ]
+    return memory_seeds()
+
+
+# Target: what checks an input, and its share of all inputs.
+TARGETS = {
+    'cdr': (check_cdr, 0.5),
+    'mcap': (check_mcap, 0.1),
+    'recovery': (check_recovery, 0.05),
+    'parameters': (check_parameters, 0.1),
+    'memory': (check_memory, 0.25),
+}
+
+
+def check(name, data, folder):
+    """Check one input, its time included; a machine that is busy gets a second chance."""
+    for chance in range(2):
+        begin = time.monotonic()
+        TARGETS[name][0](data, folder)
+        if time.monotonic() - begin < LONGEST:
+            return
+        assert chance == 0, f'takes more than {LONGEST:g} s'
+
+
+def keep(name, data):
+    """Keep a failing input."""
+    path = CORPUS / name / hashlib.sha256(data).hexdigest()[:16]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def fuzz(name, inputs, first_seed=0):
+    """Check so many inputs.
+
+    Raises:
+        Exception: Whatever an input has led to, after it was kept.
+    """
+    strategy, last = edited(seeds_of(name)), [b'']
+    with tempfile.TemporaryDirectory() as folder:
+
+        def body(data):
+            last[0] = data
+            check(name, data, Path(folder))
+
+        for batch in range(-(-inputs // BATCH)):
+            run = settings(
+                max_examples=min(BATCH, inputs - batch * BATCH),
+                deadline=None,
+                database=None,
+                phases=[Phase.generate, Phase.shrink],
+                suppress_health_check=list(HealthCheck),
+            )(given(strategy)(body))
+            try:
+                seed(first_seed + batch)(run)()
+            except Exception:
+                print(f'{name}: kept {keep(name, last[0])}', file=sys.stderr)
+                raise
+
+
+def limit_memory():
+    """Let this process have no more than `LARGEST` beyond what it has."""
+    pages = int(Path('/proc/self/statm').read_text().split()[0])
+    size = pages * resource.getpagesize() + LARGEST
+    resource.setrlimit(resource.RLIMIT_AS, (size, resource.RLIM_INFINITY))
+
+
+def main():
+    """Run it, and print how many inputs there were."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--inputs', type=int, default=1_000_000)
+    parser.add_argument('--only', nargs='*', default=list(TARGETS), choices=list(TARGETS))
+    parser.add_argument('--seed', type=int, default=0)
+    options = parser.parse_args()
+    for name in options.only:
+        fuzz(name, 50)  # compiles
+    limit_memory()
+    logging.disable()
+    for name in options.only:
+        inputs, begin = round(options.inputs * TARGETS[name][1]), time.monotonic()
+        fuzz(name, inputs, options.seed)
+        print(f'{name}: {inputs:,} inputs in {time.monotonic() - begin:.0f} s', flush=True)
+
+
+if __name__ == '__main__':
+    main()
