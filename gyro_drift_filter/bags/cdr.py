@@ -196,12 +196,6 @@ def frame_id(data: bytes, imu: Imu) -> bytes:
     return bytes(data[_ENCAPSULATION + 12 : _ENCAPSULATION + 12 + max(0, length - 1)])
 
 
-def printable(text: bytes) -> str:
-    """Return text from a message as it can be shown: no control characters, one line."""
-    decoded = text.decode('utf-8', 'replace')
-    return ''.join(c if c.isprintable() else '\ufffd' for c in decoded)
-
-
 def vector3_stamped(stamp: int, frame: bytes, vector: tuple[float, float, float]) -> bytes:
     """Return a serialized `geometry_msgs/msg/Vector3Stamped`, little endian.
 

@@ -13,7 +13,6 @@ from gyro_drift_filter.bags.cdr import (
     MalformedMessageError,
     frame_id,
     patch_imu,
-    printable,
     read_imu,
     vector3_stamped,
 )
@@ -29,6 +28,7 @@ from gyro_drift_filter.bags.imu_kernels import (
     no_frame,
 )
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.errors import printable
 from gyro_drift_filter.core.filter import REFUSED
 
 # Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
@@ -177,7 +177,7 @@ class MessageFilter:
 
     def explain_frame(self, data: bytes) -> None:
         """Note the frame_id of a message that `process_arrays` has counted already."""
-        self.frame = printable(frame_id(data, read_imu(data)))
+        self.frame = printable(frame_id(data, read_imu(data)).decode('utf-8', 'replace'))
 
     def _read(self, data: bytes) -> Imu | None:
         self.received += 1
@@ -191,7 +191,7 @@ class MessageFilter:
         compared = len(frame), frame[:LONGEST_FRAME]
         if self._frame_before not in (None, compared):
             self.frame_changes += 1
-            self.frame = printable(frame)
+            self.frame = printable(frame.decode('utf-8', 'replace'))
         self._frame_before = compared
         if not imu.angular_velocity_reported:
             self.not_reported += 1

@@ -34,7 +34,7 @@ from gyro_drift_filter.bags.library import (
 from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
 from gyro_drift_filter.bags.mcap_writer import McapStorage
-from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
 
 _log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ def _opened(path: Path, name: Path) -> AnyReader:
         reader = AnyReader([path], default_typestore=_JAZZY)
         reader.open()
     except Exception as error:
-        raise BagError(f'{name} can not be read as a bag: {one_line(error)}') from error
+        raise BagError(f'{name} can not be read as a bag: {reason(error)}') from error
     return reader
 
 
@@ -100,7 +100,7 @@ def _recovered(path: Path, folder: Path) -> Path:
         raise BagError(f'{path} was cut off, and what is there {error}') from error
     except OSError as error:
         raise BagError(
-            f'{path} was cut off, and can not be recovered in {folder}: {one_line(error)}'
+            f'{path} was cut off, and can not be recovered in {folder}: {reason(error)}'
         ) from error
     if count == 0:
         raise BagError(f'{path} was cut off before its first whole message')
@@ -149,14 +149,9 @@ def messages(reader: AnyReader) -> Iterator[tuple[Connection, int, bytes]]:
             return
         except Exception as error:
             raise BagError(
-                f'{reader.paths[0]} is damaged and can be read no further: {one_line(error)}'
+                f'{reader.paths[0]} is damaged and can be read no further: {reason(error)}'
             ) from error
         yield connection, log_time, bytes(data)
-
-
-def one_line(error: BaseException) -> str:
-    """Return the text of an error without line breaks, or its name where it has no text."""
-    return ' '.join(str(error).split()) or type(error).__name__
 
 
 class _Writer(Writer):
@@ -237,7 +232,7 @@ class BagWriter:
         try:
             yield
         except (OSError, WriterError) as error:
-            raise BagError(f'{self._path} can not be written: {one_line(error)}') from error
+            raise BagError(f'{self._path} can not be written: {reason(error)}') from error
 
     def copy_connection(self, connection: Connection, reader: AnyReader) -> Connection:
         """Add a topic as it is in another bag, with its QoS and message definition.

@@ -10,9 +10,9 @@ from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
     message_type,
-    one_line,
     serialize,
 )
+from gyro_drift_filter.core.errors import reason
 from gyro_drift_filter.core.simulation import Simulation
 
 TOPIC = '/imu/data_raw'
@@ -89,5 +89,5 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
         )
     except OSError as error:
         archive.unlink(missing_ok=True)
-        raise BagError(f'{archive} can not be written: {one_line(error)}') from error
+        raise BagError(f'{archive} can not be written: {reason(error)}') from error
     return archive

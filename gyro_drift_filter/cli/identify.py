@@ -9,6 +9,7 @@ from typing import Any
 from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.core.errors import printable
 
 _NEEDED = (
     'identification needs the Python packages scipy, statsmodels and allantools ({}): install them '
@@ -112,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
             'velocity',
             file=sys.stderr,
         )
-    source = f'{options.bag.absolute().name}, topic {data.topic}'
+    source = printable(f'{options.bag.absolute().name}, topic {data.topic}')
     options.output.write_text(parameter_file(result, source, options.noise))
     written = [options.output]
     if options.json:

@@ -9,6 +9,7 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.errors import printable
 from gyro_drift_filter.core.parameters import AXES, METHODS
 
 
@@ -65,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
         if status.level:
             print(f'warning: {status.message}', file=sys.stderr)
     for topic, reason in summary.left_out.items():
-        print(f'note: left out {topic}: {reason}', file=sys.stderr)
+        print(f'note: left out {printable(topic)}: {reason}', file=sys.stderr)
     if not options.quiet:
         print(describe(summary, parameters.method))
         print(f'wrote {options.output}')
@@ -90,7 +91,8 @@ def describe(summary: Any, method: str) -> str:
         )
     passed_on = f' ({summary.not_reported} of them unfiltered)' if summary.not_reported else ''
     head = (
-        f'{summary.topic} -> {summary.output_topic}: {summary.received} messages, '
+        f'{printable(summary.topic)} -> {printable(summary.output_topic)}: '
+        f'{summary.received} messages, '
         f'{summary.written} written{passed_on}, {1.0 / summary.period:.4g} Hz'
     )
     return f'{head}\n{table(rows)}'

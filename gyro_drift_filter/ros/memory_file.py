@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
+
 FORMAT = 1
 # Older than this it is not taken any more, in s: 30 days.
 LONGEST_AGE = 30 * 86_400.0
@@ -23,7 +25,7 @@ _LONGEST_NAME = 200
 LARGEST_FILE = 100_000  # bytes
 
 
-class MemoryFileError(Exception):
+class MemoryFileError(GyroDriftFilterError):
     """A file can't be used or written; the text says why."""
 
 
@@ -74,7 +76,7 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
     except OSError as error:
         raise MemoryFileError(f'{path} can not be read: {error.strerror}') from error
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise MemoryFileError(f'{path} is damaged: {_one_line(error)}') from error
+        raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
     if owner != (FORMAT, node, frame):
         raise MemoryFileError(f'{path} is of another node, frame or version')
     if not -CLOCK_ERROR <= age <= LONGEST_AGE:
@@ -125,7 +127,3 @@ def _three(values: object) -> tuple[float, ...]:
     if not all(math.isfinite(number) for number in numbers):
         raise ValueError('not finite')
     return numbers
-
-
-def _one_line(error: BaseException) -> str:
-    return ' '.join(str(error).split()) or type(error).__name__

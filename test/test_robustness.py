@@ -1,0 +1,175 @@
+"""What must not take node and tools down, as far as no other test has it: docs/robustness.md."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+
+from demo.live import LOSSLESS, LiveNode
+from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.bags.recording import BagError, open_bag
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.simulated import FRAME, TOPIC, imu_message
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.ros.memory_file import file_of
+from test.test_bias import at_rest
+from test.test_chunk_replay import mixed, write_mcap
+from test.test_message_filter import simulated
+from test.test_node import diagnostics, offline, values
+from test.test_node_bias import NODE, TRUTH, serialized
+from test.test_replay import write
+
+
+@pytest.mark.parametrize('gap', [0.1, 0.9, 10.0, 3600.0, 86400.0 * 365])
+def test_a_gap_in_motion(gap, random):
+    """A short one is bridged, after a long one the filter begins at the sample at hand."""
+    n = 2000
+    seconds = np.arange(n) / 100.0
+    seconds[1000:] += gap
+    rates = np.sin(0.5 * seconds)[:, None] + 0.005 * random.standard_normal((n, 3))
+    stamps = 10**18 + np.round(seconds * 1e9).astype(np.int64)
+    filter_ = Filter()
+    out = filter_.run(stamps, rates, np.full_like(rates, 9.8))
+    error = np.abs(out['angular_velocity'] - np.sin(0.5 * seconds)[:, None])
+    assert error[900:1000].max() < 0.05
+    assert error[1010:1100].max() < 0.05
+    assert error[1000:1010].max() < (0.2 if gap < 1.0 else 0.05)
+    clock = filter_.state['clock']
+    assert clock['gaps'] == 1
+    assert clock['restarts'] == (gap > 1.0)
+
+
+@pytest.mark.parametrize(('first', 'then'), [(100.0, 400.0), (400.0, 100.0)])
+def test_the_rate_changes_in_mid_stream(first, then, random):
+    """The period is learned anew within seconds; motion is followed meanwhile."""
+    seconds = np.concatenate([np.arange(0, 20, 1 / first), np.arange(20, 60, 1 / then)])
+    rates = np.sin(2.0 * seconds)[:, None] + 0.005 * random.standard_normal((len(seconds), 3))
+    stamps = 10**18 + np.round(seconds * 1e9).astype(np.int64)
+    filter_ = Filter()
+    out = filter_.run(stamps, rates, np.full_like(rates, 9.8))['angular_velocity']
+    assert filter_.state['clock']['period'] == pytest.approx(1 / then, rel=0.01)
+    error = np.abs(out - np.sin(2.0 * seconds)[:, None])
+    assert error[100:].max() < 0.1
+    assert np.sqrt((error[-1000:] ** 2).mean()) < 0.005
+
+
+def test_a_publisher_that_dies_and_returns():
+    data = simulated(600)
+    with LiveNode(LOSSLESS) as live:
+        first = live.play(data[:300])
+        live.restart_player()
+        probe, sent = MessageFilter(Parameters()), 300
+        received = len(live.received)
+        # The first messages may go before the node has found the new publisher.
+        while len(live.received) == received:
+            live.publish(data[sent])
+            sent += 1
+            end = time.monotonic() + 0.5
+            live.wait(
+                lambda end=end: len(live.received) > received or time.monotonic() > end, 'output'
+            )
+        rest = live.play(data[sent:])
+    assert live.returncode == 0
+    assert first == [outcome.data for outcome in probe.process_batch(data[:300])]
+    assert len(rest) == len(data) - sent
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch, random):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    with LiveNode(LOSSLESS, home=tmp_path) as live:
+        live.play(serialized(*at_rest(random, 20, TRUTH)))
+        live.wait(file_of(NODE, FRAME).exists, 'the first file')
+        file_of(NODE, FRAME).unlink()
+        # What is learned from here on is not on the disk yet: it is saved once a minute.
+        live.play(serialized(*at_rest(random, 20, TRUTH), start=20))
+        assert not file_of(NODE, FRAME).exists()
+        live.process.send_signal(number)
+        assert live.process.wait(timeout=20) == 0
+    assert file_of(NODE, FRAME).exists()
+    assert 'Traceback' not in live.log
+
+
+def test_sim_time_that_stands_jumps_and_runs_fast():
+    """Nothing in the node waits for it: filter, reports and stamps of the output go on."""
+    data = simulated(900)
+    with LiveNode([*LOSSLESS, '-p', 'use_sim_time:=true']) as live:
+        clock = live.node.create_publisher(Clock, '/clock', 10)
+        live.wait(clock.get_subscription_count, 'the node to listen to /clock')
+        expected = iter(offline(data))
+
+        def play(part):
+            assert live.play(part) == [next(expected) for _ in part]
+
+        name = 'gyro_drift_filter: input'
+        play(data[:300])  # no time yet
+        diagnostics(live, lambda s: values(s[name])['Samples'] == '300')
+        times = [1000.0] * 100 + [5.0, 1e6, 3.0] * 30 + list(np.arange(110) * 0.1)
+        for k, (message, seconds) in enumerate(zip(data[300:600], times, strict=True)):
+            moment = Clock()
+            moment.clock.sec, moment.clock.nanosec = int(seconds), int(seconds % 1 * 1e9)
+            clock.publish(moment)
+            if k % 10 == 0:
+                play(data[300 + k : 310 + k])
+            assert read_imu(message).stamp
+        diagnostics(live, lambda s: values(s[name])['Samples'] == '600')
+        play(data[600:])
+    assert live.returncode == 0
+
+
+def metadata(folder, change):
+    """Edit the metadata.yaml of a bag."""
+    path = folder / 'metadata.yaml'
+    path.write_text(change(path.read_text()))
+
+
+HOSTILE = {
+    'a path out of the folder': lambda s: s.replace('- in.mcap', '- ../../../../etc/passwd'),
+    'an absolute path': lambda s: s.replace('- in.mcap', '- /dev/zero'),
+    'a folder': lambda s: s.replace('- in.mcap', '- .'),
+    'no such file': lambda s: s.replace('- in.mcap', '- other.mcap'),
+    'a deep document': lambda s: s + 'x: ' + '[' * 5000,
+    'no document': lambda s: '\x00\x01',
+    'another version': lambda s: s.replace('version: 9', 'version: 99'),
+}
+
+
+@pytest.mark.parametrize('what', HOSTILE)
+def test_a_hostile_metadata_file(what, tmp_path):
+    imu = [(10**18 + k, imu_message(10**18 + k, (0, 0, 0), (0, 0, 9.8))) for k in range(5)]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    with open_bag(source):
+        pass
+    metadata(source, HOSTILE[what])
+    begin = time.monotonic()
+    with pytest.raises(BagError) as error:
+        replay(source, tmp_path / 'out', parameters=Parameters())
+    assert '\n' not in str(error.value)
+    assert len(str(error.value)) < 1000
+    assert time.monotonic() - begin < 20
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+def test_control_characters_in_names(tmp_path, random, capsys):
+    """Of topics and frames: nothing that a terminal would act on is printed."""
+    from gyro_drift_filter.cli.main import main
+
+    rows = [
+        (topic, kind, stamp, data) for topic, kind, stamp, data in mixed(random) if kind == IMU_TYPE
+    ]
+    evil = '/imu\x1b[2J\n'
+    source = write_mcap(
+        tmp_path / 'in.mcap',
+        [(evil, *row[1:]) for row in rows] + [(TOPIC, *row[1:]) for row in rows],
+    )
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 1
+    told = capsys.readouterr()
+    assert 'several Imu topics' in told.err
+    main(['replay', str(source), '-o', str(tmp_path / 'out'), '--topic', evil])
+    main(['identify', str(source), '-o', str(tmp_path / 'f.yaml')])
+    told_later = capsys.readouterr()
+    for text in (told.err, told.out, told_later.err, told_later.out):
+        assert '\x1b' not in text
