@@ -1,5 +1,7 @@
 """Messages in, messages out, and what is reported of them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -140,6 +142,72 @@ def test_health_tells_of_a_band_that_is_too_tight():
     _, status = health.report(4.0)
     assert status.level == WARN
     assert 'set method to adaptive' in status.message
+
+
+def quiet(n, deviation, random, rate=100.0):
+    """Return messages of a sensor at rest."""
+    return [
+        imu_message(
+            10**18 + int(k * 1e9 / rate),
+            deviation * random.standard_normal(3),
+            [0, 0, 9.8] + 0.02 * random.standard_normal(3),
+        )
+        for k in range(n)
+    ]
+
+
+def test_health_tells_of_a_filter_that_is_inert(random):
+    """The paper's filter with its own model, on a sensor a hundred times as quiet."""
+    messages = quiet(1500, 5e-5, random)
+    filter_ = MessageFilter(Parameters(method='kalman'))
+    health = Health(filter_)
+    filter_.process_batch(messages[:500])
+    _, status = health.report(5.0)
+    assert status.level == WARN
+    assert 'far smaller than the filter expects' in status.message
+    assert float(status.values['Normalised innovation squared x']) < 0.1
+    filter_.filter.configure(Parameters(method='adaptive'))
+    for k in range(5, 15):
+        filter_.process_batch(messages[100 * k : 100 * k + 100])
+        _, status = health.report(1.0)
+    assert (status.level, status.message) == (OK, 'filtering')
+
+
+def test_levels_do_not_flicker(random):
+    """A share of outliers between the two limits keeps the level that there was."""
+    filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
+    health = Health(filter_)
+    state, levels = filter_.filter.state, []
+    filter_.process_batch(quiet(300, 5e-3, random))
+    state['counts']['samples'] = 0
+    for share in [0.0] * 12 + [0.08] * 12 + [0.15] * 12 + [0.08] * 12 + [0.02] * 12:
+        state['counts']['samples'] += 1000
+        state['counts']['nis_samples'] += 1000
+        state['counts']['nis_sum'] += 1000.0
+        state['counts']['outliers'][0] += round(1000 * share)
+        _, status = health.report(1.0)
+        levels.append(status.level)
+    assert levels[23] == OK
+    assert levels[35] == levels[47] == WARN
+    assert levels[59] == OK
+    assert sum(a != b for a, b in pairwise(levels)) == 2
+
+
+def test_a_rate_that_is_off_is_told(random):
+    messages = quiet(3000, 5e-3, random)
+    for parameters, part, message in (
+        (Parameters(sample_rate=200.0), 100, 'fewer messages come than sample_rate says'),
+        (Parameters(sample_rate=100.0), 100, 'receiving'),
+        (Parameters(), 50, 'fewer messages come than their stamps say: are some lost'),
+        (Parameters(), 200, 'more messages come than their stamps say'),
+    ):
+        filter_ = MessageFilter(parameters)
+        health = Health(filter_)
+        for k in range(14):
+            filter_.process_batch(messages[part * k : part * (k + 1)])
+            status, _ = health.report(1.0)
+        assert status.message.startswith(message)
+        assert status.level == (OK if message == 'receiving' else WARN)
 
 
 def test_health_survives_a_reset():

@@ -1,5 +1,7 @@
 """Parameters: ranges, names and the messages that users read."""
 
+from itertools import pairwise
+
 import pytest
 import yaml
 
@@ -151,3 +153,15 @@ def test_sections_of_several_robots_are_not_mixed(tmp_path):
     )
     with pytest.raises(ParameterError, match='several nodes: /robot1/gyro_drift_filter, /robot2'):
         read_parameters(write(tmp_path, text))
+
+
+def test_a_parameter_file_that_unfolds_without_end(tmp_path):
+    """A few lines of aliases stand for a billion values; rcl takes none either."""
+    lines = ['a: &a [x, x, x, x, x, x, x, x, x]\n']
+    lines += [f'{c}: &{c} [{", ".join(9 * ["*" + b])}]\n' for b, c in pairwise('abcdefghij')]
+    for text in (''.join(lines), 'a: &a {b: *a}\n', '/**: {ros__parameters: &p {x: *p}}\n'):
+        with pytest.raises(ParameterError, match='aliases') as error:
+            read_parameters(write(tmp_path, text))
+        assert '\n' not in str(error.value)
+    with pytest.raises(ParameterError, match='longer than 1000000 bytes'):
+        read_parameters(write(tmp_path, '#' * 1_000_001))

@@ -74,9 +74,10 @@ class Description:
         if self.kind == 'double':
             return self._check_number(value, '')
         if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != len(AXES):
+            shown = value if isinstance(value, str) or not hasattr(value, '__len__') else [*value]
             raise ParameterError(
                 f"parameter '{self.name}' must be a list of three numbers, one per axis x, y, z, "
-                f'not {value!r}'
+                f'not {shown!r}'
             )
         return tuple(
             self._check_number(v, f' (axis {axis})') for v, axis in zip(value, AXES, strict=True)
