@@ -1,5 +1,5 @@
 # make demo: the main job end to end. make test: lint, types and all tests. make bench: how fast.
-# make quality: how good.
+# make quality: how good. make coverage: what of the code the tests run.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint bench quality clean
+.PHONY: demo test lint bench quality coverage clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -21,6 +21,12 @@ bench: $(VENV)/.installed
 quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
 	$(BIN)/python -m benchmark.bias
+
+coverage: $(VENV)/.installed
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report --fail-under 95
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

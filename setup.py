@@ -55,6 +55,7 @@ setup(
         'test': [
             'colcon-common-extensions>=0.3',
             'colcon-ros>=0.5',
+            'coverage>=7.10',
             'hypothesis>=6.100',
             'mcap>=1.2',
             'mypy>=1.13',
