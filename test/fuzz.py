@@ -70,6 +70,7 @@ WORDS = [
     b'"',
     b'1e999',
     b'.nan',
+    b'1' * 400,
 ]
 NODE, FRAME = '/gyro_drift_filter', 'imu_link'
 

@@ -210,6 +210,80 @@ def test_a_rate_that_is_off_is_told(random):
         assert status.level == (OK if message == 'receiving' else WARN)
 
 
+def levels(health, parts, filter_):
+    """Return the messages of the input after each part, a second each."""
+    messages = []
+    for part in parts:
+        filter_.process_batch(part)
+        messages.append(health.report(1.0)[0].message)
+    return messages
+
+
+def test_a_silence_is_no_wrong_rate(random):
+    """Before the driver starts, while it pauses, and what was kept meanwhile."""
+    data = quiet(4000, 5e-3, random)
+    seconds = [data[100 * k : 100 * k + 100] for k in range(40)]
+    for parameters in (Parameters(), Parameters(sample_rate=100.0)):
+        filter_ = MessageFilter(parameters)
+        parts = [*[[]] * 15, data[:40], *seconds[1:12], [], [], data[1200:1230], *seconds[13:20]]
+        told = levels(Health(filter_), parts, filter_)
+        assert not [text for text in told if 'messages come' in text]
+        filter_ = MessageFilter(parameters)
+        told = levels(Health(filter_), [*[[]] * 9, data[:2000], *seconds[20:]], filter_)
+        assert not [text for text in told if 'messages come' in text]
+
+
+def test_a_message_that_comes_again_and_again(random):
+    data = quiet(300, 5e-3, random)
+    filter_ = MessageFilter(Parameters())
+    told = levels(Health(filter_), [data[:100], data[100:200], 100 * [data[199]]], filter_)
+    assert told[1] == 'receiving'
+    assert told[2].startswith('the same message comes again and again')
+
+
+def test_stamps_that_go_to_and_fro_or_are_none(random):
+    """Two sensors of one name; a driver that does not stamp."""
+    a, b = quiet(1200, 5e-3, random), quiet(1200, 5e-3, random)
+    late = [
+        imu_message(read_imu(m).stamp - 20_000_000, read_imu(m).angular_velocity, (0, 0, 9.8))
+        for m in b
+    ]
+    both = [message for pair in zip(a, late, strict=True) for message in pair]
+    filter_ = MessageFilter(Parameters())
+    told = levels(Health(filter_), [both[200 * k : 200 * k + 200] for k in range(12)], filter_)
+    assert told[-1].startswith('many stamps go backward')
+    none = [imu_message(0, read_imu(m).angular_velocity, (0, 0, 9.8)) for m in a]
+    for rate, text in ((0.0, 'the driver does not stamp'), (100.0, 'receiving')):
+        filter_ = MessageFilter(Parameters(sample_rate=rate))
+        told = levels(Health(filter_), [none[100 * k : 100 * k + 100] for k in range(12)], filter_)
+        assert told[-1].startswith(text)
+
+
+def test_a_dead_band_and_coarse_steps_are_no_fault(random):
+    """Zeros at rest are noise that is not there; a flat top of a turn is not the range's end."""
+    step = np.radians(0.061)
+    seconds = np.arange(6000) / 200.0
+    turn = 2.5 + 0.5 * np.sin(2 * np.pi * 0.3 * seconds)
+    rates = turn[:, None] + np.radians(0.05) * random.standard_normal((6000, 3))
+    rates = np.round(rates / step) * step
+    filter_ = MessageFilter(Parameters())
+    messages = [
+        imu_message(10**18 + 5_000_000 * k, rate, [0, 0, 9.8] + 0.02 * random.standard_normal(3))
+        for k, rate in enumerate(rates)
+    ]
+    health = Health(filter_)
+    told = levels(health, [messages[200 * k : 200 * k + 200] for k in range(30)], filter_)
+    assert set(told) == {'receiving'}
+    still = [
+        imu_message(2 * 10**18 + 5_000_000 * k, (0, 0, 0), 0.02 * random.standard_normal(3))
+        for k in range(4000)
+    ]
+    for k in range(20):
+        filter_.process_batch(still[200 * k : 200 * k + 200])
+        input_, status = health.report(1.0)
+        assert k < 2 or (input_.message, status.message) == ('receiving', 'filtering')
+
+
 def test_health_survives_a_reset():
     filter_ = MessageFilter(Parameters())
     health = Health(filter_)

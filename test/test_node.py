@@ -421,16 +421,14 @@ def test_a_frame_that_changes_is_told(fresh):
     mixed = [message for pair in zip(data[::2], other[1::2], strict=True) for message in pair]
 
     def told(statuses):
-        return (
-            "frame_id changes, the last time to '" in statuses['gyro_drift_filter: input'].message
-        )
+        return 'frame_id changes' in statuses['gyro_drift_filter: input'].message
 
     before = values(diagnostics(fresh, lambda s: True)['gyro_drift_filter: input'])
     fresh.play(mixed)
     status = diagnostics(fresh, told)['gyro_drift_filter: input']
     changes = int(values(status)['Changes of frame_id']) - int(before['Changes of frame_id'])
     assert changes in (19, 20)
-    assert status.message.isprintable()
+    assert values(status)['Last frame_id it changed to'] == 'rear'
 
 
 def test_runs_in_plain_python_without_an_events_executor(tmp_path):

@@ -1,5 +1,7 @@
 """Bags that were cut off in mid-write, at any byte, and bags that are replaced."""
 
+from pathlib import Path
+
 import pytest
 from mcap.writer import CompressionType
 
@@ -76,6 +78,41 @@ def test_the_last_message_of_an_open_chunk(tmp_path):
                 copy.unlink()
 
 
+@pytest.mark.parametrize('form', ['plain', 'zstd', 'lz4'])
+def test_a_cut_in_the_head_of_a_chunk(form, tmp_path, random):
+    """Whatever is there of its fields, all chunks before are read."""
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS[form] | {'chunk_size': 30_000})
+    whole = path.read_bytes()
+    first, last = read_layout(path).chunks[0], read_layout(path).chunks[-1]
+    copy = tmp_path / 'copy.mcap'
+    counts = []
+    for cut in range(last.start, last.start + 80):
+        path.write_bytes(whole[:cut])
+        counts.append(recover(path, copy))
+        copy.unlink()
+    assert counts == sorted(counts)
+    assert counts[0] > 100
+    # The length is there, what was written is not.
+    path.write_bytes(whole[: last.start + 100] + bytes(last.length))
+    assert recover(path, copy) >= counts[0]
+    copy.unlink()
+    for cut in range(first.start, first.start + 60):
+        path.write_bytes(whole[:cut])
+        assert recover(path, copy) == 0
+        copy.unlink()
+
+
+def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    folder = tmp_path / 'folder'
+    replay(source, folder, parameters=Parameters())
+    file = folder / 'folder.mcap'
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(BagError, match=r'folder\.mcap was cut off: name that file'):
+        found(folder)
+    assert found(file)
+
+
 def test_replay_and_its_warning(tmp_path, random, capsys):
     path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
     whole = path.read_bytes()
@@ -91,7 +128,7 @@ def test_what_can_not_be_recovered_is_one_line(tmp_path, random):
     whole = path.read_bytes()
     for data, reason in (
         (whole[: len(MAGIC) + 3], 'was cut off before its first whole message'),
-        (whole[:3000].replace(b'zstd', b'zst?'), 'has the unknown compression'),
+        (whole[:3000].replace(b'zstd', b'zst?'), 'was cut off before its first whole message'),
         (MAGIC + PREFIX.pack(6, 2**60) + b'abc', 'has a record at byte 17 that is too long'),
         (MAGIC + PREFIX.pack(99, 2**64 - 1) + b'abc', 'before its first whole message'),
         (MAGIC, 'can not be read as a bag|before its first whole message'),
@@ -127,6 +164,25 @@ def test_force_replaces_a_bag_when_the_new_one_is_complete(tmp_path, random, cap
     assert sorted(p.name for p in tmp_path.iterdir()) == ['empty.mcap', 'in.mcap', 'out']
 
 
+def test_an_interrupt_in_mid_exchange_leaves_the_old_bag(tmp_path, random, monkeypatch):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    out = tmp_path / 'out'
+    replay(source, out, parameters=Parameters())
+    before = (out / 'out.mcap').read_bytes()
+    rename = Path.rename
+
+    def interrupted(path, target):
+        if Path(target) == out and path.name == 'out':
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, 'rename', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        replay(source, out, parameters=Parameters(method='kalman'), force=True)
+    assert (out / 'out.mcap').read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['in.mcap', 'out']
+
+
 def test_force_replaces_nothing_but_bags(tmp_path, random):
     source = write_mcap(tmp_path / 'in.mcap', mixed(random))
     precious = tmp_path / 'thesis'
@@ -137,6 +193,10 @@ def test_force_replaces_nothing_but_bags(tmp_path, random):
     assert (precious / 'chapter').read_text() == 'x'
     bag = tmp_path / 'bag'
     replay(source, bag, parameters=Parameters())
+    (bag / 'params.yaml').write_text('')
+    with pytest.raises(BagError, match=r'holds more than a bag, and is not replaced: params.yaml'):
+        replay(source, bag, parameters=Parameters(), force=True)
+    (bag / 'params.yaml').unlink()
     for inner in (bag, bag / 'bag.mcap'):
         with pytest.raises(BagError, match='is the bag to be read'):
             replay(inner, bag, parameters=Parameters(), force=True, topic=TOPIC)

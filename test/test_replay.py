@@ -344,6 +344,17 @@ def test_the_summary_tells_of_the_whole_bag(tmp_path):
     assert 'the driver may publish degrees' in status.message
 
 
+def test_an_imu_that_comes_late_or_ends_early_loses_no_messages(tmp_path, random):
+    """The other topics go on: no warning of a rate that is off."""
+    stamps = 10**18 + 10**7 * np.arange(800)
+    rates = 0.005 * random.standard_normal((800, 3))
+    imu = [(t, imu_message(t, r, r + 9.8)) for t, r in zip(stamps.tolist(), rates, strict=True)]
+    for name, begin in (('late', -12), ('early', 0)):
+        words = [(10**18 + k * 10**9, text('word')) for k in range(begin, begin + 20)]
+        source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
+        assert run(source, tmp_path / f'{name}_out').status[0].message == 'receiving'
+
+
 def test_log_times_beyond_what_a_stamp_holds(tmp_path):
     late = 2**31 * 10**9
     imu = [(late + time - 10**18, data) for time, data in simulated(50)]

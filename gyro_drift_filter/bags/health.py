@@ -29,6 +29,8 @@ INPUT, FILTER = ': input', ': filter'
 
 # Reports, one a second, that shares and rates are taken over.
 _WINDOW = 10
+_LEAST_SECONDS = 5.0  # of the window, to judge a rate
+_MANY_BACKWARD = 0.05  # share of the samples
 # Samples in the window below which shares tell nothing.
 _FEW = 200
 
@@ -39,7 +41,10 @@ class _Counts:
     received: int = 0
     malformed: int = 0
     samples: int = 0
+    repeats: int = 0
     refused: int = 0
+    backward: int = 0
+    zero_stamps: int = 0
     gaps: int = 0
     restarts: int = 0
     frames: int = 0
@@ -89,21 +94,30 @@ class Health:
         self._overconfident = _Alarm(4.0, 2.5)
         self._inert = _Alarm(1.0 / 0.1, 1.0 / 0.2)
         self._rate_off = _Alarm(0.2, 0.1)  # share of the expected rate
+        self._silent = True
 
-    def report(self, seconds: float) -> list[DiagnosticStatus]:
+    def report(self, seconds: float, paced: bool = True) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter.
 
         Args:
             seconds: Time since the last report.
+            paced: Whether messages come at the pace of that time, so that the rate can be judged.
         """
         before = self._window[-1]
         now = self._count(before.seconds + seconds)
         if now.samples < before.samples:  # the filter was reset
-            kept = _Counts(before.seconds, before.received, before.malformed, frames=before.frames)
+            before = _Counts(
+                before.seconds, before.received, before.malformed, frames=before.frames
+            )
             self._window.clear()
-            self._window.append(kept)
+            self._window.append(before)
+        first = self._window[0]
+        if self._silent:
+            # After a silence what came is no rate: a part of the time, or all that was kept.
+            self._window.clear()
         self._window.append(now)
-        return [self._input(self._window[-2], now), self._filter(self._window[-2], now)]
+        self._silent = now.received == before.received
+        return [self._input(first, before, now, paced), self._filter(first, before, now)]
 
     def _count(self, seconds: float) -> _Counts:
         messages, state = self._messages, self._messages.filter.state
@@ -113,7 +127,10 @@ class Health:
             messages.received,
             messages.malformed,
             counts['samples'],
+            counts['repeats'],
             counts['refused'],
+            clock['backward_stamps'],
+            clock['zero_stamps'],
             clock['gaps'],
             clock['restarts'],
             messages.frame_changes,
@@ -126,14 +143,18 @@ class Health:
             tuple(state['paper']['divergences'].tolist()),
         )
 
-    def _input(self, before: _Counts, now: _Counts) -> DiagnosticStatus:
+    def _input(
+        self, first: _Counts, before: _Counts, now: _Counts, paced: bool
+    ) -> DiagnosticStatus:
         messages, state = self._messages, self._messages.filter.state
         clock, counts = _plain(state['clock']), _plain(state['counts'])
-        first = self._window[0]
         seconds = now.seconds - first.seconds
         rate = (now.received - first.received) / seconds if seconds > 0.0 else math.nan
         expected = self._expected_rate()
-        level, message = self._judge_input(before, now, rate, expected)
+        # A partial second at either end is a small share of this.
+        known = paced and self._window[-1].seconds - self._window[0].seconds >= _LEAST_SECONDS
+        off = abs(rate / expected - 1.0) if known else math.nan
+        level, message = self._judge_input(first, before, now, off, rate < expected)
         values = {
             'Actual frequency (Hz)': _number(rate),
             'Expected frequency (Hz)': _number(expected),
@@ -151,6 +172,7 @@ class Health:
             'Equal stamps': str(clock['same_stamps']),
             'Backward stamps': str(clock['backward_stamps']),
             'Changes of frame_id': str(now.frames),
+            'Last frame_id it changed to': messages.frame,
             'Times stuck': str(counts['stuck']),
         }
         values |= _per_axis('Unusable rates bridged', counts['unusable'])
@@ -166,12 +188,14 @@ class Health:
         return 1.0 / float(clock['period']) if clock['blocks'] > 0 else math.nan
 
     def _judge_input(
-        self, before: _Counts, now: _Counts, rate: float, expected: float
+        self, first: _Counts, before: _Counts, now: _Counts, off: float, fewer: bool
     ) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
         messages, state = self._messages, self._messages.filter.state
         samples = now.samples - before.samples
-        off = self._rate_off.judge(abs(rate / expected - 1.0))
+        parameters = messages.filter.parameters
+        # What can't be judged is not off.
+        is_off = self._rate_off.judge(0.0 if math.isnan(off) else off)
         if now.received == before.received:
             return STALE, 'no message: is the driver running, and is the topic right?'
         if now.malformed > before.malformed:
@@ -182,6 +206,14 @@ class Health:
                 'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is '
                 'published; look at the driver',
             )
+        if samples > 0 and now.repeats - before.repeats == samples:
+            return ERROR, 'the same message comes again and again: the sensor or its driver hangs'
+        if is_stuck(state) and not state['measured'].any():
+            return (
+                WARN,
+                'all rates have been exactly 0 for a second or more: a dead band in the driver, or '
+                'the sensor hangs',
+            )
         if is_stuck(state):
             return (
                 ERROR,
@@ -189,10 +221,7 @@ class Health:
                 '(a simulated sensor without noise does this, too)',
             )
         if now.frames > before.frames:
-            return (
-                WARN,
-                f"frame_id changes, the last time to '{messages.frame}': two sensors on one topic?",
-            )
+            return WARN, 'frame_id changes from message to message: two sensors on one topic?'
         if samples == 0:
             return (
                 WARN,
@@ -222,19 +251,31 @@ class Health:
                 WARN,
                 'stamps jumped by more than gap_limit: the filter has started anew from there',
             )
-        if off:
-            given = self._messages.filter.parameters.sample_rate > 0.0
-            less = 'fewer' if rate < expected else 'more'
-            if given:
+        recent = now.samples - first.samples
+        if recent >= _FEW and now.backward - first.backward > _MANY_BACKWARD * recent:
+            return (
+                WARN,
+                'many stamps go backward: are there two publishers, or does the driver mix its '
+                'messages up?',
+            )
+        if parameters.sample_rate == 0.0 and recent == now.zero_stamps - first.zero_stamps > 0:
+            return WARN, 'the driver does not stamp (all stamps are 0): set sample_rate'
+        if is_off:
+            less = 'fewer' if fewer else 'more'
+            if parameters.sample_rate > 0.0:
                 return WARN, f'{less} messages come than sample_rate says: set it right, or to 0'
-            lost = 'are some lost on the way?' if rate < expected else 'are there two publishers?'
-            return WARN, f'{less} messages come than their stamps say: {lost}'
+            cause = 'are some lost on the way?' if fewer else 'are there two publishers?'
+            return (
+                WARN,
+                f'{less} messages come than their stamps say: {cause} Or is a bag played at '
+                'another speed?',
+            )
         if now.gaps > before.gaps:
             return WARN, 'gaps in the stamps: messages are lost before they come here'
         return OK, 'receiving'
 
-    def _filter(self, before: _Counts, now: _Counts) -> DiagnosticStatus:
-        filter_, first = self._messages.filter, self._window[0]
+    def _filter(self, first: _Counts, before: _Counts, now: _Counts) -> DiagnosticStatus:
+        filter_ = self._messages.filter
         state, method = filter_.state, filter_.parameters.method
         result, bias = _plain(state['result']), state['bias']
         samples = now.samples - first.samples
@@ -264,12 +305,15 @@ class Health:
     ) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
         filter_ = self._messages.filter
-        method, stuck = filter_.parameters.method, is_stuck(filter_.state)
+        method = filter_.parameters.method
         many = self._outliers.judge(_largest(shares))
         overconfident = self._overconfident.judge(_largest(surprise))
-        # A stuck sensor is its own fault, told of the input.
-        least = math.nan if stuck else -_largest([-value for value in surprise])
-        inert = self._inert.judge(1.0 / least if least else math.inf)
+        # Of noise that it has learned adaptive can't expect too much, but for a dead band, which
+        # has none at rest. Nor does a stuck sensor tell anything.
+        learned = method == 'adaptive' and not any(filter_.parameters.model_noise_deviation)
+        tells = not learned and not is_stuck(filter_.state)
+        least = -_largest([-value for value in surprise])
+        inert = self._inert.judge((1.0 / least if least else math.inf) if tells else 0.0)
         if now.divergences != before.divergences:
             return WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
         if many:

@@ -51,17 +51,24 @@ def recover(source: Path, destination: Path) -> int:
         Their number.
 
     Raises:
-        McapError: A chunk is damaged otherwise.
+        McapError: The first chunk is damaged.
         OSError: A file can't be read or written.
     """
     writer = McapWriter(destination, '')
     try:
         with source.open('rb') as file:
-            for opcode, content in _records(file):
-                if opcode == CHUNK:
-                    _take_records(writer, unpack_chunk(content).data)
-                elif opcode in (SCHEMA, CHANNEL, MESSAGE):
+            for opcode, content, whole in _records(file):
+                if opcode != CHUNK:
                     _take_records(writer, PREFIX.pack(opcode, len(content)) + content)
+                    continue
+                try:
+                    data = unpack_chunk(content).data
+                except McapError:
+                    # After a power cut the end may be there without having been written.
+                    if whole and not writer.counts:
+                        raise
+                    break
+                _take_records(writer, data)
         writer.finish()
     except BaseException:
         writer.abort()
@@ -69,21 +76,21 @@ def recover(source: Path, destination: Path) -> int:
     return sum(writer.counts.values())
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of the records of the data section; the last may be cut off."""
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
+    """Yield opcode, content and whether that is whole, of the records of the data section."""
     end = file.seek(0, 2)
     file.seek(len(MAGIC))
     while len(prefix := file.read(PREFIX.size)) == PREFIX.size:
         opcode, length = PREFIX.unpack(prefix)
         if opcode in (DATA_END, FOOTER):
             return
-        # Memory for no more than is there, whatever the length says.
+        # Whatever the length says, no more is read than is there.
         if length > LARGEST_CHUNK and opcode in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
             raise McapError(f'has a record at byte {file.tell()} that is too long')
         if opcode in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
             content = file.read(length)
             if opcode == CHUNK or len(content) == length:
-                yield opcode, content
+                yield opcode, content, len(content) == length
         elif length > end - file.tell():
             return
         else:

@@ -42,6 +42,8 @@ _JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
 
+_BAG_FILES = ('.mcap', '.db3')
+
 Kind = tuple[str, str, str, tuple[Qos, ...]]
 
 # Reliable, depth 10: what the node publishes with.
@@ -85,7 +87,11 @@ def _opened(path: Path, name: Path) -> AnyReader:
         reader = AnyReader([path], default_typestore=_JAZZY)
         reader.open()
     except Exception as error:
-        raise BagError(f'{name} can not be read as a bag: {reason(error)}') from error
+        hint = ''
+        cut = [file for file in path.glob('*.mcap') if is_cut_off(file)] if path.is_dir() else []
+        if cut:
+            hint = f' ({cut[0].name} was cut off: name that file, to read it as far as it goes)'
+        raise BagError(f'{name} can not be read as a bag: {reason(error)}{hint}') from error
     return reader
 
 
@@ -202,19 +208,38 @@ class BagWriter:
                     with self._reporting():
                         self._count()
                         self._writer.close()
-                        if self._replace and self._path.exists():
-                            # It goes with the hidden folder.
-                            self._path.rename(Path(self._folder.name) / 'replaced')
-                        self._written.rename(self._path)
+                        self._take_name()
             finally:
                 with suppress(Exception):
                     self._writer.abort()  # does nothing after close
 
+    def _take_name(self) -> None:
+        """Give the bag its name; an old one is removed only when the new one stands there."""
+        if not self._path.exists():
+            self._written.rename(self._path)
+            return
+        self._check_replacement()
+        # With the hidden folder it goes.
+        old = Path(self._folder.name) / 'replaced'
+        self._path.rename(old)
+        try:
+            self._written.rename(self._path)
+        except BaseException:
+            if not self._path.exists():
+                old.rename(self._path)
+            raise
+
     def _check_replacement(self) -> None:
         if not self._replace:
             raise BagError(f'{self._path} exists already: remove it or choose another name')
-        if not (self._path / 'metadata.yaml').is_file():
+        names = {file.name for file in self._path.iterdir()} if self._path.is_dir() else set()
+        others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
+        if 'metadata.yaml' not in names:
             raise BagError(f'{self._path} is no rosbag2 folder, and is not replaced')
+        if others:
+            raise BagError(
+                f'{self._path} holds more than a bag, and is not replaced: {min(others)}'
+            )
 
     def _count(self) -> None:
         """Tell rosbags' writer, for metadata.yaml, what has gone past it into the storage."""

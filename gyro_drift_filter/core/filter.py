@@ -65,9 +65,11 @@ RANGE = 35.0
 # when the bus hangs. From so many equal samples on it tells nothing of the bias.
 STUCK_SECONDS = 1.0
 STUCK_SAMPLES = 20
-# A rate that is the same so many times is the end of the range where none that came twice was
-# faster: no motion holds a rate to the last bit. The smallest range is above this, in rad/s.
+# A rate that is the same so many times is the end of the range, where the one before was so many
+# steps of the resolution off, as at the top of a turn it is not, and none that was stopped at like
+# this was faster. The smallest range is above this, in rad/s.
 CLIPPED_RATE = 2.0
+CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
 
 # A method takes over from another's output where that is so many deviations from the last sample.
@@ -165,7 +167,9 @@ STATE = np.dtype(
         ('measured', np.float64, _AXES),  # angular velocity of the last sample as it came, rad/s
         ('acceleration', np.float64, _AXES),  # m/s^2, of the last sample
         ('equal', np.int64, _AXES),  # how often the rate has come before in a row
-        ('largest', np.float64, _AXES),  # |rate| of those that came twice in a row, rad/s
+        ('largest', np.float64, _AXES),  # |rate| of those that were stopped at, rad/s
+        ('entered', np.float64, _AXES),  # last change of the rate, rad/s
+        ('resolution', np.float64, _AXES),  # smallest change of it, rad/s; 0 before the first
         ('equal_all', np.int64),  # how often all rates and accelerations have
         ('bridged', np.int64, _AXES),  # unusable samples in a row
         ('paper', PAPER_STATE, _AXES),
@@ -241,14 +245,22 @@ def _count_result(adaptive: bool, state: Any) -> None:
 @compiled
 def _note_equal(rate: Any, acceleration: Any, state: Any) -> None:
     """Count how often values have stayed the same to the last bit, and what that tells."""
-    counts, equal, largest, same = state['counts'], state['equal'], state['largest'], True
+    counts, equal, largest = state['counts'], state['equal'], state['largest']
+    entered, resolution, same = state['entered'], state['resolution'], True
     for axis in range(3):
+        if _usable(rate[axis]):
+            change = abs(rate[axis] - state['measured'][axis])
+            if change > 0.0:
+                entered[axis] = change
+                if change < resolution[axis] or resolution[axis] == 0.0:
+                    resolution[axis] = change
+            elif entered[axis] > CLIPPED_STEPS * resolution[axis]:
+                largest[axis] = max(largest[axis], abs(rate[axis]))
+                fastest = abs(rate[axis]) > CLIPPED_RATE and abs(rate[axis]) == largest[axis]
+                if fastest and equal[axis] + 2 >= CLIPPED_SAMPLES:
+                    counts['clipped'][axis] += 1
         if rate[axis] == state['measured'][axis]:
             equal[axis] += 1
-            largest[axis] = max(largest[axis], abs(rate[axis]))
-            fastest = abs(rate[axis]) > CLIPPED_RATE and abs(rate[axis]) == largest[axis]
-            if fastest and equal[axis] + 1 >= CLIPPED_SAMPLES:
-                counts['clipped'][axis] += 1
         else:
             equal[axis] = 0
             same = False

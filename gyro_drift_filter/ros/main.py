@@ -62,9 +62,10 @@ def spin(node: Node) -> None:
             'times the processor load'
         )
     executor = (EventsExecutor or SingleThreadedExecutor)()
-    executor.add_node(node)
-    # EventsExecutor.spin() of rclpy 7.1 turns without running a callback; spin_once does not.
+    # An interrupt may come at once, and EventsExecutor aborts where it has a node and is not shut
+    # down. Its spin() of rclpy 7.1 turns without running a callback; spin_once does not.
     try:
+        executor.add_node(node)
         while rclpy.ok():
             executor.spin_once(timeout_sec=1.0)
     finally:

@@ -70,12 +70,14 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
             content = json.loads(file.read(LARGEST_FILE))
         owner = content['format'], content['node'], content['frame']
         bias, deviation = _three(content['bias']), _three(content['deviation'])
+        if min(deviation) < 0.0:
+            raise ValueError('a deviation is negative')
         age = time.time() - float(content['time'])
     except FileNotFoundError:
         return None
     except OSError as error:
         raise MemoryFileError(f'{path} can not be read: {error.strerror}') from error
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
     if owner != (FORMAT, node, frame):
         raise MemoryFileError(f'{path} is of another node, frame or version')

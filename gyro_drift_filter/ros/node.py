@@ -18,6 +18,7 @@ from rclpy.qos import (
     qos_profile_sensor_data,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time import Time
 from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -36,6 +37,7 @@ from gyro_drift_filter.ros.neighbours import Neighbours
 from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
+_LOG_PAUSE = 10_000_000_000  # ns
 # Best effort matches every publisher, reliable matches every subscriber. The input's depth rides
 # out half a second without the processor at 400 Hz.
 _INPUT_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -76,7 +78,7 @@ class GyroDriftFilterNode(Node):
             MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self._messages, self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
-        self._status: dict[str, cdr.DiagnosticStatus] = {}
+        self._logged: dict[str, tuple[cdr.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
 
@@ -187,7 +189,9 @@ class GyroDriftFilterNode(Node):
         self._reported = now
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        for status in map(self._with_surroundings, self._health.report(seconds)):
+        # In a simulation the messages follow its clock, which may be of any speed.
+        paced = not self.get_parameter('use_sim_time').value
+        for status in map(self._with_surroundings, self._health.report(seconds, paced)):
             self._log_change(status)
             array.status.append(
                 DiagnosticStatus(
@@ -215,14 +219,22 @@ class GyroDriftFilterNode(Node):
         return status
 
     def _log_change(self, status: cdr.DiagnosticStatus) -> None:
-        """Log a status that is not as it was at the last report."""
-        before = self._status.get(status.name)
-        self._status[status.name] = status
-        if before is not None and before.message == status.message:
-            return
+        """Log a status that is not as it was logged; of one level not more often than it helps."""
         if self._cold_start.waiting is not None:
             return
+        now = self._steady.now()
+        logged, when = self._logged.get(status.name, (None, now))
+        self._logged.setdefault(status.name, (status, now))
+        if logged is None:
+            if status.level != OK:
+                self.get_logger().warning(status.message)
+            return
+        if logged.message == status.message:
+            return
+        if logged.level == status.level and (now - when).nanoseconds < _LOG_PAUSE:
+            return
+        self._logged[status.name] = status, now
         if status.level != OK:
             self.get_logger().warning(status.message)
-        elif before is not None:
+        else:
             self.get_logger().info(status.message)
