@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from gyro_drift_filter.bags.health import package_version
 from gyro_drift_filter.cli import compile, identify, replay, simulate
-from gyro_drift_filter.cli.interrupt import noted_interrupts
 from gyro_drift_filter.core import GyroDriftFilterError
 
 _SUBCOMMANDS = (replay, identify, simulate, compile)
@@ -39,8 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
     options = parser().parse_args(arguments)
     try:
-        with noted_interrupts():
-            options.run(options)
+        options.run(options)
         sys.stdout.flush()
     except GyroDriftFilterError as error:
         print(f'gyro_drift {options.command}: {error}', file=sys.stderr)

@@ -3,8 +3,6 @@
 import sys
 import time
 
-from gyro_drift_filter.cli.interrupt import check
-
 
 class Progress:
     """A line on stderr that is written over, a few times a second."""
@@ -15,8 +13,7 @@ class Progress:
         self._shown = False
 
     def __call__(self, done: int, total: int) -> None:
-        """Show how many of the messages are done, or end where the user has asked for it."""
-        check()
+        """Show how many of the messages are done."""
         now = time.monotonic()
         if not self._enabled or now - self._last < 0.2:
             return
