@@ -1,11 +1,13 @@
 """Start and end of the node's process."""
 
+import signal
 import sys
 from collections.abc import Sequence
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from gyro_drift_filter.core import GyroDriftFilterError
 
@@ -14,27 +16,35 @@ try:
 except ImportError:
     EventsExecutor = None
 
+# How long a signal may wait, where no message comes.
+_LATEST_SECONDS = 0.2
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
+    """Run the node until SIGINT or SIGTERM.
 
     Returns:
-        0 after an interrupt, 1 after a known error told in one line on stderr.
+        0 after one of them, 1 after a known error told in one line on stderr.
     """
+    asked: list[int] = []
+
+    def stop(number: int, frame: object) -> None:
+        asked.append(number)
+        signal.signal(number, signal.SIG_DFL)  # a second one ends it at once
+
+    # Not rclpy's own handlers: they invalidate what is being set up, and an exception besides
+    # leaves EventsExecutor half made, which aborts.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
     node = None
     try:
         node = _start(arguments)
-        spin(node)
+        spin(node, asked)
     except GyroDriftFilterError as error:
         print(f'gyro_drift_filter_node: {error}', file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
-    except Exception:
-        # A signal shuts the context down; what it interrupts, such as the compiler, may raise
-        # anything.
-        if rclpy.ok():
-            raise
     finally:
         if node is not None:
             node.destroy_node()
@@ -44,29 +54,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _start(arguments: Sequence[str] | None) -> Node:
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        rclpy.init(
+            args=None if arguments is None else list(arguments),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
     except RuntimeError as error:  # rcl could not read the arguments or the parameter file
         reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
         raise GyroDriftFilterError(reason) from error
-    # Imported here, as an interrupt may come while numba is loaded.
+    # Imported here, as it loads the kernels.
     from gyro_drift_filter.ros.node import GyroDriftFilterNode
 
     return GyroDriftFilterNode()
 
 
-def spin(node: Node) -> None:
-    """Run the node's callbacks until shutdown."""
+def spin(node: Node, asked: Sequence[int]) -> None:
+    """Run the node's callbacks until `asked` holds a signal's number."""
     if EventsExecutor is None:
         node.get_logger().warning(
             'this rclpy has no EventsExecutor: falling back to SingleThreadedExecutor, at several '
             'times the processor load'
         )
     executor = (EventsExecutor or SingleThreadedExecutor)()
-    # An interrupt may come at once, and EventsExecutor aborts where it has a node and is not shut
-    # down. Its spin() of rclpy 7.1 turns without running a callback; spin_once does not.
+    # EventsExecutor.spin() of rclpy 7.1 turns without running a callback; spin_once does not.
     try:
         executor.add_node(node)
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)
+        while rclpy.ok() and not asked:
+            executor.spin_once(timeout_sec=_LATEST_SECONDS)
     finally:
         executor.shutdown()
