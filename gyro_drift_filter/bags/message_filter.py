@@ -177,7 +177,10 @@ class MessageFilter:
 
     def explain_frame(self, data: bytes) -> None:
         """Note the frame_id of a message that `process_arrays` has counted already."""
-        self.frame = printable(frame_id(data, read_imu(data)).decode('utf-8', 'replace'))
+        self._note_frame(frame_id(data, read_imu(data)))
+
+    def _note_frame(self, frame: bytes) -> None:
+        self.frame = printable(frame.decode('utf-8', 'replace'))
 
     def _read(self, data: bytes) -> Imu | None:
         self.received += 1
@@ -191,7 +194,7 @@ class MessageFilter:
         compared = len(frame), frame[:LONGEST_FRAME]
         if self._frame_before not in (None, compared):
             self.frame_changes += 1
-            self.frame = printable(frame.decode('utf-8', 'replace'))
+            self._note_frame(frame)
         self._frame_before = compared
         if not imu.angular_velocity_reported:
             self.not_reported += 1
