@@ -83,11 +83,20 @@ def through(filter_, stamps, rates, accelerations, told):
 
 def messages():
     """Return the results of the kernels that read, patch and lay out messages."""
-    from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messages
+    from gyro_drift_filter.bags.chunk_kernels import (
+        ENTRY,
+        ROW,
+        lay_out,
+        list_messages,
+        place_in_result,
+    )
     from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
     from gyro_drift_filter.bags.mcap_records import MESSAGE, PREFIX
     from gyro_drift_filter.bags.message_filter import MessageFilter
+    from gyro_drift_filter.bags.moments import Moments
+    from gyro_drift_filter.bags.replay_run import payload
     from gyro_drift_filter.core import Parameters
+    from gyro_drift_filter.core.filter import RESULT
     from test.test_chunk_replay import mixed
 
     rows = mixed(np.random.default_rng(3), 2)
@@ -109,36 +118,43 @@ def messages():
     mine = listed[ours[listed['channel']]]
     imus, doubles = np.zeros(len(mine), IMU), np.zeros(37)
     read_imus(chunk, mine, (doubles.view(np.uint8), doubles), no_frame(), imus)
-    random = np.random.default_rng(4)
     n = len(mine)
+    results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
+    filtered.process_imus(imus, range(n), lambda k: payload(chunk, mine[k]), results)
     out, entries = np.zeros(8 * len(chunk), np.uint8), np.zeros(9 * len(rows), ENTRY)
-    written = random.random(n) < 0.9
-    patches = random.standard_normal((n, 12)).view(np.uint8)
-    vectors = random.standard_normal((n, 2, 3)).view(np.uint8).reshape(n, 2, 24)
-    size, count = lay_out(
+    places = np.zeros((len(rows) + 1, 2), np.int64)
+    lay_out(
         chunk,
         listed,
         np.arange(8) % 3,
         ours,
         imus,
-        written,
-        patches,
+        results,
+        results.view(np.uint8).reshape(n, -1),
         9,
-        vectors,
-        np.array([10, 11]),
-        np.arange(n) % 3,
+        np.array([[10, place_in_result('innovation')], [11, place_in_result('bias')]]),
         12,
+        np.array([-1.0]),
         out,
         entries,
+        places,
     )
+    size, count = places[-1].tolist()
+    counts = filtered.received, filtered.malformed, filtered.not_reported, filtered.frame_changes
+    moments = Moments()
+    moments.add(imus['sample']['angular_velocity'], results['angular_velocity'])
     filter_, flags = MessageFilter(Parameters()), []
     for topic, _, _, data in rows:
         if topic == '/imu/data_raw':
             flags.append(filter_.step(data))
     return {
         'records': out[:size],
+        'row_places': places,
+        'counts': np.array(counts),
+        'mean': moments.statistics().mean,
+        'deviation': moments.statistics().deviation,
         'places': entries[:count]['offset'],
-        'stamps': imus['stamp'],
+        'stamps': imus['sample']['stamp'],
         'kinds': imus['kind'],
         'flags': np.array(flags),
     }

@@ -130,8 +130,8 @@ def check_cdr(data, folder):
     rows, imus, doubles = np.array([(0, 0, 0, len(data))], ROW), np.zeros(1, IMU), np.zeros(37)
     room = doubles.view(np.uint8), doubles
     read_imus(np.frombuffer(data, np.uint8), rows, room, no_frame(), imus)
-    np.testing.assert_array_equal(imus[0]['angular_velocity'], imu.angular_velocity)
-    assert imus[0]['stamp'] == imu.stamp
+    np.testing.assert_array_equal(imus[0]['sample']['angular_velocity'], imu.angular_velocity)
+    assert imus[0]['sample']['stamp'] == imu.stamp
     if flags & PUBLISH:
         out = read_imu(filter_.output)
         assert out.stamp == imu.stamp

@@ -368,7 +368,8 @@ def test_the_compiled_reader_of_imus_agrees_with_the_plain_one(junk, place, byte
             assert imus[0]['kind'] == MALFORMED
             continue
         assert (imus[0]['kind'] == GOOD) == wanted.angular_velocity_reported
-        assert imus[0]['stamp'] == wanted.stamp
+        sample = imus[0]['sample']
+        assert sample['stamp'] == wanted.stamp
         assert imus[0]['doubles'] == wanted.offset
-        np.testing.assert_array_equal(imus[0]['angular_velocity'], wanted.angular_velocity)
-        np.testing.assert_array_equal(imus[0]['linear_acceleration'], wanted.linear_acceleration)
+        np.testing.assert_array_equal(sample['angular_velocity'], wanted.angular_velocity)
+        np.testing.assert_array_equal(sample['linear_acceleration'], wanted.linear_acceleration)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import GOOD
-from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, RATE, patch, unsigned
+from gyro_drift_filter.bags.cdr import GOOD, NOT_REPORTED
+from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, PATCHED, RATE, unsigned
 from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.core.filter import REFUSED, RESULT
 
 # Of a message in a chunk.
 ROW = np.dtype(
@@ -25,10 +26,19 @@ ROW = np.dtype(
 # Where a message stands: an entry of MessageIndex, with the channel.
 ENTRY = np.dtype([('channel', '<u2'), ('log_time', '<u8'), ('offset', '<u8')])
 
+
+def place_in_result(field: str) -> int:
+    """Return where the bytes of a field begin in a RESULT."""
+    assert RESULT.fields is not None
+    return RESULT.fields[field][1]
+
+
 _RECORD = 9  # opcode and length
 _MESSAGE = 0x05
 _MESSAGE_HEADER = 22  # channel, sequence, log time, publish time
-_VECTOR = 3
+_VECTOR_BYTES = 24
+_ANGULAR_VELOCITY = place_in_result('angular_velocity')
+_VARIANCE = place_in_result('angular_velocity_variance')
 RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
 
 
@@ -95,16 +105,16 @@ def lay_out(
     copies: Any,
     ours: Any,
     imus: Any,
-    written: Any,
-    patches: Any,
+    results: Any,
+    raw: Any,
     channel: int,
     vectors: Any,
-    vector_channels: Any,
-    rests: Any,
     rest_channel: int,
+    at_rest: Any,
     out: Any,
     entries: Any,
-) -> tuple[int, int]:
+    places: Any,
+) -> None:
     """Write the records of a stretch of messages and of what the filter makes of them.
 
     Args:
@@ -112,22 +122,21 @@ def lay_out(
         rows: Its messages, ROWs in the order of their log times.
         copies: By channel of the input: its channel in the output, 0 for none.
         ours: By channel of the input: whether it is the Imu topic.
-        imus: For each message of that, in order: IMU,
-        written: whether anything is published for it,
-        patches: (n, 96) bytes, rate and covariance, 12 little-endian doubles,
-        channel: of the filtered topic.
-        vectors: (n, m, 24) bytes of the topics of every sample, and
-        vector_channels: (m,) theirs.
-        rests: Whether rest has changed with the message: 2 to rest, 1 from it, 0 neither.
-        rest_channel: Of `at_rest`.
+        imus: For each message of that, in order: IMU, and where it is good
+        results: what the filter made of it, RESULT, and
+        raw: the same as bytes.
+        channel: Of the filtered topic.
+        vectors: (m, 2) of the topics of every sample: channel, and place of the field in RESULT.
+        rest_channel: Of `at_rest`, 0 for none, and
+        at_rest: (1,) what was written to it last; -1 before the first.
         out: Room for the records.
         entries: Room for an ENTRY of each.
-
-    Returns:
-        How many bytes and entries were written.
+        places: (n + 1, 2) filled with the bytes and entries written before each message.
     """
     place, count, following = 0, 0, 0
     for i in range(len(rows)):
+        places[i, 0] = place
+        places[i, 1] = count
         row = rows[i]
         source, time = row['channel'], row['log_time']
         start, size = row['start'], row['size']
@@ -140,7 +149,7 @@ def lay_out(
         k = following
         following += 1
         imu = imus[k]
-        if not written[k]:
+        if not is_written(imu, results[k]):
             continue
         place = _begin_record(out, place, entries[count], channel, time, size)
         begin = place
@@ -148,25 +157,50 @@ def lay_out(
         count += 1
         if imu['kind'] != GOOD:
             continue
-        patch(out, begin + imu['doubles'] + 8 * RATE, patches[k], imu['big_endian'])
-        for m in range(len(vector_channels)):
+        _patch_rate(out, begin + imu['doubles'], raw, k, imu['big_endian'])
+        for m in range(len(vectors)):
             name = imu['frame_size'] + 1
             padding = -(HEADER + name) % 8
-            length = ENCAPSULATION + HEADER + name + padding + 8 * _VECTOR
-            place = _begin_record(out, place, entries[count], vector_channels[m], time, length)
+            length = ENCAPSULATION + HEADER + name + padding + _VECTOR_BYTES
+            place = _begin_record(out, place, entries[count], vectors[m, 0], time, length)
+            stamp = imu['sample']['stamp']
             place = _put(out, place, 0x0100, 4)  # plain CDR, little endian
-            place = _put(out, place, imu['stamp'] // 1_000_000_000, 4)
-            place = _put(out, place, imu['stamp'] % 1_000_000_000, 4)
+            place = _put(out, place, stamp // 1_000_000_000, 4)
+            place = _put(out, place, stamp % 1_000_000_000, 4)
             place = _put(out, place, name, 4)
             place = _copy(out, place, data, start + imu['frame'], name - 1)
             place = _put(out, place, 0, 1 + padding)
-            for b in range(8 * _VECTOR):
-                out[place + b] = vectors[k, m, b]
-            place += 8 * _VECTOR
+            for b in range(_VECTOR_BYTES):
+                out[place + b] = raw[k, vectors[m, 1] + b]
+            place += _VECTOR_BYTES
             count += 1
-        if rests[k] > 0:
+        if rest_channel > 0 and results[k]['at_rest'] != at_rest[0]:
+            at_rest[0] = results[k]['at_rest']
             place = _begin_record(out, place, entries[count], rest_channel, time, 5)
             place = _put(out, place, 0x0100, 4)
-            place = _put(out, place, rests[k] - 1, 1)
+            place = _put(out, place, 1 if at_rest[0] > 0.0 else 0, 1)
             count += 1
-    return place, count
+    places[len(rows), 0] = place
+    places[len(rows), 1] = count
+
+
+@compiled
+def is_written(imu: Any, result: Any) -> bool:
+    """Tell whether a message has one on the filtered topic."""
+    if imu['kind'] == GOOD:
+        return bool(result['status'] != REFUSED)
+    return bool(imu['kind'] == NOT_REPORTED)
+
+
+@compiled
+def _patch_rate(out: Any, doubles: int, raw: Any, k: int, big_endian: bool) -> None:
+    """Write rate and diagonal covariance of a result among the 37 doubles of a message."""
+    place = doubles + 8 * RATE
+    for b in range(8 * 3, 8 * PATCHED):
+        out[place + b] = 0
+    for axis in range(3):
+        covariance = place + 8 * (3 + 4 * axis)
+        for b in range(8):
+            source = 8 * axis + (7 - b if big_endian else b)
+            out[place + 8 * axis + b] = raw[k, _ANGULAR_VELOCITY + source]
+            out[covariance + b] = raw[k, _VARIANCE + source]

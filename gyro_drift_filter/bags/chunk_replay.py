@@ -20,14 +20,16 @@ from gyro_drift_filter.bags.recording import BagError, kind
 from gyro_drift_filter.bags.replay_run import (
     BATCH_SPAN,
     LARGEST_BATCH,
+    BatchEnd,
     Piece,
     ReplayRun,
     Word,
-    payload,
 )
 from gyro_drift_filter.core.compiled import is_compiled
 
 _CHANNELS = 2**16
+# Messages that are filtered and laid out at once.
+_PIECE = 8192
 
 
 class ChunkedFile(NamedTuple):
@@ -87,29 +89,29 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
         ours[channel] = run.is_ours(connection)
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
-    batches = _Batches(run)
-    frame = no_frame()
+    batches, frame = _Batches(), no_frame()
     done = 0
-    for data, rows in _chunks(file):
-        rows = rows[known[rows['channel']]]
-        imus = _imus(data, rows[ours[rows['channel']]], frame)
-        # How many of our messages come before each row.
-        before = np.append(0, np.cumsum(ours[rows['channel']]))
-        messages_told = np.flatnonzero(told[rows['channel']])
-        for first, stop in batches.stretches(rows['log_time']):
-            begin, end = np.searchsorted(messages_told, (first, stop))
-            words = [
-                Word(
-                    int(before[row] - before[first]),
-                    file.connections[int(rows[row]['channel'])],
-                    payload(data, rows[row]),
-                )
-                for row in messages_told[begin:end]
+    for data, all_rows in _chunks(file):
+        all_rows = all_rows[known[all_rows['channel']]]
+        for first in range(0, len(all_rows), _PIECE):
+            rows = all_rows[first : first + _PIECE]
+            imus = _imus(data, rows[ours[rows['channel']]], frame)
+            stops: list[Word | BatchEnd] = [
+                Word(int(row), file.connections[int(rows[row]['channel'])])
+                for row in np.flatnonzero(told[rows['channel']])
             ]
-            run.take_piece(Piece(data, rows[first:stop], imus[before[first] : before[stop]], words))
-        done += len(rows)
+            # Where a batch ends before a word, that comes first.
+            stops = sorted([*batches.ends(rows['log_time'].copy()), *stops], key=_row)
+            run.take_piece(Piece(data, rows, imus, stops))
+        done += len(all_rows)
         progress(done)
-    batches.end()
+    last = batches.last()
+    if last is not None:
+        run.end_batch(last.first, last.last)
+
+
+def _row(stop: Word | BatchEnd) -> int:
+    return stop.row
 
 
 def _chunks(file: ChunkedFile) -> Iterator[tuple[NDArray[np.uint8], NDArray[Any]]]:
@@ -142,32 +144,28 @@ def _imus(data: NDArray[np.uint8], rows: NDArray[Any], frame: NDArray[Any]) -> N
 class _Batches:
     """Cut messages into batches as the general path does, across the ends of chunks."""
 
-    def __init__(self, run: ReplayRun) -> None:
-        self._run = run
+    def __init__(self) -> None:
         self._count = 0
         self._first = self._last = 0
 
-    def stretches(self, times: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-        """Yield (first, stop) of the parts of batches that lie in a chunk with these log times."""
+    def ends(self, times: NDArray[np.int64]) -> Iterator[BatchEnd]:
+        """Yield the ends of batches before the messages with these log times (ns)."""
         place = 0
         while place < len(times):
             following = int(times[place])
-            if self._count == LARGEST_BATCH or (
-                self._count and following - self._first >= BATCH_SPAN
-            ):
-                self.end()
+            full = self._count == LARGEST_BATCH
+            if self._count and (full or following - self._first >= BATCH_SPAN):
+                yield BatchEnd(place, self._first, self._last)
+                self._count = 0
             if self._count == 0:
                 self._first = following
+            coming = times[place : place + LARGEST_BATCH - self._count]
             # As a difference, for the sum may be beyond 63 bits.
-            late = place + int(np.searchsorted(times[place:] - self._first, BATCH_SPAN))
-            stop = min(late, place + LARGEST_BATCH - self._count, len(times))
-            yield place, stop
-            self._count += stop - place
-            self._last = int(times[stop - 1])
-            place = stop
+            taken = int(np.searchsorted(coming - self._first, BATCH_SPAN))
+            self._count += taken
+            self._last = int(coming[taken - 1])
+            place += taken
 
-    def end(self) -> None:
-        """End the batch under way, if there is one."""
-        if self._count:
-            self._run.end_batch(self._first, self._last)
-        self._count = 0
+    def last(self) -> BatchEnd | None:
+        """Return the end of the batch under way, None before the first message."""
+        return BatchEnd(0, self._first, self._last) if self._count else None

@@ -17,8 +17,7 @@ import numpy as np
 
 from gyro_drift_filter.bags.cdr import DiagnosticStatus
 from gyro_drift_filter.bags.message_filter import MessageFilter
-from gyro_drift_filter.core.bias import bias_variance
-from gyro_drift_filter.core.filter import RANGE, is_stuck
+from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.parameters import AXES
 
 OK, WARN, ERROR, STALE = range(4)
@@ -104,7 +103,9 @@ class Health:
             paced: Whether messages come at the pace of that time, so that the rate can be judged.
         """
         before = self._window[-1]
-        now = self._count(before.seconds + seconds)
+        state = self._messages.filter.state
+        counts, clock = _plain(state['counts']), _plain(state['clock'])
+        now = self._count(before.seconds + seconds, counts, clock)
         if now.samples < before.samples:  # the filter was reset
             before = _Counts(
                 before.seconds, before.received, before.malformed, frames=before.frames
@@ -117,11 +118,13 @@ class Health:
             self._window.clear()
         self._window.append(now)
         self._silent = now.received == before.received
-        return [self._input(first, before, now, paced), self._filter(first, before, now)]
+        return [
+            self._input(first, before, now, counts, clock, paced),
+            self._filter(first, before, now),
+        ]
 
-    def _count(self, seconds: float) -> _Counts:
+    def _count(self, seconds: float, counts: dict[str, Any], clock: dict[str, Any]) -> _Counts:
         messages, state = self._messages, self._messages.filter.state
-        counts, clock = _plain(state['counts']), _plain(state['clock'])
         return _Counts(
             seconds,
             messages.received,
@@ -144,10 +147,15 @@ class Health:
         )
 
     def _input(
-        self, first: _Counts, before: _Counts, now: _Counts, paced: bool
+        self,
+        first: _Counts,
+        before: _Counts,
+        now: _Counts,
+        counts: dict[str, Any],
+        clock: dict[str, Any],
+        paced: bool,
     ) -> DiagnosticStatus:
-        messages, state = self._messages, self._messages.filter.state
-        clock, counts = _plain(state['clock']), _plain(state['counts'])
+        messages = self._messages
         seconds = now.seconds - first.seconds
         rate = (now.received - first.received) / seconds if seconds > 0.0 else math.nan
         expected = self._expected_rate()
@@ -208,13 +216,13 @@ class Health:
             )
         if samples > 0 and now.repeats - before.repeats == samples:
             return ERROR, 'the same message comes again and again: the sensor or its driver hangs'
-        if is_stuck(state) and not state['measured'].any():
+        if state['stuck'] and not state['measured'].any():
             return (
                 WARN,
                 'all rates have been exactly 0 for a second or more: a dead band in the driver, or '
                 'the sensor hangs',
             )
-        if is_stuck(state):
+        if state['stuck']:
             return (
                 ERROR,
                 'all values have stayed the same for a second or more: the sensor or its bus hangs '
@@ -288,7 +296,7 @@ class Health:
         values |= _per_axis('Normalised innovation squared', surprise)
         values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'])
         values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'])
-        deviations = [bias_variance(bias, axis) ** 0.5 for axis in range(3)]
+        deviations = filter_.bias_deviation.tolist()
         values |= _per_axis('Bias (rad/s)', bias['bias'].tolist())
         values |= _per_axis('Bias deviation (rad/s)', deviations if bias['known'] else _UNKNOWN)
         values['At rest'] = str(bool(bias['rest']['at_rest']))
@@ -311,7 +319,7 @@ class Health:
         # Of noise that it has learned adaptive can't expect too much, but for a dead band, which
         # has none at rest. Nor does a stuck sensor tell anything.
         learned = method == 'adaptive' and not any(filter_.parameters.model_noise_deviation)
-        tells = not learned and not is_stuck(filter_.state)
+        tells = not learned and not filter_.state['stuck']
         least = -_largest([-value for value in surprise])
         inert = self._inert.judge((1.0 / least if least else math.inf) if tells else 0.0)
         if now.divergences != before.divergences:
@@ -381,13 +389,16 @@ def _largest(values: list[float]) -> float:
     return max((value for value in values if value == value), default=math.nan)
 
 
+@cache
+def _axis_keys(key: str) -> tuple[str, ...]:
+    return tuple(f'{key} {axis}' for axis in AXES)
+
+
 def _per_axis(key: str, values: Any) -> dict[str, str]:
-    return {f'{key} {axis}': _number(v) for axis, v in zip(AXES, values, strict=True)}
+    return dict(zip(_axis_keys(key), map(_number, values), strict=True))
 
 
 def _number(value: float) -> str:
     if isinstance(value, int):
         return str(value)
-    if not math.isfinite(value):
-        return 'nan'
-    return f'{value:.6g}'
+    return f'{value:.6g}' if math.isfinite(value) else 'nan'

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
 from gyro_drift_filter.core.compiled import compiled
-from gyro_drift_filter.core.filter import REFUSED, step
+from gyro_drift_filter.core.filter import REFUSED, SAMPLE, step
 
 IMU = np.dtype(
     [
         ('kind', np.int64),
-        ('stamp', np.int64),  # ns
-        ('angular_velocity', np.float64, (3,)),
-        ('linear_acceleration', np.float64, (3,)),
+        ('sample', SAMPLE),
         ('frame', np.int64),  # place of the frame_id in the payload
         ('frame_size', np.int64),  # of it, without its closing zero
         ('doubles', np.int64),  # place of the 37 doubles in the payload
@@ -26,6 +24,17 @@ IMU = np.dtype(
         ('new_frame', np.bool_),  # the frame_id is not that of the message before
     ],
     align=True,
+)
+
+# What is told of a stretch of IMUs: numbers, and places of the last one of its kind.
+TALLY = np.dtype(
+    [
+        ('malformed', np.int64),
+        ('not_reported', np.int64),
+        ('frame_changes', np.int64),
+        ('last_malformed', np.int64),
+        ('last_frame', np.int64),
+    ]
 )
 
 # The frame_id of the last message, without its closing zero: what is longer is cut off.
@@ -119,17 +128,52 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
         place = start + doubles + 8 * k
         for b in range(8):
             raw[8 * k + b] = data[place + (7 - b if big_endian else b)]
-    imu['stamp'] = seconds * 1_000_000_000 + nanoseconds
+    sample = imu['sample']
+    sample['stamp'] = seconds * 1_000_000_000 + nanoseconds
     reported = numbers[_ACCELERATION_COVARIANCE] != -1.0
     for axis in range(3):
-        imu['angular_velocity'][axis] = numbers[RATE + axis]
+        sample['angular_velocity'][axis] = numbers[RATE + axis]
         acceleration = numbers[_ACCELERATION + axis]
-        imu['linear_acceleration'][axis] = acceleration if reported else math.nan
+        sample['linear_acceleration'][axis] = acceleration if reported else math.nan
     imu['frame'] = ENCAPSULATION + HEADER
     imu['frame_size'] = max(name - 1, 0)
     imu['doubles'] = doubles
     imu['big_endian'] = big_endian
     imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
+
+
+@compiled
+def filter_imus(
+    first: int,
+    stop: int,
+    imus: Any,
+    settings: Any,
+    coefficients: Any,
+    state: Any,
+    results: Any,
+    tally: Any,
+) -> int:
+    """Take IMUs from `first` to `stop` through `step`, up to one with another sample period.
+
+    `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. Returns the place behind
+    the last one done.
+    """
+    told = tally[0]
+    for i in range(first, stop):
+        if imus[i]['new_frame']:
+            told['frame_changes'] += 1
+            told['last_frame'] = i
+        if imus[i]['kind'] == MALFORMED:
+            told['malformed'] += 1
+            told['last_malformed'] = i
+        elif imus[i]['kind'] == NOT_REPORTED:
+            told['not_reported'] += 1
+        else:
+            changed = step(imus[i]['sample'], settings[0], coefficients[0], state[0])
+            results[i] = state[0]['result']
+            if changed:
+                return i + 1
+    return stop
 
 
 @compiled
@@ -177,14 +221,7 @@ def filter_message(
     if kind == NOT_REPORTED:
         return flags | PUBLISH | PASSED_ON
     flags |= FILTERED
-    if step(
-        imu[0]['stamp'],
-        imu[0]['angular_velocity'],
-        imu[0]['linear_acceleration'],
-        settings[0],
-        coefficients[0],
-        state[0],
-    ):
+    if step(imu[0]['sample'], settings[0], coefficients[0], state[0]):
         flags |= PERIOD_CHANGED
     result = state[0]['result']
     if result['status'] == REFUSED:

@@ -1,14 +1,12 @@
 """Serialized Imu in, serialized Imu out: what the node and `replay` share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import (
-    MALFORMED,
-    NOT_REPORTED,
     Imu,
     MalformedMessageError,
     frame_id,
@@ -24,6 +22,8 @@ from gyro_drift_filter.bags.imu_kernels import (
     PASSED_ON,
     PERIOD_CHANGED,
     PUBLISH,
+    TALLY,
+    filter_imus,
     filter_message,
     no_frame,
 )
@@ -107,17 +107,17 @@ class MessageFilter:
             *self.filter.arrays_of_step(),
         )
         if flags & PERIOD_CHANGED:
-            self.filter.note_new_period()
+            self.filter.note_period()
         if flags & PUBLISH:
             self.output = self._out[: len(data)].tobytes()
         if flags & NEW_FRAME:
             self.frame_changes += 1
-            self.explain_frame(data)
+            self._explain_frame(data)
         if flags & PASSED_ON:
             self.not_reported += 1
         elif flags == 0:
             self.malformed += 1
-            self.explain_malformed(data)
+            self._explain_malformed(data)
         return flags
 
     def process(self, data: bytes) -> Outcome:
@@ -149,34 +149,46 @@ class MessageFilter:
             for data, imu in zip(messages, imus, strict=True)
         ]
 
-    def process_arrays(self, imus: NDArray[Any], good: NDArray[np.bool_]) -> NDArray[Any]:
+    def process_imus(
+        self,
+        imus: NDArray[Any],
+        part: range,
+        payload: Callable[[int], bytes],
+        results: NDArray[Any],
+    ) -> None:
         """Filter messages that have been read already: `process_batch` for the fast path.
 
         Args:
-            imus: (n,) with `kind`, `stamp`, `angular_velocity` and `linear_acceleration`, as IMU of
-                `imu_kernels`.
-            good: (n,) which of them are to go through the filter.
-
-        Returns:
-            A RESULT for each good one.
+            imus: (n,) IMU of `imu_kernels`.
+            part: Which of them.
+            payload: Returns one of them as it came, by its place in `imus`.
+            results: (n,) RESULT; written for those that go through the filter.
         """
-        self.received += len(imus)
-        self.malformed += int((imus['kind'] == MALFORMED).sum())
-        self.not_reported += int((imus['kind'] == NOT_REPORTED).sum())
-        self.frame_changes += int(imus['new_frame'].sum())
-        return self.filter.run(
-            imus['stamp'][good], imus['angular_velocity'][good], imus['linear_acceleration'][good]
-        )
+        tally = np.zeros(1, TALLY)
+        done = part.start
+        while done < part.stop:
+            arrays = *self.filter.arrays_of_step(), results, tally
+            done = filter_imus(done, part.stop, imus, *arrays)
+            self.filter.note_period()
+        malformed, not_reported, frame_changes, last_malformed, last_frame = tally[0].item()
+        self.received += len(part)
+        self.malformed += malformed
+        self.not_reported += not_reported
+        self.frame_changes += frame_changes
+        if malformed:
+            self._explain_malformed(payload(last_malformed))
+        if frame_changes:
+            self._explain_frame(payload(last_frame))
 
-    def explain_malformed(self, data: bytes) -> None:
-        """Note why a message was refused that `process_arrays` has counted already."""
+    def _explain_malformed(self, data: bytes) -> None:
+        """Note why a message was refused that has been counted already."""
         try:
             read_imu(data)
         except MalformedMessageError as error:
             self.last_malformed = str(error)
 
-    def explain_frame(self, data: bytes) -> None:
-        """Note the frame_id of a message that `process_arrays` has counted already."""
+    def _explain_frame(self, data: bytes) -> None:
+        """Note the frame_id of a message that has been counted already."""
         self._note_frame(frame_id(data, read_imu(data)))
 
     def _note_frame(self, frame: bytes) -> None:

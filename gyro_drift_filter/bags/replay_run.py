@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.cdr import (
     GOOD,
     IMU_TYPE,
-    MALFORMED,
     NOT_REPORTED,
     VECTOR_TYPE,
     DiagnosticStatus,
     diagnostic_array,
 )
-from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out
+from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out, place_in_result
 from gyro_drift_filter.bags.health import NODE_NAME, Health
 from gyro_drift_filter.bags.library import AnyReader, Connection
 from gyro_drift_filter.bags.message_filter import (
@@ -25,6 +24,7 @@ from gyro_drift_filter.bags.message_filter import (
     Outcome,
     sample_message,
 )
+from gyro_drift_filter.bags.moments import Moments, Statistics
 from gyro_drift_filter.bags.motion_hint import moves
 from gyro_drift_filter.bags.recording import (
     BagError,
@@ -34,7 +34,7 @@ from gyro_drift_filter.bags.recording import (
     serialize,
 )
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
+from gyro_drift_filter.core.filter import REFUSED, RESULT
 
 DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -44,18 +44,9 @@ AT_REST = 'at_rest'
 # A batch is at most as long, in log time (ns) and messages. Reports are written between batches.
 BATCH_SPAN = 1_000_000_000
 LARGEST_BATCH = 4096
-_RATES = 100  # batches whose rates are added up at once
 _LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
 
 Message = tuple[Connection, int, bytes]
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Mean and standard deviation per axis in rad/s; NaN where there was no sample."""
-
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -119,43 +110,30 @@ class Topics:
         return f'{self.node}/{name}'
 
 
-class _Moments:
-    """Count, mean and sum of squared deviations per axis, batch by batch (Chan's formula)."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.mean = np.zeros(3)
-        self.squares = np.zeros(3)
-
-    def add(self, values: NDArray[np.float64]) -> None:
-        n = len(values)
-        if n == 0:
-            return
-        mean = values.mean(axis=0)
-        total = self.count + n
-        delta = mean - self.mean
-        self.squares += ((values - mean) ** 2).sum(axis=0) + delta**2 * (self.count * n / total)
-        self.mean += delta * (n / total)
-        self.count = total
-
-    def statistics(self) -> Statistics:
-        if self.count == 0:
-            return Statistics(np.full(3, np.nan), np.full(3, np.nan))
-        return Statistics(self.mean, np.sqrt(self.squares / self.count))
-
-
 class Word(NamedTuple):
     """A message on temperature or motion.
 
     Attributes:
-        place: How many messages of the Imu topic come before it in the piece.
+        row: Its place in the piece.
         connection: Its topic.
-        data: Its bytes.
     """
 
-    place: int
+    row: int
     connection: Connection
-    data: bytes
+
+
+class BatchEnd(NamedTuple):
+    """The end of a batch.
+
+    Attributes:
+        row: The place in the piece of the first message that is not of it.
+        first: Log time of its first message in ns.
+        last: Of its last.
+    """
+
+    row: int
+    first: int
+    last: int
 
 
 class Piece(NamedTuple):
@@ -165,13 +143,13 @@ class Piece(NamedTuple):
         data: The chunk's records, bytes.
         rows: Where each message stands, ROWs of `chunk_kernels`.
         imus: What those of the Imu topic hold, IMUs of `imu_kernels`.
-        words: What the filter is told between them.
+        stops: Before which messages the filter has to stop, in their order, and what for.
     """
 
     data: NDArray[np.uint8]
     rows: NDArray[Any]
     imus: NDArray[Any]
-    words: list[Word]
+    stops: list[Word | BatchEnd]
 
 
 def payload(data: NDArray[np.uint8], row: Any) -> bytes:
@@ -202,11 +180,10 @@ class ReplayRun:
             if (connection.topic, connection.msgtype)
             == (self._topics.temperature, TEMPERATURE_TYPE)
         }
-        self._at_rest = -1.0
+        self._at_rest = np.array([-1.0])
         self._health = Health(self._filter)
         self._health_in_all = Health(self._filter)
-        self._raw, self._filtered = _Moments(), _Moments()
-        self._rates: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._raw, self._filtered = Moments(), Moments()
         self._written = 0
         self._began = self._reported = self._now = -1  # log times in ns
         names = SAMPLE_TOPICS if diagnostics else ()
@@ -295,9 +272,9 @@ class ReplayRun:
         for name, connection in self._samples.items():
             message = sample_message(data, outcome.imu, outcome.result, name)
             self._writer.write(connection, log_time, message)
-        if self._rest is not None and outcome.result['at_rest'] != self._at_rest:
-            self._at_rest = float(outcome.result['at_rest'])
-            told = message_type(BOOL_TYPE)(self._at_rest > 0.0)
+        if self._rest is not None and outcome.result['at_rest'] != self._at_rest[0]:
+            self._at_rest[0] = outcome.result['at_rest']
+            told = message_type(BOOL_TYPE)(bool(self._at_rest[0] > 0.0))
             self._writer.write(self._rest, log_time, serialize(told, BOOL_TYPE))
 
     def map_channels(self, connections: dict[int, Connection], ours: NDArray[np.bool_]) -> None:
@@ -310,89 +287,107 @@ class ReplayRun:
         for channel, connection in connections.items():
             copy = self._copies.get(connection.id)
             self._channel_copies[channel] = 0 if copy is None else copy.id
-        self._vector_channels = np.array([c.id for c in self._samples.values()], np.int64)
+        vectors = [(c.id, place_in_result(name)) for name, c in self._samples.items()]
+        self._vectors = np.array(vectors, np.int64).reshape(-1, 2)
 
     def take_piece(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it: as `take` does, at once."""
-        imus, n = piece.imus, len(piece.imus)
-        good = imus['kind'] == GOOD
-        results = self._process_piece(piece, good)
-        filtered = results['status'] != REFUSED
-        written = imus['kind'] == NOT_REPORTED
-        written[good] = filtered
-        patches = np.zeros((n, 12), '<f8')
-        patches[good, :3] = results['angular_velocity']
-        patches[good, 3::4] = results['angular_velocity_variance']
-        vectors = np.zeros((n, len(self._samples), 3), '<f8')
-        for i, name in enumerate(self._samples):
-            vectors[good, i] = results[name]
-        rests = np.zeros(n, np.int64)
-        if self._rest is not None and filtered.any():
-            rest = results['at_rest'][filtered]
-            changed = rest != np.append(self._at_rest, rest[:-1])
-            rests[np.flatnonzero(good)[filtered]] = np.where(changed, rest + 1, 0)
-            self._at_rest = float(rest[-1])
+        data, rows, imus, _ = piece
+        of_imus = self._ours[rows['channel']]
+        results = np.empty(len(imus), RESULT)
+        reports = self._process_piece(piece, of_imus, results)
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
-        ours = piece.rows[self._ours[piece.rows['channel']]]
         made = 1 + len(self._samples) + 1
-        sizes = int(piece.rows['size'].sum()) + made * int(ours['size'].sum())
-        count = len(piece.rows) + made * len(ours)
+        sizes = int(rows['size'].sum()) + made * int(rows['size'][of_imus].sum())
+        count = len(rows) + made * len(imus)
         out, entries = np.empty(sizes + count * RECORD_BYTES, np.uint8), np.empty(count, ENTRY)
-        size, count = lay_out(
-            piece.data,
-            piece.rows,
+        places = np.empty((len(rows) + 1, 2), np.int64)
+        lay_out(
+            data,
+            rows,
             self._channel_copies,
             self._ours,
             imus,
-            written,
-            patches.view(np.uint8),
+            results,
+            results.view(np.uint8).reshape(len(imus), RESULT.itemsize),
             self._output.id,
-            vectors.view(np.uint8),
-            self._vector_channels,
-            rests,
+            self._vectors,
             0 if self._rest is None else self._rest.id,
+            self._at_rest,
             out,
             entries,
+            places,
         )
-        self._writer.write_bulk(out[:size], entries[:count])
-        self._written += int(written.sum())
+        begin = places[0].tolist()
+        for row, log_time, report in [*reports, (len(rows), 0, b'')]:
+            stop = places[row].tolist()
+            self._write_bulk(out, entries, begin, stop)
+            begin = stop
+            if report:
+                self._writer.write(self._reports, log_time, report)
+        good = imus['kind'] == GOOD
+        good[good] = results['status'][good] != REFUSED
+        self._written += int(good.sum()) + int((imus['kind'] == NOT_REPORTED).sum())
         self._add_up_rates(
-            imus['angular_velocity'][good][filtered], results['angular_velocity'][filtered]
+            imus['sample']['angular_velocity'][good], results['angular_velocity'][good]
         )
 
-    def _process_piece(self, piece: Piece, good: NDArray[np.bool_]) -> NDArray[Any]:
-        """Filter the good Imu messages between those that tell of temperature or motion."""
-        imus, results, done = piece.imus, [], 0
-        for word in piece.words:
-            part = slice(done, word.place)
-            results.append(self._filter.process_arrays(imus[part], good[part]))
-            self.tell(word.connection, word.data)
-            done = word.place
-        results.append(self._filter.process_arrays(imus[done:], good[done:]))
-        changed = np.flatnonzero(imus['new_frame'])
-        if len(changed):
-            row = piece.rows[self._ours[piece.rows['channel']]][changed[-1]]
-            self._filter.explain_frame(payload(piece.data, row))
-        broken = np.flatnonzero(imus['kind'] == MALFORMED)
-        if len(broken):
-            row = piece.rows[self._ours[piece.rows['channel']]][broken[-1]]
-            self._filter.explain_malformed(payload(piece.data, row))
-        return np.concatenate(results) if len(results) > 1 else results[0]
+    def _write_bulk(
+        self,
+        out: NDArray[np.uint8],
+        entries: NDArray[Any],
+        begin: tuple[int, int],
+        stop: tuple[int, int],
+    ) -> None:
+        """Write what lies between two places: bytes of records, and entries."""
+        if begin == stop:
+            return
+        part = entries[begin[1] : stop[1]]
+        part['offset'] -= np.uint64(begin[0])
+        self._writer.write_bulk(out[begin[0] : stop[0]], part)
+
+    def _process_piece(
+        self, piece: Piece, of_imus: NDArray[np.bool_], results: NDArray[Any]
+    ) -> list[tuple[int, int, bytes]]:
+        """Filter the Imu messages of a piece; return reports, and row and log time of each."""
+        data, rows, imus, stops = piece
+        before = np.concatenate(([0], np.cumsum(of_imus)))
+
+        def message(k: int) -> bytes:
+            return payload(data, rows[of_imus][k])
+
+        reports, done = [], 0
+        for stop in stops:
+            part = range(done, int(before[stop.row]))
+            self._filter.process_imus(imus, part, message, results)
+            done = part.stop
+            if isinstance(stop, Word):
+                self.tell(stop.connection, payload(data, rows[stop.row]))
+                continue
+            report = self._report_if_due(stop.first, stop.last)
+            if report:
+                reports.append((stop.row, self._now, report))
+        self._filter.process_imus(imus, range(done, len(imus)), message, results)
+        return reports
 
     def end_batch(self, first: int, last: int) -> None:
         """Write a report after a batch of messages with these log times (ns), if it is time."""
+        report = self._report_if_due(first, last)
+        if report:
+            self._writer.write(self._reports, last, report)
+
+    def _report_if_due(self, first: int, last: int) -> bytes:
+        """Return a report after a batch with these log times (ns), or nothing before it is time."""
         if self._began < 0:
             self._began = self._reported = first
         self._now = last
-        if last - self._reported >= BATCH_SPAN // 2:
-            self._report()
+        return self._report() if last - self._reported >= BATCH_SPAN // 2 else b''
 
-    def _report(self) -> None:
-        """Write the filter's health since the last report."""
+    def _report(self) -> bytes:
+        """Return the filter's health since the last report, to be written with the present time."""
         seconds = (self._now - self._reported) * 1e-9
-        report = diagnostic_array(min(self._now, _LATEST_STAMP), self._health.report(seconds))
-        self._writer.write(self._reports, self._now, report)
         self._reported = self._now
+        return diagnostic_array(min(self._now, _LATEST_STAMP), self._health.report(seconds))
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
         rows = [o for o in outcomes if o.data is not None and o.result is not None]
@@ -403,25 +398,13 @@ class ReplayRun:
             )
 
     def _add_up_rates(self, raw: NDArray[np.float64], filtered: NDArray[np.float64]) -> None:
-        self._rates.append((raw, filtered))
-        if len(self._rates) >= _RATES:
-            self._settle_rates()
-
-    def _settle_rates(self) -> None:
-        """Add up what has come since the last time, all at once as that is faster."""
-        if not self._rates:
-            return
-        raw, filtered = (np.concatenate(part) for part in zip(*self._rates, strict=True))
-        usable = (np.abs(raw) <= LARGEST_RATE).all(axis=1)
-        self._raw.add(raw[usable])
-        self._filtered.add(filtered[usable])
-        self._rates = []
+        self._raw.add(raw, raw)
+        self._filtered.add(raw, filtered)
 
     def finish(self) -> Summary:
         """Write the last report and return what was done."""
         if self._began >= 0 and (self._now > self._reported or self._now == self._began):
-            self._report()
-        self._settle_rates()
+            self._writer.write(self._reports, self._now, self._report())
         state = self._filter.filter.state
         return Summary(
             topic=self._topic,

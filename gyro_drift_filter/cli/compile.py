@@ -10,11 +10,12 @@ from gyro_drift_filter.bags.cdr import EXAMPLE
 from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messages
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.bags.moments import Moments
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.adaptive import rescale_adaptive
-from gyro_drift_filter.core.bias import bias_variance, calibrate_bias
+from gyro_drift_filter.core.bias import calibrate_bias
 from gyro_drift_filter.core.compiled import is_compiled, note_all_compiled
-from gyro_drift_filter.core.filter import is_stuck
+from gyro_drift_filter.core.filter import RESULT
 from gyro_drift_filter.core.noise import start_noise
 from gyro_drift_filter.core.parameters import METHODS
 
@@ -49,30 +50,30 @@ def compile_all() -> None:
     for method in METHODS:
         messages.filter.configure(Parameters(method=method))
         messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    is_stuck(messages.filter.state)
-    bias_variance(messages.filter.state['bias'], 0)
     calibrate_bias(messages.filter.state['bias'])
     rescale_adaptive(messages.filter.state['adaptive'][0], 1.0)
     start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
     data = np.frombuffer(EXAMPLE, np.uint8)
-    rows, imus, doubles = np.zeros(0, ROW), np.zeros(0, IMU), np.zeros(37)
+    rows, imus, doubles = np.zeros(0, ROW), np.zeros(1, IMU), np.zeros(37)
     list_messages(data[:0], rows)
     read_imus(data, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
-    none = np.zeros(0, np.int64)
+    results = np.zeros(1, RESULT)
+    messages.process_imus(imus, range(1), bytes, results)
     lay_out(
         data,
         rows,
-        none,
+        np.zeros(0, np.int64),
         np.zeros(0, np.bool_),
         imus,
-        np.zeros(0, np.bool_),
-        np.zeros((0, 96), np.uint8),
+        results,
+        np.zeros((0, 0), np.uint8),
         0,
-        np.zeros((0, 0, 24), np.uint8),
-        none,
-        none,
+        np.zeros((0, 2), np.int64),
         0,
+        np.zeros(1),
         np.zeros(0, np.uint8),
         np.zeros(0, ENTRY),
+        np.zeros((1, 2), np.int64),
     )
+    Moments().add(np.zeros((0, 3)), np.zeros((0, 3)))
     note_all_compiled()

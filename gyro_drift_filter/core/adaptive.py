@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.core.compiled import compiled
-from gyro_drift_filter.core.ladder import FALLS, LADDER, LEVELS, derive_ladder
+from gyro_drift_filter.core.ladder import FALLS, LADDER, LANES, LEVELS, derive_ladder
 from gyro_drift_filter.core.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
@@ -43,20 +43,23 @@ from gyro_drift_filter.core.outliers import (
     note_verdict,
     start_doubt,
 )
+from gyro_drift_filter.core.records import in_lines
 
-LEAST_PROBABILITY = 1e-30
+# A probability below this is none.
+SMALLEST = 1e-300
 # What was motion among held samples is made up for within this time, so that the heading holds, as
 # far as it is no more than this angle: more at once no knock turns a body.
 MAKE_UP_SECONDS = 0.2
 LARGEST_DEBT = 0.02  # rad
+LEAST_DEBT = 1e-9  # rad: as processors are slow with numbers next to zero
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to say reports zeros;
 # a robot at rest may, too.
 DROPOUT = 3.0
 
-_LEVEL_ARRAY = (LEVELS,)
+_LEVEL_ARRAY = (LANES,)
 
-ADAPTIVE_COEFFICIENTS = np.dtype(
+ADAPTIVE_COEFFICIENTS = in_lines(
     [
         ('ladder', LADDER),
         ('limits', OUTLIER_LIMITS),
@@ -65,7 +68,7 @@ ADAPTIVE_COEFFICIENTS = np.dtype(
     ]
 )
 
-ADAPTIVE_STATE = np.dtype(
+ADAPTIVE_STATE = in_lines(
     [
         ('tracking', np.bool_),  # the ladder stands at the sample before
         ('learning', np.bool_),  # the noise has been given a first value
@@ -85,7 +88,16 @@ ADAPTIVE_STATE = np.dtype(
         ('half_precision', np.float64, _LEVEL_ARRAY),
         ('density', np.float64, _LEVEL_ARRAY),
         ('of_noise', np.float64, (3,)),  # variance, roughness and correlation that they belong to
-        ('level_spread', np.float64, _LEVEL_ARRAY),  # variance about the mean of all levels
+        # room for what is on its way along the chain, and for what arrives on each level:
+        # probability, and by it rate, slope and bend
+        ('climbing', np.float64, (4, LANES)),
+        ('falling', np.float64, (4, LANES)),
+        ('climbed', np.float64, (4, LANES)),
+        ('fallen', np.float64, (4, LANES)),
+        # room for terms of sums over the levels
+        ('means', np.float64, _LEVEL_ARRAY),
+        ('squares', np.float64, _LEVEL_ARRAY),
+        ('others', np.float64, _LEVEL_ARRAY),
         ('prediction', np.float64),
         ('prediction_variance', np.float64),  # of the innovation
         ('spread', np.float64),  # typical innovation, rad/s: the yardstick of outliers
@@ -98,8 +110,7 @@ ADAPTIVE_STATE = np.dtype(
         ('knocked', np.bool_),  # a jolt was felt while samples were held back
         ('withheld', np.float64),  # rad, what the held samples turned beyond what was put out
         ('owed', np.float64),  # rad, of it that was motion and is still to be made up for
-    ],
-    align=True,
+    ]
 )
 
 
@@ -289,6 +300,8 @@ def make_up(axis: Any, sample: float, rate: float, jolted: bool, period: float) 
             axis['owed'] = min(max(owed, -LARGEST_DEBT), LARGEST_DEBT)
         axis['withheld'] = 0.0
         axis['knocked'] = False
+    if abs(axis['owed']) < LEAST_DEBT:
+        axis['owed'] = 0.0
     payment = axis['owed'] * min(period / MAKE_UP_SECONDS, 1.0)
     axis['owed'] -= payment
     return float(payment / period)
@@ -305,50 +318,55 @@ def _stay_within_reach(axis: Any, reach: float) -> None:
 @compiled
 def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     """Return what the levels say together: rate, its variance, and Q, in place of (17)."""
-    probability, rate, spread = axis['probability'], axis['rate'], axis['level_spread']
+    probability, rate = axis['probability'], axis['rate']
+    means, squares, others = axis['means'], axis['squares'], axis['others']
     gain, ratio = ladder['gain_rate'], ladder['innovation_ratio']
+    process = ladder['process_ratio']
     noise = axis['noise']['variance']
     # The error of an extrapolation grows about as the number of samples.
     growth = 1.0 * axis['doubt']['held'] * axis['doubt']['held']
-    mean = _weighted(probability, rate)
-    for j in range(LEVELS):
-        distance = rate[j] - mean
+    origin = rate[LEVELS - 1]
+    for j in range(LANES):
+        distance = rate[j] - origin
         own = gain[j] if growth == 0.0 else (ratio[j] - 1.0) * growth
-        spread[j] = own * noise + distance * distance
-    variance = _weighted(probability, spread)
-    return mean, variance, _weighted(probability, ladder['process_ratio']) * noise
+        means[j] = probability[j] * distance
+        squares[j] = probability[j] * (own * noise + distance * distance)
+        others[j] = probability[j] * process[j]
+    mean = _sum(means)
+    variance = max(_sum(squares) - mean * mean, gain[0] * noise)
+    return origin + mean, variance, _sum(others) * noise
 
 
 # The loops below are cut so that compilers turn them into vector instructions: what can be done on
-# each level apart from what goes from level to level, and sums by `_sum` and `_weighted`.
+# each level apart from what goes from level to level, and sums by `_sum`. They go over LANES where
+# what is beyond LEVELS stays zero.
 
 
 @compiled
 def _sum(values: Any) -> float:
     """Return the sum over the levels: four sums side by side, as each waits for its last term."""
     a = b = c = d = 0.0
-    for j in range(0, LEVELS - 3, 4):
+    for j in range(0, LANES, 4):
         a += values[j]
         b += values[j + 1]
         c += values[j + 2]
         d += values[j + 3]
-    for j in range(LEVELS - LEVELS % 4, LEVELS):
-        a += values[j]
     return (a + b) + (c + d)
 
 
 @compiled
-def _weighted(weights: Any, values: Any) -> float:
-    """Return the sum of weighted values over the levels, as `_sum` does."""
-    a = b = c = d = 0.0
+def _largest(values: Any) -> float:
+    """Return the largest value over the levels, as `_sum` does."""
+    a = b = c = d = values[0]
     for j in range(0, LEVELS - 3, 4):
-        a += weights[j] * values[j]
-        b += weights[j + 1] * values[j + 1]
-        c += weights[j + 2] * values[j + 2]
-        d += weights[j + 3] * values[j + 3]
+        a = max(a, values[j])
+        b = max(b, values[j + 1])
+        c = max(c, values[j + 2])
+        d = max(d, values[j + 3])
     for j in range(LEVELS - LEVELS % 4, LEVELS):
-        a += weights[j] * values[j]
-    return (a + b) + (c + d)
+        a = max(a, values[j])
+    largest: float = max(max(a, b), max(c, d))
+    return largest
 
 
 @compiled
@@ -364,46 +382,54 @@ def _mix(axis: Any, ladder: Any) -> None:
     rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
     mixed_rate, mixed_slope = axis['predicted_rate'], axis['predicted_slope']
     mixed_bend = axis['predicted_bend']
-    climb, fall = ladder['climb'], ladder['fall']
-    climb_on, climb_first = ladder['climb_on'], ladder['climb_first']
-    keep_slope, keep_bend = ladder['keep_slope'], ladder['keep_bend']
-    for j in range(LEVELS):
-        stay = probability[j] * (1.0 - climb[j] - fall[j])
-        prior[j] = stay
-        mixed_rate[j] = stay * rate[j]
-        mixed_slope[j] = stay * slope[j]
-        mixed_bend[j] = stay * bend[j]
+    climbing, falling = axis['climbing'], axis['falling']
+    climbed, fallen = axis['climbed'], axis['fallen']
+    stay, climb, climb_on = ladder['stay'], ladder['climb_near'], ladder['climb_on']
+    fall = ladder['fall_near']
+    fall_slope, fall_bend = ladder['fall_slope'], ladder['fall_bend']
+    slope_on, bend_on = ladder['slope_on'], ladder['bend_on']
+    for j in range(LANES):
+        weight = probability[j]
+        mixed_rate[j] = weight * rate[j]
+        mixed_slope[j] = weight * slope[j]
+        mixed_bend[j] = weight * bend[j]
+    for j in range(LANES):
+        climbing[0, j] = probability[j] * climb[j]
+        climbing[1, j] = mixed_rate[j] * climb[j]
+        climbing[2, j] = mixed_slope[j] * climb[j]
+        climbing[3, j] = mixed_bend[j] * climb[j]
+        falling[0, j] = probability[j] * fall[j]
+        falling[1, j] = mixed_rate[j] * fall[j]
+        falling[2, j] = mixed_slope[j] * fall_slope[j]
+        falling[3, j] = mixed_bend[j] * fall_bend[j]
     up = up_rate = up_slope = up_bend = 0.0
     down = down_rate = down_slope = down_bend = 0.0
     for i in range(1, LEVELS):
-        # Both ways at once, as each waits for its last step: from i - 1 up and from k + 1 down.
+        # Both ways at once, as each waits for its last step: to i from below and to k from above.
         on = climb_on[i]
-        leave = probability[i - 1] * climb[i - 1] * climb_first[i - 1]
-        up = up * on + leave
-        up_rate = up_rate * on + leave * rate[i - 1]
-        up_slope = up_slope * on + leave * slope[i - 1]
-        up_bend = up_bend * on + leave * bend[i - 1]
-        prior[i] += up
-        mixed_rate[i] += up_rate
-        mixed_slope[i] += up_slope
-        mixed_bend[i] += up_bend
+        up = up * on + climbing[0, i - 1]
+        up_rate = up_rate * on + climbing[1, i - 1]
+        up_slope = up_slope * on + climbing[2, i - 1]
+        up_bend = up_bend * on + climbing[3, i - 1]
+        climbed[0, i] = up
+        climbed[1, i] = up_rate
+        climbed[2, i] = up_slope
+        climbed[3, i] = up_bend
         k = LEVELS - 1 - i
-        leave = probability[k + 1] * fall[k + 1] * (1.0 - FALLS)
-        down = down * FALLS + leave
-        down_rate = down_rate * FALLS + leave * rate[k + 1]
-        down_slope = (down_slope * FALLS + leave * slope[k + 1]) * keep_slope[k + 1]
-        down_bend = (down_bend * FALLS + leave * bend[k + 1]) * keep_bend[k + 1]
-        prior[k] += down
-        mixed_rate[k] += down_rate
-        mixed_slope[k] += down_slope
-        mixed_bend[k] += down_bend
-    whole = 1.0 / _sum(prior)
-    for j in range(LEVELS):
-        share = 1.0 / prior[j]
-        mixed_rate[j] *= share
-        mixed_slope[j] *= share
-        mixed_bend[j] *= share
-        prior[j] *= whole
+        down = down * FALLS + falling[0, k + 1]
+        down_rate = down_rate * FALLS + falling[1, k + 1]
+        down_slope = down_slope * slope_on[k] + falling[2, k + 1]
+        down_bend = down_bend * bend_on[k] + falling[3, k + 1]
+        fallen[0, k] = down
+        fallen[1, k] = down_rate
+        fallen[2, k] = down_slope
+        fallen[3, k] = down_bend
+    for j in range(LANES):
+        prior[j] = probability[j] * stay[j] + climbed[0, j] + fallen[0, j]
+        share = 1.0 / max(prior[j], SMALLEST)
+        mixed_rate[j] = (mixed_rate[j] * stay[j] + climbed[1, j] + fallen[1, j]) * share
+        mixed_slope[j] = (mixed_slope[j] * stay[j] + climbed[2, j] + fallen[2, j]) * share
+        mixed_bend[j] = (mixed_bend[j] * stay[j] + climbed[3, j] + fallen[3, j]) * share
 
 
 @compiled
@@ -415,8 +441,10 @@ def _predict(axis: Any, ladder: Any) -> None:
     white although the sensor's noise is not.
     """
     rate, slope, bend = axis['predicted_rate'], axis['predicted_slope'], axis['predicted_bend']
-    expected, variance, spread = axis['expected'], axis['variance'], axis['level_spread']
-    prior, noise, lag_ratio = axis['prior'], axis['noise'], ladder['lag_ratio']
+    expected, variance = axis['expected'], axis['variance']
+    means, squares, others = axis['means'], axis['squares'], axis['others']
+    prior, noise = axis['prior'], axis['noise']
+    lag_ratio, logarithm = ladder['lag_ratio'], ladder['innovation_logarithm']
     correlation = noise['correlation'] if axis['sample_believed'] else 0.0
     of_noise = axis['of_noise']
     if (
@@ -426,21 +454,23 @@ def _predict(axis: Any, ladder: Any) -> None:
     ):
         _spread_levels(axis, correlation, ladder)
     sample = axis['doubt']['sample']
-    for j in range(LEVELS):
+    # Mean and variance by one pass, from the fastest level, which is never far off.
+    origin = rate[LEVELS - 1]
+    for j in range(LANES):
         foretold = correlation * (sample - rate[j])
         rate[j] += slope[j]
         expected[j] = rate[j] + foretold
         slope[j] = lag_ratio[j] * slope[j] + bend[j]
         bend[j] *= lag_ratio[j]
-    prediction = _weighted(prior, expected)
-    for j in range(LEVELS):
-        distance = expected[j] - prediction
-        spread[j] = variance[j] + distance * distance
-    axis['prediction'] = prediction
-    axis['prediction_variance'] = _weighted(prior, spread)
+        distance = expected[j] - origin
+        means[j] = prior[j] * distance
+        squares[j] = prior[j] * (variance[j] + distance * distance)
+        others[j] = prior[j] * logarithm[j]
+    mean = _sum(means)
+    axis['prediction'] = origin + mean
+    axis['prediction_variance'] = max(_sum(squares) - mean * mean, variance[0])
     # The geometric mean is not blown up by the small chance of a high level.
-    typical = math.exp(_weighted(prior, ladder['innovation_logarithm']))
-    axis['spread'] = math.sqrt(noise['variance'] * typical)
+    axis['spread'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
 
 
 @compiled
@@ -457,7 +487,7 @@ def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
     of_noise[0] = noise['variance']
     of_noise[1] = noise['roughness']
     of_noise[2] = correlation
-    for j in range(LEVELS):
+    for j in range(LANES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
         known = correlation * left
@@ -480,36 +510,34 @@ def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
     gain_rate, gain_slope = ladder['gain_rate'], ladder['gain_slope']
     gain_bend = ladder['gain_bend']
     half_precision, density = axis['half_precision'], axis['density']
+    least = ladder['least_probability']
     share = 1.0 / steps
-    for j in range(LEVELS):
+    for j in range(LANES):
         innovation = sample - predicted_rate[j]
         rate[j] = predicted_rate[j] + gain_rate[j] * innovation
         slope[j] = predicted_slope[j] + gain_slope[j] * innovation * share
         bend[j] = predicted_bend[j] + gain_bend[j] * innovation * (share * share)
-    for j in range(LEVELS):
-        innovation = sample - expected[j]
-        probability[j] = -(innovation * innovation * half_precision[j])
-    largest = -np.inf
-    for j in range(LEVELS):
-        largest = max(largest, probability[j])
-    for j in range(LEVELS):
+        surprise = sample - expected[j]
+        probability[j] = -(surprise * surprise * half_precision[j])
+    largest = _largest(probability)
+    for j in range(LANES):
         probability[j] = prior[j] * density[j] * _decay(probability[j] - largest)
     whole = 1.0 / _sum(probability)
-    for j in range(LEVELS):
-        probability[j] = max(probability[j] * whole, LEAST_PROBABILITY)
+    for j in range(LANES):
+        probability[j] = max(probability[j] * whole, least[j])
 
 
 @compiled
 def _decay(exponent: float) -> float:
-    """Return exp(exponent) for one of 0 and below, with an error of 1e-13; exp(-80) for less.
+    """Return exp(exponent), or that of the nearest of -80 to 0, within 1e-7 of it from -10 on.
 
-    By its series for a 256th of it, and eight squares. Unlike `math.exp` it can be a vector
+    By its series for a 128th of it, and seven squares. Unlike `math.exp` it can be a vector
     instruction.
     """
-    x = max(exponent, -80.0) / 256.0
-    tail = 1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x / 720.0))
-    root = 1.0 + x * (1.0 + x * (0.5 + x * tail))
-    root *= root
+    x = min(max(exponent, -80.0), 0.0) * (1.0 / 128.0)
+    square = x * x
+    root = (1.0 + x) + square * (0.5 + x * (1.0 / 6.0))
+    root += square * square * (1.0 / 24.0 + x * (1.0 / 120.0))
     root *= root
     root *= root
     root *= root

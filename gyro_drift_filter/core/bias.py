@@ -144,8 +144,7 @@ def bias_variance(state: Any, axis: int) -> float:
 @compiled
 def track_bias(
     state: Any,
-    rate: Any,
-    acceleration: Any,
+    sample: Any,
     believed: bool,
     missing: int,
     elapsed: float,
@@ -154,7 +153,7 @@ def track_bias(
     random_walk: float,
     calibration_time: float,
 ) -> None:
-    """Take a sample in: rate (3,) in rad/s, acceleration (3,) in m/s^2; `missing` ones before it.
+    """Take a record of SAMPLE in; `missing` ones before it.
 
     `elapsed` in s since the last sample; `lengths` a record of LENGTHS; `largest` is bias.max in
     rad/s, `random_walk` in rad/s/sqrt(s), `calibration_time` in s.
@@ -168,7 +167,7 @@ def track_bias(
     state['reach'] += walked
     state['growth'] += walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     believed = believed and state['hint'] != MOVES
-    if not note_sample(rest, rate, acceleration, believed, missing, lengths):
+    if not note_sample(rest, sample, believed, missing, lengths):
         return
     run = rest['run']
     found = close_block(rest, lengths)

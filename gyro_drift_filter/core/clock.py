@@ -42,6 +42,7 @@ REGULAR = 0.4
 PRIOR_STEPS = 20
 MEMORY_STEPS = 100
 LARGEST_DEVIATION = 2.0
+LEAST_DEVIATION = 1e-9  # as processors are slow with numbers next to zero
 
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
@@ -125,8 +126,8 @@ def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) 
         _begin_block(clock)
         return RESTART if abs(elapsed) > gap_limit else 0
     missing = 0
-    if is_regular(clock):
-        missing = max(0, int(np.rint(elapsed / clock['period'])) - 1)
+    if is_regular(clock) and elapsed >= 1.5 * clock['period']:
+        missing = int(np.rint(elapsed / clock['period'])) - 1
     if missing > 0:
         clock['gaps'] += 1
         clock['missing_samples'] += missing
@@ -148,11 +149,12 @@ def _begin_block(clock: Any) -> None:
 
 @compiled
 def _learn_regularity(clock: Any, deviation: float) -> None:
-    clock['steps'] = min(clock['steps'] + 1, MEMORY_STEPS - PRIOR_STEPS)
-    weight = 1.0 / (PRIOR_STEPS + clock['steps'])
-    clock['irregularity'] += weight * (
-        min(abs(deviation), LARGEST_DEVIATION) - clock['irregularity']
-    )
+    weight = 1.0 / MEMORY_STEPS
+    if clock['steps'] < MEMORY_STEPS - PRIOR_STEPS:
+        clock['steps'] += 1
+        weight = 1.0 / (PRIOR_STEPS + clock['steps'])
+    limited = min(max(abs(deviation), LEAST_DEVIATION), LARGEST_DEVIATION)
+    clock['irregularity'] += weight * (limited - clock['irregularity'])
 
 
 @compiled

@@ -50,6 +50,7 @@ from gyro_drift_filter.core.paper import (
     update_paper,
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
+from gyro_drift_filter.core.records import in_lines, zeroed
 from gyro_drift_filter.core.rest import LENGTHS, derive_lengths
 
 SAGE_HUSA = METHODS.index('sage_husa')
@@ -117,14 +118,13 @@ SETTINGS = np.dtype(
     align=True,
 )
 
-COEFFICIENTS = np.dtype(
+COEFFICIENTS = in_lines(
     [
         ('period', np.float64),  # s, that the others were derived for
         ('paper', PAPER_COEFFICIENTS, _AXES),
         ('adaptive', ADAPTIVE_COEFFICIENTS),
         ('rest', LENGTHS),
     ],
-    align=True,
 )
 
 COUNTS = np.dtype(
@@ -160,7 +160,16 @@ RESULT = np.dtype(
     align=True,
 )
 
-STATE = np.dtype(
+# One record: references to rows of arrays would be counted, at the price of a lock each time.
+SAMPLE = np.dtype(
+    [
+        ('stamp', np.int64),  # ns; 0 where the driver does not stamp
+        ('angular_velocity', np.float64, _AXES),  # rad/s; what is no number is bridged
+        ('linear_acceleration', np.float64, _AXES),  # m/s^2; NaN where unknown
+    ]
+)
+
+STATE = in_lines(
     [
         ('clock', CLOCK),
         ('counts', COUNTS),
@@ -171,30 +180,29 @@ STATE = np.dtype(
         ('entered', np.float64, _AXES),  # last change of the rate, rad/s
         ('resolution', np.float64, _AXES),  # smallest change of it, rad/s; 0 before the first
         ('equal_all', np.int64),  # how often all rates and accelerations have
+        ('stuck', np.bool_),  # and that for `STUCK_SECONDS`
         ('bridged', np.int64, _AXES),  # unusable samples in a row
         ('paper', PAPER_STATE, _AXES),
         ('adaptive', ADAPTIVE_STATE, _AXES),
         ('bias', BIAS),
         ('result', RESULT),  # of the last sample
     ],
-    align=True,
 )
 
 
 @compiled
-def step(
-    stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any
-) -> bool:
+def step(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
     """Take one sample in and leave its result in `state`.
 
-    Arguments: stamp in ns, rate (3,) in rad/s, acceleration (3,) in m/s^2 (NaN where unknown), and
-    records of SETTINGS, COEFFICIENTS and STATE. Live and offline both come through here.
+    Arguments: records of SAMPLE, SETTINGS, COEFFICIENTS and STATE. Live and offline both come
+    through here.
 
     Returns:
         Whether the sample period is another one now: the coefficients have to be derived before
         the next sample.
     """
     counts, clock, result = state['counts'], state['clock'], state['result']
+    stamp, rate = sample['stamp'], sample['angular_velocity']
     counts['samples'] += 1
     if _is_repeat(stamp, rate, state):
         counts['repeats'] += 1
@@ -204,27 +212,37 @@ def step(
     elapsed = _elapsed(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     result['status'] = FILTERED
-    _note_equal(rate, acceleration, state)
+    _note_equal(sample, state)
     _stop_bridging(rate, missing, settings['gap_limit'], state)
     if settings['method'] == ADAPTIVE:
-        _step_adaptive(rate, acceleration, missing, settings, coefficients['adaptive'], state)
+        _step_adaptive(sample, missing, settings, coefficients['adaptive'], state)
     else:
-        _step_paper(rate, missing, settings, coefficients['paper'], state)
-    _take_bias_off(rate, acceleration, elapsed, missing, settings, coefficients['rest'], state)
-    for axis in range(3):
-        if not _usable(rate[axis]):
-            counts['unusable'][axis] += 1
+        _step_paper(sample, missing, settings, coefficients['paper'], state)
+    _take_bias_off(sample, elapsed, missing, settings, coefficients['rest'], state)
     if result['status'] == REFUSED:
         counts['refused'] += 1
     else:
         _count_result(settings['method'] == ADAPTIVE, state)
-    if abs(rate[0]) > RANGE or abs(rate[1]) > RANGE or abs(rate[2]) > RANGE:
-        counts['beyond_range'] += 1
+    if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
+        _count_unlikely(rate, counts)
     if clock['period'] == coefficients['period']:
         return False
     for axis in range(3):
         rescale_adaptive(state['adaptive'][axis], clock['period'] / coefficients['period'])
     return True
+
+
+@compiled
+def _count_unlikely(rate: Any, counts: Any) -> None:
+    """Count rates (3,) of which one is NaN or beyond what gyroscopes measure."""
+    beyond = False
+    for axis in range(3):
+        if not _usable(rate[axis]):
+            counts['unusable'][axis] += 1
+        if abs(rate[axis]) > RANGE:
+            beyond = True
+    if beyond:
+        counts['beyond_range'] += 1
 
 
 @compiled
@@ -243,8 +261,9 @@ def _count_result(adaptive: bool, state: Any) -> None:
 
 
 @compiled
-def _note_equal(rate: Any, acceleration: Any, state: Any) -> None:
+def _note_equal(sample: Any, state: Any) -> None:
     """Count how often values have stayed the same to the last bit, and what that tells."""
+    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     counts, equal, largest = state['counts'], state['equal'], state['largest']
     entered, resolution, same = state['entered'], state['resolution'], True
     for axis in range(3):
@@ -270,19 +289,12 @@ def _note_equal(rate: Any, acceleration: Any, state: Any) -> None:
             same = False
         state['measured'][axis] = rate[axis]
         state['acceleration'][axis] = force
-    was_stuck = is_stuck(state)
     state['equal_all'] = state['equal_all'] + 1 if same else 0
-    if not was_stuck and is_stuck(state):
+    seconds = state['equal_all'] * state['clock']['period']
+    stuck = state['equal_all'] >= STUCK_SAMPLES and seconds >= STUCK_SECONDS
+    if stuck and not state['stuck']:
         counts['stuck'] += 1
-
-
-@compiled
-def is_stuck(state: Any) -> bool:
-    """Tell whether all values of the sensor have stayed the same for `STUCK_SECONDS`."""
-    return bool(
-        state['equal_all'] >= STUCK_SAMPLES
-        and state['equal_all'] * state['clock']['period'] >= STUCK_SECONDS
-    )
+    state['stuck'] = stuck
 
 
 @compiled
@@ -295,8 +307,7 @@ def _elapsed(clock: Any, stamp: int) -> float:
 
 @compiled
 def _take_bias_off(
-    rate: Any,
-    acceleration: Any,
+    sample: Any,
     elapsed: float,
     missing: int,
     settings: Any,
@@ -313,8 +324,7 @@ def _take_bias_off(
             believed = False
     track_bias(
         bias,
-        rate,
-        acceleration,
+        sample,
         believed,
         max(missing, 0),
         elapsed,
@@ -362,8 +372,9 @@ def _is_repeat(stamp: int, rate: Any, state: Any) -> bool:
 
 
 @compiled
-def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
+def _step_paper(sample: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
     """Filter with `kalman` or `sage_husa`; a rate that is no usable number is bridged."""
+    rate = sample['angular_velocity']
     adaptive = settings['method'] == SAGE_HUSA
     epsilon = settings['epsilon'] if settings['outlier_enabled'] else np.inf
     result = state['result']
@@ -397,10 +408,9 @@ def _step_paper(rate: Any, missing: int, settings: Any, coefficients: Any, state
 
 
 @compiled
-def _step_adaptive(
-    rate: Any, acceleration: Any, missing: int, settings: Any, coefficients: Any, state: Any
-) -> None:
+def _step_adaptive(sample: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
     """Filter with `adaptive`: predict all axes, then take in what the sample is on all of them."""
+    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     result, ladder = state['result'], coefficients['ladder']
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     surprised = jolted = False
@@ -449,10 +459,8 @@ def _step_adaptive(
 
 
 @compiled
-def _step(
-    stamp: int, rate: Any, acceleration: Any, settings: Any, coefficients: Any, state: Any
-) -> bool:
-    return step(stamp, rate, acceleration, settings[0], coefficients[0], state[0])
+def _step(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
+    return step(sample[0], settings[0], coefficients[0], state[0])
 
 
 @compiled
@@ -461,6 +469,7 @@ def _run(
     stamps: Any,
     rates: Any,
     accelerations: Any,
+    sample: Any,
     settings: Any,
     coefficients: Any,
     state: Any,
@@ -470,10 +479,13 @@ def _run(
 
     Returns the number of samples done.
     """
+    now = sample[0]
     for i in range(first, len(stamps)):
-        changed = step(
-            stamps[i], rates[i], accelerations[i], settings[0], coefficients[0], state[0]
-        )
+        now['stamp'] = stamps[i]
+        for axis in range(3):
+            now['angular_velocity'][axis] = rates[i, axis]
+            now['linear_acceleration'][axis] = accelerations[i, axis]
+        changed = step(now, settings[0], coefficients[0], state[0])
         results[i] = state[0]['result']
         if changed:
             return i + 1
@@ -490,9 +502,10 @@ class Filter:
 
     def __init__(self, parameters: Parameters | None = None) -> None:
         self._settings = np.zeros(1, SETTINGS)
-        self._coefficients = np.zeros(1, COEFFICIENTS)
-        self._state = np.zeros(1, STATE)
+        self._coefficients = zeroed(COEFFICIENTS)
+        self._state = zeroed(STATE)
         self._arrays = self._settings, self._coefficients, self._state
+        self._sample = np.zeros(1, SAMPLE)
         self.parameters = parameters or Parameters()
         self.configure(self.parameters)
         self.set_bias(self.parameters.bias_initial)
@@ -502,6 +515,14 @@ class Filter:
     def state(self) -> Any:
         """The record of STATE, live: a view, not a copy."""
         return self._state[0]
+
+    @property
+    def bias_deviation(self) -> NDArray[np.float64]:
+        """The standard deviation of the bias at present, (3,) in rad/s."""
+        deviation: NDArray[np.float64] = np.sqrt(
+            self.state['bias']['variance'] + self.state['bias']['growth']
+        )
+        return deviation
 
     def configure(self, parameters: Parameters) -> None:
         """Take new parameters between two samples; what was learned is kept.
@@ -663,26 +684,25 @@ class Filter:
         Returns:
             A record of RESULT, valid until the next step.
         """
-        self._underived = _step(
-            stamp,
-            np.asarray(rate, np.float64),
-            np.asarray(acceleration, np.float64),
-            *self.arrays_of_step(),
-        )
+        sample = self._sample[0]
+        sample['stamp'] = stamp
+        sample['angular_velocity'] = rate
+        sample['linear_acceleration'] = acceleration
+        self._underived = _step(self._sample, *self.arrays_of_step())
         return self.state['result']
 
     def arrays_of_step(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return settings, coefficients and state, (1,) each, for a kernel that calls `step`.
 
-        They are good for one step. Where it returns True, call `note_new_period`.
+        They are good up to a step that returns True: then call `note_period`.
         """
         if self._underived:
             self._derive()
         return self._arrays
 
-    def note_new_period(self) -> None:
-        """Derive the coefficients anew before the next step."""
-        self._underived = True
+    def note_period(self) -> None:
+        """Have the coefficients derived anew before the next step if the sample period changed."""
+        self._underived = bool(self._coefficients[0]['period'] != self.state['clock']['period'])
 
     def run(
         self,
@@ -712,11 +732,12 @@ class Filter:
                 'stamps, rates and accelerations must have shapes (n,), (n, 3), (n, 3), not '
                 f'{stamps.shape}, {rates.shape}, {accelerations.shape}'
             )
-        results = np.zeros(n, RESULT)
+        results = np.empty(n, RESULT)
         done = 0
         while done < n:
-            done = _run(done, stamps, rates, accelerations, *self.arrays_of_step(), results)
-            self._underived = bool(self._coefficients[0]['period'] != self.state['clock']['period'])
+            arrays = self._sample, *self.arrays_of_step(), results
+            done = _run(done, stamps, rates, accelerations, *arrays)
+            self.note_period()
         return results
 
     def _derive(self) -> None:

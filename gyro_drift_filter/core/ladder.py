@@ -23,9 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.core.records import in_lines
+
 Array = NDArray[np.float64]
 
 LEVELS = 22
+# Arrays over the levels fill vector registers; what is beyond LEVELS has no part in anything.
+LANES = 24
 
 # The slowest level averages over SLOWEST s: longer would lag behind a slow turn in strong noise.
 # The fastest follows changes of FASTEST ** 3 times the noise per sample.
@@ -51,9 +55,11 @@ FALLS_PER_TIME = 4.0
 CLIMB_ON = 0.75
 CLIMB_ON_POWER = 1.2
 
-_LEVEL_ARRAY = (LEVELS,)
+_LEVEL_ARRAY = (LANES,)
 
-LADDER = np.dtype(
+LEAST_PROBABILITY = 1e-30  # of a level
+
+LADDER = in_lines(
     [
         ('lag_ratio', np.float64, _LEVEL_ARRAY),  # r
         # Steady-state gains, Q and innovation variance; the variances relative to R.
@@ -63,15 +69,19 @@ LADDER = np.dtype(
         ('process_ratio', np.float64, _LEVEL_ARRAY),
         ('innovation_ratio', np.float64, _LEVEL_ARRAY),
         ('innovation_logarithm', np.float64, _LEVEL_ARRAY),
-        # The chain. Probability per sample of leaving a level upwards; the share of that which ends
+        ('least_probability', np.float64, _LEVEL_ARRAY),
+        # The chain. Probability per sample of staying on a level; of leaving it upwards and ending
         # one level above; the share of what reaches the level below that goes on to this one.
-        ('climb', np.float64, _LEVEL_ARRAY),
-        ('climb_first', np.float64, _LEVEL_ARRAY),
+        ('stay', np.float64, _LEVEL_ARRAY),
+        ('climb_near', np.float64, _LEVEL_ARRAY),
         ('climb_on', np.float64, _LEVEL_ARRAY),
-        # Probability per sample of leaving it downwards; shares of slope and bend kept on the way.
-        ('fall', np.float64, _LEVEL_ARRAY),
-        ('keep_slope', np.float64, _LEVEL_ARRAY),
-        ('keep_bend', np.float64, _LEVEL_ARRAY),
+        # Probability of leaving it downwards and ending one level below; times the share of slope
+        # and bend that is kept on the way; share that goes on from the level above, with that.
+        ('fall_near', np.float64, _LEVEL_ARRAY),
+        ('fall_slope', np.float64, _LEVEL_ARRAY),
+        ('fall_bend', np.float64, _LEVEL_ARRAY),
+        ('slope_on', np.float64, _LEVEL_ARRAY),
+        ('bend_on', np.float64, _LEVEL_ARRAY),
     ]
 )
 
@@ -85,38 +95,52 @@ def derive_ladder(period: float, ladder: Any) -> None:
     process_ratio = (period / np.array(times)) ** 6
     covariance = _settled_covariance(lag_ratio, process_ratio)
     innovation = covariance[:, 0, 0] + 1.0  # (9), with R = 1
-    ladder['lag_ratio'] = lag_ratio
-    ladder['process_ratio'] = process_ratio
-    ladder['innovation_ratio'] = innovation
-    ladder['innovation_logarithm'] = np.log(innovation)
+    _fill(ladder['lag_ratio'], lag_ratio)
+    _fill(ladder['process_ratio'], process_ratio)
+    _fill(ladder['innovation_ratio'], innovation, 1.0)
+    _fill(ladder['innovation_logarithm'], np.log(innovation))
+    _fill(ladder['least_probability'], np.full(LEVELS, LEAST_PROBABILITY))
     for i, name in enumerate(('gain_rate', 'gain_slope', 'gain_bend')):
-        ladder[name] = covariance[:, 0, i] / innovation
-    _derive_chain(times, period, ladder)
+        _fill(ladder[name], covariance[:, 0, i] / innovation)
+    fall = _derive_chain(times, innovation, period, ladder)
     # On a fall to a slower level that level's own slopes are the prior, and the faster level's
     # slope is a measurement of it with the faster level's error, (12).
     wander = _wander(lag_ratio, process_ratio)
-    for i, name in ((1, 'keep_slope'), (2, 'keep_bend')):
+    for i, name in ((1, 'slope'), (2, 'bend')):
         error = covariance[:, i, i] - covariance[:, 0, i] ** 2 / innovation
         own = wander[:-1, i - 1, i - 1]
-        ladder[name][0] = 0.0
-        ladder[name][1:] = own / (own + error[1:])
+        keep = own / (own + error[1:])
+        _fill(ladder[f'fall_{name}'], np.append(0.0, fall[1:] * keep))
+        _fill(ladder[f'{name}_on'], FALLS * keep)
 
 
-def _derive_chain(times: list[float], period: float, ladder: Any) -> None:
-    """Write the probabilities of climbing and falling between the levels."""
-    ratio, climb_on = ladder['innovation_ratio'], ladder['climb_on']
+def _fill(lanes: Any, levels: Array, beyond: float = 0.0) -> None:
+    """Write what belongs to the levels, up to LEVELS of it, and what is beyond them."""
+    lanes[: len(levels)] = levels
+    lanes[len(levels) :] = beyond
+
+
+def _derive_chain(times: list[float], ratio: Array, period: float, ladder: Any) -> Array:
+    """Write the probabilities of climbing and falling; return `fall_near`, (LEVELS,)."""
+    climb, fall = np.zeros(LEVELS), np.zeros(LEVELS)
+    climb_near, fall_near = np.zeros(LEVELS), np.zeros(LEVELS)
+    climb_on = np.full(LEVELS, CLIMB_ON)
     unforeseen = 1.0 - math.exp(-CLIMBS * period)
     for j in range(LEVELS):
-        climb_on[j] = CLIMB_ON
         if j > 0:
             climb_on[j] *= (ratio[j - 1] / ratio[j]) ** CLIMB_ON_POWER
-        ladder['climb'][j] = unforeseen * min(1.0, CLIMBS_PER_TIME * period / times[j])
-        ladder['fall'][j] = FALLS * min(1.0, FALLS_PER_TIME * period / times[j])
-    ladder['climb'][LEVELS - 1] = 0.0
-    ladder['fall'][0] = 0.0
+        climb[j] = unforeseen * min(1.0, CLIMBS_PER_TIME * period / times[j])
+        fall[j] = FALLS * min(1.0, FALLS_PER_TIME * period / times[j])
+    climb[LEVELS - 1] = fall[0] = 0.0
     for j in range(LEVELS):
-        # The shares of all levels above add up to one.
-        ladder['climb_first'][j] = 1.0 / (1.0 + np.cumprod(climb_on[j + 2 :]).sum())
+        # The shares of all levels above add up to one, and those of all below.
+        climb_near[j] = climb[j] / (1.0 + np.cumprod(climb_on[j + 2 :]).sum())
+        fall_near[j] = fall[j] * (1.0 - FALLS) / (1.0 - FALLS ** max(j, 1))
+    _fill(ladder['stay'], 1.0 - climb - fall)
+    _fill(ladder['climb_near'], climb_near)
+    _fill(ladder['climb_on'], climb_on)
+    _fill(ladder['fall_near'], fall_near)
+    return fall_near
 
 
 def _settled_covariance(lag_ratio: Array, process_ratio: Array) -> Array:

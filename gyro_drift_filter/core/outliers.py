@@ -33,6 +33,7 @@ SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned befo
 
 CROWDED = 0.25  # share of held samples above which the doubt is wrong, not the samples ...
 CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
+LEAST_SHARE = 1e-9  # as processors are slow with numbers next to zero
 
 JOLT = 15.0  # usual changes of the acceleration from sample to sample: something was hit
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
@@ -204,7 +205,8 @@ def note_missing(doubt: Any, spread: float) -> None:
 @compiled
 def note_verdict(doubt: Any, held: bool) -> None:
     """Keep count of how many samples are held: a vibration must not be held for ever."""
-    doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
+    if held or doubt['share_held'] > LEAST_SHARE:
+        doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
 
 @compiled

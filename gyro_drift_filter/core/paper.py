@@ -27,6 +27,7 @@ them. Each is named where it stands:
   out than `DIVERGED` times the largest sample restarts from the sample at hand.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -159,9 +160,10 @@ def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
 @compiled
 def _bounded_covariance(state: Any, covariance: float) -> float:
     """Return a covariance that the variances allow, whatever rounding has made of it."""
-    bound = np.sqrt(state['rate_variance'] * state['drift_variance'])
-    bounded: float = min(max(covariance, -bound), bound)
-    return bounded
+    square = state['rate_variance'] * state['drift_variance']
+    if covariance * covariance <= square:  # nearly always, and without waiting for a root
+        return covariance
+    return math.copysign(math.sqrt(square), covariance)
 
 
 @compiled
@@ -183,8 +185,9 @@ def update_paper(
     _, noise = paper_noise(state, coefficients, adaptive)
     mean = state['measurement_mean'] if adaptive else 0.0
     innovation_variance = p00 + noise
-    gain_rate = p00 / innovation_variance  # (9)
-    gain_drift = p01 / innovation_variance
+    precision = 1.0 / innovation_variance
+    gain_rate = p00 * precision  # (9)
+    gain_drift = p01 * precision
     innovation = sample - predicted  # (10)
 
     expected_square = predicted * predicted + innovation_variance  # J of (18)

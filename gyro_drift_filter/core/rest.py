@@ -157,14 +157,13 @@ def _start_package(rest: Any) -> None:
 
 
 @compiled
-def note_sample(
-    rest: Any, rate: Any, acceleration: Any, believed: bool, missing: int, lengths: Any
-) -> bool:
-    """Take a sample (3,), (3,) and `missing` ones before it; the latter only take their place.
+def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: Any) -> bool:
+    """Take a record of SAMPLE and `missing` ones before it; the latter only take their place.
 
     An acceleration that is not finite counts as zero: who has none has none all the time. Returns
-    whether a value is complete, so that `close_block` has to be called.
+    whether a block is complete, so that `close_block` has to be called.
     """
+    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
     if believed:
         rest['believed'] += 1
@@ -180,7 +179,7 @@ def note_sample(
     if 2 * rest['believed'] >= rest['samples']:
         _note_value(rest)
     _start_value(rest)
-    return True
+    return bool(rest['place'] >= lengths['block'])
 
 
 @compiled
@@ -203,15 +202,13 @@ def _note_value(rest: Any) -> None:
 
 @compiled
 def close_block(rest: Any, lengths: Any) -> int:
-    """Judge the block if it is full.
+    """Judge a full block.
 
     Returns:
         PACKED where a package is ready, for `package_mean` to be read and `next_package` to be
         called; MOVED where the block ended the rest, with the same; else NOTHING.
     """
     length = lengths['block']
-    if rest['place'] < length:
-        return NOTHING
     still = 2 * rest['count'] >= length
     if still:
         for i in range(SIGNALS):

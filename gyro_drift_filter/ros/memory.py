@@ -7,7 +7,6 @@ from rclpy.node import Node
 
 from gyro_drift_filter.bags.cdr import MalformedMessageError, frame_id, read_imu
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.bias import bias_variance
 from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
@@ -70,7 +69,7 @@ class BiasMemory:
         if not self._filter.parameters.bias_memory or packages in (0, self._saved_packages):
             return
         self._saved_packages, self._saved_at = packages, time.monotonic()
-        deviation = [float(np.sqrt(bias_variance(bias, axis))) for axis in range(3)]
+        deviation = self._filter.bias_deviation.tolist()
         try:
             name = self._node.get_fully_qualified_name()
             path = file_of(name, self._frame)
