@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE, VECTOR_TYPE
-from gyro_drift_filter.bags.mcap_records import zstd
+from gyro_drift_filter.bags.mcap_records import ZSTD_LEVEL, zstd
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS
 from gyro_drift_filter.core import Filter
 
@@ -68,7 +68,7 @@ def copy(source: Path, destination: Path) -> None:
             if opcode == 6:
                 place = 28 + 8  # behind times, size, checksum and the name of the compression
                 assert content[28:place] == b'\x04\x00\x00\x00zstd'
-                packed = zstd.compress(zstd.decompress(content[place + 8 :]))
+                packed = zstd.compress(zstd.decompress(content[place + 8 :]), ZSTD_LEVEL)
                 content = content[:place] + struct.pack('<Q', len(packed)) + packed
             out.write(struct.pack('<BQ', opcode, len(content)) + content)
         out.write(head)

@@ -34,6 +34,7 @@ from gyro_drift_filter.bags.mcap_records import (
     SCHEMA,
     STATISTICS,
     SUMMARY_OFFSET,
+    ZSTD_LEVEL,
     record,
     text,
     zstd,
@@ -277,4 +278,4 @@ class McapStorage(McapWriter):
 def _packed(pieces: list[Any], compression: str) -> tuple[int, int, bytes]:
     """Return the size, the checksum and the compressed bytes of a chunk."""
     data = b''.join(pieces)
-    return len(data), crc32(data), zstd.compress(data) if compression else data
+    return len(data), crc32(data), zstd.compress(data, ZSTD_LEVEL) if compression else data

@@ -9,6 +9,7 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.compiled import spare_linear_algebra
 from gyro_drift_filter.core.errors import printable
 from gyro_drift_filter.core.parameters import AXES, METHODS
 
@@ -45,6 +46,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     from gyro_drift_filter.bags.replay import replay
 
+    spare_linear_algebra()
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
         parameters = parameters.with_names({'method': options.method})

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -50,9 +51,10 @@ def compiled(function: Function) -> Function:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _DIRECTORY or before
     try:
-        decorated: Function = numba.njit(cache=_DIRECTORY is not None, error_model='numpy')(
-            function
-        )
+        # Without the interpreter's lock, so that `replay` packs chunks meanwhile.
+        decorated: Function = numba.njit(
+            cache=_DIRECTORY is not None, error_model='numpy', nogil=True
+        )(function)
     finally:
         numba.config.CACHE_DIR = before
     return decorated
@@ -61,6 +63,22 @@ def compiled(function: Function) -> Function:
 def is_compiled() -> bool:
     """Tell whether kernels are compiled in this process."""
     return numba is not None and not numba.config.DISABLE_JIT
+
+
+def spare_linear_algebra() -> None:
+    """Keep numba from loading scipy's linear algebra: for programs whose kernels are all ours.
+
+    It does so where scipy is installed, for products of matrices alone, which no kernel here has;
+    it takes a quarter of a second and 17 MB.
+    """
+    name = 'scipy.linalg.cython_blas'
+    if numba is None or name in sys.modules:
+        return
+    sys.modules[name] = None  # type: ignore[assignment]  # its import fails
+    try:
+        import_module('numba.np.arraymath')  # where numba looks for it, once
+    finally:
+        del sys.modules[name]
 
 
 def _mark() -> Path | None:

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.core.compiled import spare_linear_algebra
 
 try:
     from rclpy.experimental import EventsExecutor
@@ -61,6 +62,7 @@ def _start(arguments: Sequence[str] | None) -> Node:
     except RuntimeError as error:  # rcl could not read the arguments or the parameter file
         reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
         raise GyroDriftFilterError(reason) from error
+    spare_linear_algebra()
     # Imported here, as it loads the kernels.
     from gyro_drift_filter.ros.node import GyroDriftFilterNode
 
