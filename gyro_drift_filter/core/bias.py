@@ -191,7 +191,7 @@ def _take_package(
         state['recent_count'] = 0
     else:
         _note_stillness(state, block_seconds, calibration_time)
-    if _is_bias(state, largest, block_seconds):
+    if _is_bias(state, moved, largest, block_seconds):
         _learn(state)
         next_package(rest, moved)
     else:
@@ -246,8 +246,11 @@ def warm_bias(state: Any, temperature: float, step: float, coefficient: float) -
 
 
 @compiled
-def _is_bias(state: Any, largest: float, block_seconds: float) -> bool:
-    """Tell whether the package is rest: its rate is one that the bias can have."""
+def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> bool:
+    """Tell whether the package is rest: its rate is one that the bias can have.
+
+    `moved` where the rest ended with it.
+    """
     rest = state['rest']
     for axis in range(3):
         if abs(package_mean(rest, axis)) > largest:
@@ -267,6 +270,8 @@ def _is_bias(state: Any, largest: float, block_seconds: float) -> bool:
         return True
     _note_package(state)
     turned = _turned(state)
+    if turned > 0 and moved:
+        return False  # what is in it of the motion to come tells nothing of the rests to come
     if turned > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED
