@@ -5,6 +5,7 @@
 A process of its own, as numba has to be there or not before the package is imported.
 """
 
+import os
 import sys
 
 import numpy as np
@@ -163,12 +164,14 @@ def messages():
 def main(out, way):
     """Save all results."""
     if way == 'plain':
+        os.environ['NUMBA_DISABLE_JIT'] = '1'
         sys.modules['numba'] = None
     from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-    from gyro_drift_filter.core.compiled import is_compiled
+    from gyro_drift_filter.core.compiled import is_compiled, is_extension
     from gyro_drift_filter.core.parameters import METHODS
 
-    assert is_compiled() == (way == 'compiled')
+    assert is_extension() == (way == 'extension')
+    assert is_compiled() == (way != 'plain')
 
     def calibrate(filter_):
         try:

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.bags.simulated import imu_message
-from gyro_drift_filter.cli.compile import compile_all
+from gyro_drift_filter.cli.main import main as gyro_drift
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
 from gyro_drift_filter.core.noise import LEAST_NOISE
@@ -236,7 +236,7 @@ def main():
     parser.add_argument('--hours', type=float, default=24.0)
     parser.add_argument('--minutes', type=float, default=20.0)
     options = parser.parse_args()
-    compile_all()  # after a cold start more comes at once than the queues hold
+    gyro_drift(['compile'])  # after a cold start more comes at once than the queues hold
     try:
         if options.what == 'core':
             soak_core(options.hours)

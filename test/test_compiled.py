@@ -1,4 +1,4 @@
-"""Kernels compiled and as plain Python, and a cache that sees every edit."""
+"""Kernels as an extension module, by numba and as plain Python; and a cache that sees edits."""
 
 import os
 import shutil
@@ -6,36 +6,26 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from gyro_drift_filter.core.compiled import is_compiled
 from test.conftest import REPOSITORY
 
-FILTER = """
-import sys
-import numpy as np
-if sys.argv[2] == 'plain':
-    sys.modules['numba'] = None
-from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.compiled import is_compiled
-from gyro_drift_filter.core.parameters import METHODS
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
-assert is_compiled() == (sys.argv[2] == 'compiled')
-data = simulate(SimulationSettings(static_seconds=10, dynamic_seconds=10))
-stamps = data.stamps.copy()
-stamps[500:] += 200_000_000
-rates = data.angular_velocity
-rates[700, 1] = np.nan
-out = {}
-for method in METHODS:
-    results = Filter(Parameters(method=method)).run(stamps, rates, data.linear_acceleration)
-    out |= {f'{method} {name}': results[name] for name in results.dtype.names}
-np.savez(sys.argv[1], **out)
+WAY = """
+from gyro_drift_filter.core.compiled import is_compiled, is_extension
+from gyro_drift_filter.core import Filter
+Filter().step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+print('extension' if is_extension() else 'numba' if is_compiled() else 'plain')
 """
 
 
-def run(code, *arguments, cwd=None, **environment):
+def run(code, cwd=None, **environment):
+    return run_command([sys.executable, '-c', code], cwd, **environment)
+
+
+def run_command(command, cwd=None, **environment):
     return subprocess.run(
-        [sys.executable, '-c', code, *arguments],
+        command,
         env=os.environ | environment,
         cwd=cwd,
         capture_output=True,
@@ -45,17 +35,46 @@ def run(code, *arguments, cwd=None, **environment):
     )
 
 
-def test_compiled_and_plain_python_agree(tmp_path):
+def results(way, folder):
+    """Return all that happens to an eventful recording, with the kernels that are in `folder`."""
+    out = folder / f'{way}.npz'
+    done = subprocess.run(
+        [sys.executable, '-m', 'test.eventful', str(out), way],
+        env=os.environ | {'XDG_CACHE_HOME': str(folder)},
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    return np.load(out)
+
+
+@pytest.fixture(scope='module')
+def by_numba(tmp_path_factory):
+    """Folder of the kernels, and what they give."""
+    folder = tmp_path_factory.mktemp('kernels')
+    return folder, results('numba', folder)
+
+
+@pytest.fixture(scope='module')
+def extension(by_numba):
+    """Folder with the extension module in it, and its path."""
+    folder, _ = by_numba
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
+    done = run_command(command, XDG_CACHE_HOME=str(folder))
+    assert done.returncode == 0, done.stderr
+    if 'no extension module' in done.stderr:
+        pytest.skip(f'no C compiler here: {done.stderr}')
+    (path,) = folder.rglob('*.so')
+    return folder, path
+
+
+def test_numba_and_plain_python_agree(by_numba):
     """In everything that can happen."""
-    results = {}
-    for way in ('compiled', 'plain'):
-        command = [sys.executable, '-m', 'test.eventful', str(tmp_path / f'{way}.npz'), way]
-        done = subprocess.run(
-            command, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=600
-        )
-        assert done.returncode == 0, done.stderr
-        results[way] = np.load(tmp_path / f'{way}.npz')
-    compiled, plain = results['compiled'], results['plain']
+    folder, compiled = by_numba
+    plain = results('plain', folder)
     assert len(compiled.files) > 45
     for name in compiled.files:
         a, b = compiled[name], plain[name]
@@ -65,6 +84,42 @@ def test_compiled_and_plain_python_agree(tmp_path):
         assert np.abs(1.0 * a - b).max() <= 1e-12 * scale, name
     for name in ('packages', 'turning', 'beyond_max'):
         assert compiled[f'adaptive {name}'] > 0, f'the recording has to have {name}'
+
+
+def test_the_extension_module_gives_numbas_bits(by_numba, extension):
+    ahead = results('extension', extension[0])
+    assert set(ahead.files) == set(by_numba[1].files)
+    for name in ahead.files:
+        np.testing.assert_array_equal(ahead[name], by_numba[1][name], err_msg=name)
+
+
+def test_a_process_with_the_extension_module_does_not_load_numba(extension):
+    folder, _ = extension
+    code = f'{WAY}\nimport sys; assert not {{"numba", "llvmlite"}} & set(sys.modules)'
+    done = run(code, XDG_CACHE_HOME=str(folder))
+    assert done.stdout.strip() == 'extension', done.stderr
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
+    assert run_command(command, XDG_CACHE_HOME=str(folder)).stdout == 'compiled already\n'
+
+
+def test_a_damaged_extension_module_is_passed_over(extension):
+    folder, path = extension
+    whole = path.read_bytes()
+    for damaged in (b'', b'nothing of the kind', whole[:3000]):
+        path.write_bytes(damaged)
+        done = run(WAY, XDG_CACHE_HOME=str(folder))
+        assert done.stdout.strip() == 'numba', done.stderr
+    path.write_bytes(whole)
+
+
+def test_without_a_c_compiler_numba_is_loaded(tmp_path):
+    environment = {'XDG_CACHE_HOME': str(tmp_path), 'PATH': '', 'CC': '/no/compiler'}
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
+    done = run_command(command, **environment)
+    assert done.returncode == 0, done.stderr
+    assert 'no extension module' in done.stderr
+    assert done.stderr.count('\n') == 1
+    assert run(WAY, **environment).stdout.strip() == 'numba'
 
 
 def test_the_tests_run_on_compiled_kernels():
@@ -95,5 +150,5 @@ print(filter_.step(10**18 + 10**7, (2.0, 2.0, 2.0), (0.0, 0.0, 0.0))['innovation
 def test_works_where_the_cache_is_a_file(tmp_path):
     """As with a read-only home: no directory can be made, so nothing is kept."""
     (tmp_path / 'cache').write_text('')
-    done = run(FILTER, str(tmp_path / 'out'), 'compiled', XDG_CACHE_HOME=str(tmp_path / 'cache'))
-    assert done.returncode == 0, done.stderr
+    done = run(WAY, XDG_CACHE_HOME=str(tmp_path / 'cache'))
+    assert done.stdout.strip() == 'numba', done.stderr

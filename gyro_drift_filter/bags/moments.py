@@ -15,7 +15,7 @@ _SUMS = np.dtype(
 
 
 @compiled
-def _add(raw: Any, values: Any, sums: Any) -> None:
+def add_samples(raw: Any, values: Any, sums: Any) -> None:
     """Add rows of values (n, 3) where those of `raw` (n, 3) are usable rates (Welford)."""
     counted = sums[0]
     for i in range(len(values)):
@@ -49,7 +49,7 @@ class Moments:
 
     def add(self, raw: NDArray[np.float64], values: NDArray[np.float64]) -> None:
         """Add values (n, 3) in rad/s of the samples whose raw rates (n, 3) are all usable."""
-        _add(np.ascontiguousarray(raw), np.ascontiguousarray(values), self._sums)
+        add_samples(np.ascontiguousarray(raw), np.ascontiguousarray(values), self._sums)
 
     def statistics(self) -> Statistics:
         """Return what they come to."""

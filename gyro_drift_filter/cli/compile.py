@@ -1,6 +1,7 @@
 """`gyro_drift compile`: compile the kernels ahead, so that no start has to wait for it."""
 
 import argparse
+import sys
 import time
 from typing import Any
 
@@ -11,10 +12,11 @@ from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messa
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.moments import Moments
+from gyro_drift_filter.cli.extension import build_extension
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.adaptive import rescale_adaptive
 from gyro_drift_filter.core.bias import calibrate_bias
-from gyro_drift_filter.core.compiled import is_compiled, note_all_compiled
+from gyro_drift_filter.core.compiled import is_compiled, is_extension, note_all_compiled
 from gyro_drift_filter.core.filter import RESULT
 from gyro_drift_filter.core.noise import start_noise
 from gyro_drift_filter.core.parameters import METHODS
@@ -35,8 +37,15 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     if not is_compiled():
         raise GyroDriftFilterError('numba is not installed: there is nothing to compile')
+    if is_extension():
+        print('compiled already')
+        return
     begin = time.monotonic()
     compile_all()
+    try:
+        build_extension()
+    except GyroDriftFilterError as error:
+        print(f'{error}; so each start loads numba', file=sys.stderr)
     print(f'compiled in {time.monotonic() - begin:.0f} s')
 
 

@@ -459,12 +459,13 @@ def _step_adaptive(sample: Any, missing: int, settings: Any, coefficients: Any, 
 
 
 @compiled
-def _step(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
+def step_sample(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
+    """Take one sample in: `step` for arrays (1,) of its records."""
     return step(sample[0], settings[0], coefficients[0], state[0])
 
 
 @compiled
-def _run(
+def run_samples(
     first: int,
     stamps: Any,
     rates: Any,
@@ -688,7 +689,7 @@ class Filter:
         sample['stamp'] = stamp
         sample['angular_velocity'] = rate
         sample['linear_acceleration'] = acceleration
-        self._underived = _step(self._sample, *self.arrays_of_step())
+        self._underived = step_sample(self._sample, *self.arrays_of_step())
         return self.state['result']
 
     def arrays_of_step(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -736,7 +737,7 @@ class Filter:
         done = 0
         while done < n:
             arrays = self._sample, *self.arrays_of_step(), results
-            done = _run(done, stamps, rates, accelerations, *arrays)
+            done = run_samples(done, stamps, rates, accelerations, *arrays)
             self.note_period()
         return results
 
