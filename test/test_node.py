@@ -436,8 +436,9 @@ def test_runs_in_plain_python_without_an_events_executor(tmp_path):
     program = tmp_path / 'node'
     program.write_text(
         f'#!{sys.executable}\n'
-        'import sys\n'
+        'import os, sys\n'
         "sys.modules['numba'] = None\n"
+        "os.environ['NUMBA_DISABLE_JIT'] = '1'\n"  # nor the extension module
         "sys.modules['rclpy.experimental'] = None\n"
         'from gyro_drift_filter.ros.main import main\n'
         'sys.exit(main())\n'

@@ -45,7 +45,7 @@ CHUNK_BYTES = 2**20
 # Chunks on their way to the disk.
 _PENDING = 3
 
-_INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
+_CHANNEL = 2  # bytes of an ENTRY before what an index of one channel holds
 
 
 class McapWriter:
@@ -140,7 +140,9 @@ class McapWriter:
 
     def _close_chunk(self) -> None:
         self._settle_entries()
-        entries = np.concatenate([np.empty(0, ENTRY), *self._bulk_entries])
+        # As bytes: numpy joins records field by field.
+        parts = [np.empty(0, np.uint8), *(part.view(np.uint8) for part in self._bulk_entries)]
+        entries = np.concatenate(parts).view(ENTRY)
         pack = self._worker.submit(_packed, self._pieces, self._compression)
         self._pending.append((pack, entries))
         self._start_chunk()
@@ -162,10 +164,8 @@ class McapWriter:
         offsets = b''
         for channel in np.unique(entries['channel']):
             chosen = entries[entries['channel'] == channel]
-            index = np.empty(len(chosen), _INDEX_ENTRY)
-            index['log_time'], index['offset'] = chosen['log_time'], chosen['offset']
             offsets += struct.pack('<HQ', channel, self._file.tell())
-            content = index.tobytes()
+            content = chosen.view(np.uint8).reshape(-1, ENTRY.itemsize)[:, _CHANNEL:].tobytes()
             self._file.write(
                 record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content)
             )

@@ -34,7 +34,7 @@ VARIANCE_DEVIATIONS = 8.0
 # A mean lies with the others within so many deviations of the scatter of means.
 MEAN_DEVIATIONS = 5.0
 # Of the means of a package's halves, which differ where a slow turn begins or ends.
-HALVES_DEVIATIONS = 4.5
+HALVES_DEVIATIONS = 4.0
 # Of two packages' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
 # Of a first package, the variance of the means may be so many times what that of the values says,
