@@ -233,20 +233,24 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     for status in statuses:
         data.append(status.level)
         data += bytes(-len(data) % 4)
-        data += b''.join(map(_text, (status.name, status.message, '')))
+        data += b''.join(map(_name, (status.name, status.message, '')))
         data += struct.pack('<I', len(status.values))
         last = ''
         for key, last in status.values.items():
-            data += _text(key)
+            data += _name(key)
             data += _text(last)
         if status.values:  # what follows is no text, and aligns itself
             del data[len(data) - -(len(last.encode()) + 1) % 4 :]
     return b'\x00\x01\x00\x00' + data
 
 
-@lru_cache(maxsize=1024)
 def _text(text: str) -> bytes:
     """Return a string that begins at a multiple of four bytes, up to the next one."""
     encoded = text.encode()
-    padding = -(len(encoded) + 1) % 4
-    return (len(encoded) + 1).to_bytes(4, 'little') + encoded + bytes(1 + padding)
+    size = len(encoded) + 1
+    return size.to_bytes(4, 'little') + encoded + _ENDS[-size % 4]
+
+
+# Keys and messages are the same again and again; numbers are not.
+_name = lru_cache(maxsize=1024)(_text)
+_ENDS = tuple(bytes(1 + padding) for padding in range(4))

@@ -72,8 +72,9 @@ def list_messages(data: Any, rows: Any) -> int:
 @compiled
 def _put(out: Any, place: int, value: int, size: int) -> int:
     """Write a little-endian integer; return the place behind it."""
+    to = np.uint64(place)
     for i in range(size):
-        out[place + i] = (value >> (8 * i)) & 0xFF
+        out[to + np.uint64(i)] = (value >> (8 * i)) & 0xFF
     return place + size
 
 
@@ -93,8 +94,10 @@ def _begin_record(out: Any, place: int, entry: Any, channel: int, time: int, siz
 
 @compiled
 def _copy(out: Any, place: int, data: Any, start: int, size: int) -> int:
+    # Unsigned, as places that might be negative keep compilers from copying words.
+    to, source = np.uint64(place), np.uint64(start)
     for i in range(size):
-        out[place + i] = data[start + i]
+        out[to + np.uint64(i)] = data[source + np.uint64(i)]
     return place + size
 
 

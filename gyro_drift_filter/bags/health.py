@@ -8,10 +8,10 @@ in the values.
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ _MANY_BACKWARD = 0.05  # share of the samples
 _FEW = 200
 
 
-@dataclass(frozen=True)
-class _Counts:
+class _Counts(NamedTuple):
     seconds: float = 0.0
     received: int = 0
     malformed: int = 0
@@ -164,9 +163,9 @@ class Health:
         off = abs(rate / expected - 1.0) if known else math.nan
         level, message = self._judge_input(first, before, now, off, rate < expected)
         values = {
-            'Actual frequency (Hz)': _number(rate),
-            'Expected frequency (Hz)': _number(expected),
-            'Sample period learned (s)': _number(clock['period']),
+            'Actual frequency (Hz)': f'{rate:.6g}',
+            'Expected frequency (Hz)': f'{expected:.6g}',
+            'Sample period learned (s)': f'{clock["period"]:.6g}',
             'Events since startup': str(now.received),
             'Samples': str(now.samples),
             'Refused (malformed)': str(messages.malformed),
@@ -183,8 +182,8 @@ class Health:
             'Last frame_id it changed to': messages.frame,
             'Times stuck': str(counts['stuck']),
         }
-        values |= _per_axis('Unusable rates bridged', counts['unusable'])
-        values |= _per_axis('Samples at the end of the range', counts['clipped'])
+        values |= _counts_per_axis('Unusable rates bridged', counts['unusable'])
+        values |= _counts_per_axis('Samples at the end of the range', counts['clipped'])
         return DiagnosticStatus(level, self._name + INPUT, message, values)
 
     def _expected_rate(self) -> float:
@@ -285,26 +284,26 @@ class Health:
     def _filter(self, first: _Counts, before: _Counts, now: _Counts) -> DiagnosticStatus:
         filter_ = self._messages.filter
         state, method = filter_.state, filter_.parameters.method
-        result, bias = _plain(state['result']), state['bias']
+        result, bias = state['result'], state['bias']
         samples = now.samples - first.samples
         shares = [_share(a - b, samples) for a, b in zip(now.outliers, first.outliers, strict=True)]
         pairs = zip(now.nis_sum, first.nis_sum, now.nis_samples, first.nis_samples, strict=True)
         surprise = [_share(a - b, c - d) for a, b, c, d in pairs]
         values = {'Method': method, 'Version': package_version()}
-        values |= _per_axis('Outliers', now.outliers)
+        values |= _counts_per_axis('Outliers', now.outliers)
         values |= _per_axis('Outliers of late (%)', [100.0 * share for share in shares])
         values |= _per_axis('Normalised innovation squared', surprise)
-        values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'])
-        values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'])
+        values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'].tolist())
+        values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'].tolist())
         deviations = filter_.bias_deviation.tolist()
         values |= _per_axis('Bias (rad/s)', bias['bias'].tolist())
         values |= _per_axis('Bias deviation (rad/s)', deviations if bias['known'] else _UNKNOWN)
         values['At rest'] = str(bool(bias['rest']['at_rest']))
-        values['Time since rest (s)'] = _number(float(bias['rest_seconds']))
+        values['Time since rest (s)'] = f'{bias["rest_seconds"]:.6g}'
         values['Rests the bias was learned from'] = str(bias['packages'])
         values['Rests with a rate beyond bias.max'] = str(bias['beyond_max'])
         values['Slow turns told from rest'] = str(bias['turning'])
-        values |= _per_axis('Divergences', now.divergences)
+        values |= _counts_per_axis('Divergences', now.divergences)
         level, message = self._judge_filter(before, now, shares, surprise)
         return DiagnosticStatus(level, self._name + FILTER, message, values)
 
@@ -394,11 +393,9 @@ def _axis_keys(key: str) -> tuple[str, ...]:
     return tuple(f'{key} {axis}' for axis in AXES)
 
 
-def _per_axis(key: str, values: Any) -> dict[str, str]:
-    return dict(zip(_axis_keys(key), map(_number, values), strict=True))
+def _per_axis(key: str, values: Sequence[float]) -> dict[str, str]:
+    return dict(zip(_axis_keys(key), [f'{value:.6g}' for value in values], strict=True))
 
 
-def _number(value: float) -> str:
-    if isinstance(value, int):
-        return str(value)
-    return f'{value:.6g}' if math.isfinite(value) else 'nan'
+def _counts_per_axis(key: str, counts: Sequence[int]) -> dict[str, str]:
+    return dict(zip(_axis_keys(key), map(str, counts), strict=True))

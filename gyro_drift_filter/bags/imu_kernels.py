@@ -104,6 +104,15 @@ def _note_frame(data: Any, start: int, imu: Any, frame: Any) -> bool:
 
 
 @compiled
+def _read_doubles(data: Any, place: int, first: int, stop: int, big_endian: bool, raw: Any) -> None:
+    """Copy some of the doubles that begin at `place`, from `first` to `stop`, in our byte order."""
+    for k in range(first, stop):
+        for b in range(8):
+            byte = place + 8 * k + (7 - b if big_endian else b)
+            raw[8 * k + b] = data[np.uint64(byte)]
+
+
+@compiled
 def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any) -> None:
     """Read one, as `cdr.read_imu` does."""
     imu['kind'] = MALFORMED
@@ -124,10 +133,10 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     seconds = unsigned(data, header, 4, big_endian)
     if seconds >= 2**31:
         seconds -= 2**32
-    for k in range(_DOUBLES):
-        place = start + doubles + 8 * k
-        for b in range(8):
-            raw[8 * k + b] = data[place + (7 - b if big_endian else b)]
+    _read_doubles(data, start + doubles, RATE, _RATE_COVARIANCE + 1, big_endian, raw)
+    _read_doubles(
+        data, start + doubles, _ACCELERATION, _ACCELERATION_COVARIANCE + 1, big_endian, raw
+    )
     sample = imu['sample']
     sample['stamp'] = seconds * 1_000_000_000 + nanoseconds
     reported = numbers[_ACCELERATION_COVARIANCE] != -1.0
