@@ -89,8 +89,7 @@ class Player:
             self._executor.spin_once(timeout_sec=0.1)
 
     def _arrived(self, data: bytes) -> None:
-        seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
-        self.arrivals.append((seconds * 10**9 + nanoseconds - START, time.monotonic()))
+        self.arrivals.append((stamp_of(data), time.monotonic()))
 
     def _listened(self, data: bytes) -> None:
         self.diagnostics += 1
@@ -122,7 +121,7 @@ class Player:
 
     def play(self, rate: float, messages: Sequence[bytes]) -> float:
         """Publish messages at a rate in Hz; return the CPU time in s a message of the process."""
-        first = len(self.arrivals)
+        last = stamp_of(messages[-1])
         process = psutil.Process(self.process.pid)
         begin = time.monotonic() + 0.01
         used = 0.0
@@ -136,12 +135,18 @@ class Player:
             self._player.publish(message)
         with contextlib.suppress(TimeoutError):
             end = time.monotonic() + 5.0
-            self.wait(lambda: len(self.arrivals) >= first + len(messages) or time.monotonic() > end)
+            self.wait(lambda: self.arrivals[-1][0] == last or time.monotonic() > end)
         return (sum(process.cpu_times()[:2]) - used) / (len(messages) - WARM_UP)
 
     def memory(self) -> float:
         """Return the resident memory of the process in MB."""
         return float(psutil.Process(self.process.pid).memory_info().rss / 1e6)
+
+
+def stamp_of(message: bytes) -> int:
+    """Return the stamp of a serialized Imu since the first one, in ns."""
+    seconds, nanoseconds = struct.unpack_from('<iI', message, 4)
+    return int(seconds * 10**9 + nanoseconds - START)
 
 
 def imus(rate: float, seconds: float) -> list[bytes]:
