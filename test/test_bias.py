@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from benchmark.bias import warm_up
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.simulation import autoregressive
 
@@ -313,3 +314,9 @@ def test_the_mean_of_a_real_sensor_goes(name, real):
     out = Filter().run(stamps, rates, accelerations)['angular_velocity'][3000:]
     left, raw = out.mean(axis=0), rates[3000:].mean(axis=0)
     assert np.sqrt((left**2).mean()) < 0.01 * np.sqrt((raw**2).mean())
+
+
+def test_what_ends_a_rest_puts_no_later_rest_in_doubt():
+    """A bias that warms up, with a rest of 3 s a minute: one was passed over, off by 0.18 deg/s."""
+    errors = warm_up(np.random.default_rng(97), 100.0)
+    assert np.abs(errors).max() < 0.1
