@@ -49,7 +49,7 @@ def floats(record):
 
 @pytest.mark.parametrize('method', ['kalman', 'sage_husa', 'adaptive'])
 def test_no_number_of_the_state_comes_next_to_zero(method, random):
-    """Processors take some hundred times as long for them; every sum that fades away would."""
+    """Processors take many times as long for them; every sum that fades away would."""
     n = 90_000
     rates = 0.002 * random.standard_normal((n, 3))
     rates[1000, :] += 1.0  # an outlier
