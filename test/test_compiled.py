@@ -66,7 +66,7 @@ def extension(by_numba):
     done = run_command(command, XDG_CACHE_HOME=str(folder))
     assert done.returncode == 0, done.stderr
     if 'no extension module' in done.stderr:
-        pytest.skip(f'no C compiler here: {done.stderr}')
+        pytest.skip(f'no C++ compiler here: {done.stderr}')
     (path,) = folder.rglob('*.so')
     return folder, path
 
@@ -97,29 +97,64 @@ def test_a_process_with_the_extension_module_does_not_load_numba(extension):
     folder, _ = extension
     code = f'{WAY}\nimport sys; assert not {{"numba", "llvmlite"}} & set(sys.modules)'
     done = run(code, XDG_CACHE_HOME=str(folder))
-    assert done.stdout.strip() == 'extension', done.stderr
+    assert (done.returncode, done.stdout.strip()) == (0, 'extension'), done.stderr
     command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
     assert run_command(command, XDG_CACHE_HOME=str(folder)).stdout == 'compiled already\n'
 
 
-def test_a_damaged_extension_module_is_passed_over(extension):
+def test_the_extension_module_is_found_where_nothing_can_be_written(extension):
+    folder, _ = extension
+    code = f'import os; os.access = lambda *_: False\n{WAY}'
+    done = run(code, XDG_CACHE_HOME=str(folder))
+    assert (done.returncode, done.stdout.strip()) == (0, 'extension'), done.stderr
+
+
+MISSING = """
+from gyro_drift_filter.core.compiled import is_cache_cold, is_extension_missing
+print(is_cache_cold(), is_extension_missing())
+"""
+
+
+def test_a_damaged_extension_module_is_passed_over_and_built_anew(extension):
     folder, path = extension
     whole = path.read_bytes()
-    for damaged in (b'', b'nothing of the kind', whole[:3000]):
+    assert run(MISSING, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'False False'
+    for damaged in (b'', b'nothing of the kind', whole[:3000], whole[:-1]):
         path.write_bytes(damaged)
         done = run(WAY, XDG_CACHE_HOME=str(folder))
-        assert done.stdout.strip() == 'numba', done.stderr
-    path.write_bytes(whole)
-
-
-def test_without_a_c_compiler_numba_is_loaded(tmp_path):
-    environment = {'XDG_CACHE_HOME': str(tmp_path), 'PATH': '', 'CC': '/no/compiler'}
+        assert (done.returncode, done.stdout.strip()) == (0, 'numba'), done.stderr
+    assert run(MISSING, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'False True'
     command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
-    done = run_command(command, **environment)
+    assert run_command(command, XDG_CACHE_HOME=str(folder)).returncode == 0
+    assert run(WAY, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'extension'
+    assert not list(path.parent.glob('build_*'))
+
+
+@pytest.mark.parametrize('lacking', ['compiler', 'headers', 'setuptools'])
+def test_without_a_compiler_numba_is_loaded(lacking, by_numba, tmp_path):
+    """Nor without what it needs; the reason is told in one line, and no start tries again."""
+    shutil.copytree(by_numba[0] / 'gyro_drift_filter', tmp_path / 'gyro_drift_filter')
+    for built in tmp_path.rglob('*.so'):
+        built.unlink()
+    wrapper = tmp_path / 'compiler'
+    wrapper.write_text('#!/bin/sh\necho "Python.h: error: no such file" >&2; exit 1\n')
+    wrapper.chmod(0o755)
+    environment = {'XDG_CACHE_HOME': str(tmp_path), 'TMPDIR': str(tmp_path)}
+    code = "import sys; from gyro_drift_filter.cli.main import main; sys.exit(main(['compile']))"
+    if lacking == 'compiler':
+        environment |= {'PATH': '', 'CC': '/no/compiler', 'CXX': '/no/compiler'}
+    elif lacking == 'headers':
+        environment |= {'CC': str(wrapper), 'CXX': str(wrapper)}
+    else:
+        code = f"import sys; sys.modules['setuptools'] = None\n{code}"
+    done = run(code, **environment)
     assert done.returncode == 0, done.stderr
-    assert 'no extension module' in done.stderr
+    assert 'no extension module: it needs a C++ compiler' in done.stderr
     assert done.stderr.count('\n') == 1
     assert run(WAY, **environment).stdout.strip() == 'numba'
+    assert run(MISSING, **environment).stdout.strip() == 'False False'
+    assert not list(tmp_path.rglob('*pycc*'))
+    assert not list(tmp_path.rglob('build_*'))
 
 
 def test_the_tests_run_on_compiled_kernels():
@@ -151,4 +186,4 @@ def test_works_where_the_cache_is_a_file(tmp_path):
     """As with a read-only home: no directory can be made, so nothing is kept."""
     (tmp_path / 'cache').write_text('')
     done = run(WAY, XDG_CACHE_HOME=str(tmp_path / 'cache'))
-    assert done.stdout.strip() == 'numba', done.stderr
+    assert (done.returncode, done.stdout.strip()) == (0, 'numba'), done.stderr

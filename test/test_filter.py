@@ -59,8 +59,19 @@ def test_restore_continues_bit_for_bit(cuts, method):
 
 
 def test_restore_refuses_another_version():
-    with pytest.raises(GyroDriftFilterError, match='another version'):
-        Filter().restore(b'short')
+    snapshot = Filter().snapshot()
+    Filter().restore(snapshot)
+    # Fields in another order are of the same size.
+    for other in (b'short', b'', snapshot[:-1], snapshot + b'x', bytes(32) + snapshot[32:]):
+        with pytest.raises(GyroDriftFilterError, match='another version'):
+            Filter().restore(other)
+
+
+@pytest.mark.parametrize('wrong', [1.0, (1.0,), (1.0, 2.0), np.ones((3, 1)), np.ones(4)])
+def test_a_sample_of_another_shape_is_refused(wrong):
+    for rate, acceleration in ((wrong, ZERO), (ZERO, wrong)):
+        with pytest.raises(GyroDriftFilterError, match='three numbers'):
+            Filter().step(1, rate, acceleration)
 
 
 def test_reset_starts_afresh_but_for_the_bias():

@@ -233,11 +233,11 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     for status in statuses:
         data.append(status.level)
         data += bytes(-len(data) % 4)
-        data += b''.join(map(_name, (status.name, status.message, '')))
+        data += b''.join(map(_known_text, (status.name, status.message, '')))
         data += struct.pack('<I', len(status.values))
         last = ''
         for key, last in status.values.items():
-            data += _name(key)
+            data += _known_text(key)
             data += _text(last)
         if status.values:  # what follows is no text, and aligns itself
             del data[len(data) - -(len(last.encode()) + 1) % 4 :]
@@ -252,5 +252,5 @@ def _text(text: str) -> bytes:
 
 
 # Keys and messages are the same again and again; numbers are not.
-_name = lru_cache(maxsize=1024)(_text)
+_known_text = lru_cache(maxsize=1024)(_text)
 _ENDS = tuple(bytes(1 + padding) for padding in range(4))

@@ -1,7 +1,7 @@
 """The fast path of `replay`: an MCAP file chunk by chunk, in compiled code.
 
 What it writes is byte for byte what the general path writes, message by message. It is taken where
-numba is there and the bag is one MCAP file whose chunks follow each other in time.
+the kernels are compiled and the bag is one MCAP file whose chunks follow each other in time.
 """
 
 from collections.abc import Callable, Iterator

@@ -45,7 +45,7 @@ CHUNK_BYTES = 2**20
 # Chunks on their way to the disk.
 _PENDING = 3
 
-_CHANNEL = 2  # bytes of an ENTRY before what an index of one channel holds
+_CHANNEL_BYTES = 2  # of an ENTRY, before what the index of one channel holds
 
 
 class McapWriter:
@@ -165,7 +165,9 @@ class McapWriter:
         for channel in np.unique(entries['channel']):
             chosen = entries[entries['channel'] == channel]
             offsets += struct.pack('<HQ', channel, self._file.tell())
-            content = chosen.view(np.uint8).reshape(-1, ENTRY.itemsize)[:, _CHANNEL:].tobytes()
+            content = (
+                chosen.view(np.uint8).reshape(-1, ENTRY.itemsize)[:, _CHANNEL_BYTES:].tobytes()
+            )
             self._file.write(
                 record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content)
             )

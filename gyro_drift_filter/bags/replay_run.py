@@ -336,8 +336,8 @@ class ReplayRun:
         self,
         out: NDArray[np.uint8],
         entries: NDArray[Any],
-        begin: tuple[int, int],
-        stop: tuple[int, int],
+        begin: list[int],
+        stop: list[int],
     ) -> None:
         """Write what lies between two places: bytes of records, and entries."""
         if begin == stop:

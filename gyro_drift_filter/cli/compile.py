@@ -16,7 +16,12 @@ from gyro_drift_filter.cli.extension import build_extension
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.adaptive import rescale_adaptive
 from gyro_drift_filter.core.bias import calibrate_bias
-from gyro_drift_filter.core.compiled import is_compiled, is_extension, note_all_compiled
+from gyro_drift_filter.core.compiled import (
+    is_compiled,
+    is_extension,
+    note_all_compiled,
+    note_no_extension,
+)
 from gyro_drift_filter.core.filter import RESULT
 from gyro_drift_filter.core.noise import start_noise
 from gyro_drift_filter.core.parameters import METHODS
@@ -45,7 +50,8 @@ def run(options: argparse.Namespace) -> None:
     try:
         build_extension()
     except GyroDriftFilterError as error:
-        print(f'{error}; so each start loads numba', file=sys.stderr)
+        note_no_extension()
+        print(f'{error}; without, each start loads numba', file=sys.stderr)
     print(f'compiled in {time.monotonic() - begin:.0f} s')
 
 

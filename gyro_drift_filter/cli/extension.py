@@ -1,11 +1,16 @@
-"""Build the kernels that Python calls into an extension module, where a C compiler is installed.
+"""Build the kernels that Python calls into an extension module, where a C++ compiler is installed.
 
 By numba's ahead-of-time compiler, numba.pycc. Types are not checked in its functions: they take
 contiguous arrays as `compile_all` passes them, which is how they are called everywhere.
 """
 
+import os
+import shutil
 import tempfile
+import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +19,12 @@ from gyro_drift_filter.bags.imu_kernels import filter_imus, filter_message, read
 from gyro_drift_filter.bags.moments import add_samples
 from gyro_drift_filter.core.compiled import (
     EXTENSION,
-    checksum,
-    checksum_path,
+    cache_directory,
     extension_name,
-    extension_path,
+    keep_extension,
     processor_features,
 )
-from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.core.errors import GyroDriftFilterError, printable, reason
 from gyro_drift_filter.core.filter import run_samples, step_sample
 
 _KERNELS: tuple[Any, ...] = (
@@ -33,31 +37,68 @@ _KERNELS: tuple[Any, ...] = (
     run_samples,
     step_sample,
 )
+_PREFIX = 'build_'
+_LEFT_SECONDS = 3600.0  # a folder of a build that is older is one that was killed
 
 
 def build_extension() -> None:
     """Build the extension module of the kernels, each of which has been called already.
 
     Raises:
-        GyroDriftFilterError: There is no C compiler, no Python header, or the like.
+        GyroDriftFilterError: There is no C++ compiler, no Python header, or the like.
     """
-    path = extension_path()
-    if path is None:
-        return
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder, warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
-            from numba.pycc import CC
+    place = cache_directory()
+    if place is None:
+        raise GyroDriftFilterError('no extension module: there is no directory to keep it in')
+    for folder in place.glob(f'{_PREFIX}*'):
+        if time.time() - folder.stat().st_mtime > _LEFT_SECONDS:
+            shutil.rmtree(folder, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=place) as folder_name:
+        chatter = Path(folder_name, 'chatter')
+        try:
+            with _told_to(chatter):
+                built = _build(Path(folder_name))
+            keep_extension(built)
+        except Exception as error:  # whatever compilers and linkers raise
+            lines = chatter.read_text(errors='replace').splitlines()
+            first = next((line for line in lines if 'error' in line), reason(error))
+            raise GyroDriftFilterError(
+                'no extension module: it needs a C++ compiler, the headers of Python and '
+                f'setuptools ({printable(first)})'
+            ) from error
 
-            library = CC(EXTENSION)
-            library.output_dir = folder
-            library.target_cpu = 'host' if processor_features() else ''
-            for kernel in _KERNELS:
-                signature = kernel.nopython_signatures[0]
-                library.export(extension_name(kernel.py_func), signature)(kernel.py_func)
+
+def _build(folder: Path) -> Path:
+    """Return the extension module, built in a folder."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
+        from numba.pycc import CC
+
+        library = CC(EXTENSION)
+        library.output_dir = str(folder)
+        library.target_cpu = 'host' if processor_features() else ''
+        for kernel in _KERNELS:
+            signature = kernel.nopython_signatures[0]
+            library.export(extension_name(kernel.py_func), signature)(kernel.py_func)
+        # pycc leaves its folder behind where it fails.
+        before, tempfile.tempdir = tempfile.tempdir, str(folder)
+        try:
             library.compile()
-            built = Path(folder, library.output_file)
-            checksum_path(path).write_text(checksum(built))
-            built.replace(path)
-    except Exception as error:  # whatever compilers and linkers raise
-        raise GyroDriftFilterError(f'no extension module: {reason(error)}') from error
+        finally:
+            tempfile.tempdir = before
+        return folder / str(library.output_file)
+
+
+@contextmanager
+def _told_to(path: Path) -> Iterator[None]:
+    """Have what compilers say, processes of their own, written to a file."""
+    kept = os.dup(1), os.dup(2)
+    with path.open('wb') as file:
+        for number in (1, 2):
+            os.dup2(file.fileno(), number)
+    try:
+        yield
+    finally:
+        for number, descriptor in enumerate(kept, 1):
+            os.dup2(descriptor, number)
+            os.close(descriptor)

@@ -1,7 +1,7 @@
 """Compiled kernels: from an extension module, by numba, or as the plain Python that they are.
 
 All three give the same results (test/test_compiled.py). `gyro_drift compile` makes the extension
-module where a C compiler is installed (cli/extension.py): a process that finds it does not load
+module where a C++ compiler is installed (cli/extension.py): a process that finds it does not load
 numba, which is two thirds of the node's memory and half of its start.
 """
 
@@ -25,8 +25,8 @@ EXTENSION = 'gyro_drift_filter_kernels'
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 
-def _cache_directory() -> str | None:
-    """Return where compiled kernels are kept, or None where no directory can be written.
+def _cache_place() -> Path | None:
+    """Return where compiled kernels are kept, or None for a user without a home.
 
     numba's own cache looks only at the file that a kernel stands in, so a kernel would keep the
     old code of one that it calls from another file. Here the directory is named after the content
@@ -39,15 +39,30 @@ def _cache_directory() -> str | None:
         content.update(path.read_bytes())
     try:
         user_cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-        root = Path(os.environ.get('NUMBA_CACHE_DIR') or user_cache / 'gyro_drift_filter')
-        directory = root / content.hexdigest()[:16]
-        directory.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # read-only, or a user without a home
+    except RuntimeError:
         return None
-    return str(directory) if os.access(directory, os.W_OK) else None
+    root = Path(os.environ.get('NUMBA_CACHE_DIR') or user_cache / 'gyro_drift_filter')
+    return root / content.hexdigest()[:16]
 
 
-_DIRECTORY = _cache_directory()
+def _writable(place: Path | None) -> str | None:
+    """Return the directory where it can be made and written, else None."""
+    if place is None:
+        return None
+    with suppress(OSError):
+        place.mkdir(parents=True, exist_ok=True)
+        if os.access(place, os.W_OK):
+            return str(place)
+    return None
+
+
+_PLACE = _cache_place()
+_DIRECTORY = _writable(_PLACE)
+
+
+def cache_directory() -> Path | None:
+    """Return the directory of the compiled kernels, None where none can be written."""
+    return None if _DIRECTORY is None else Path(_DIRECTORY)
 
 
 def processor_features() -> str:
@@ -59,34 +74,59 @@ def processor_features() -> str:
     return ''
 
 
-def extension_path() -> Path | None:
-    """Return where the extension module is or is to be; None where nothing can be kept."""
-    if _DIRECTORY is None:
+def _extension_path() -> Path | None:
+    if _PLACE is None:
         return None
     kind = f'{sys.version} {np.__version__} {platform.machine()} {processor_features()}'
-    return Path(_DIRECTORY) / f'{EXTENSION}_{hashlib.sha256(kind.encode()).hexdigest()[:16]}.so'
+    return _PLACE / f'{EXTENSION}_{hashlib.sha256(kind.encode()).hexdigest()[:16]}.so'
 
 
-def checksum_path(extension: Path) -> Path:
-    """Return where the checksum of the extension module is."""
-    return extension.with_suffix('.sha256')
+def keep_extension(built: Path) -> None:
+    """Put a new extension module where later processes find it, with its checksum at the end.
+
+    Raises:
+        OSError: Nothing can be kept there.
+    """
+    path = _extension_path()
+    if path is None or _DIRECTORY is None:
+        raise OSError('no directory to keep it in can be written')
+    with built.open('ab') as file:
+        file.write(_checksum(built.read_bytes()))
+    built.replace(path)
 
 
-def checksum(extension: Path) -> str:
-    """Return the checksum of the extension module."""
-    return hashlib.sha256(extension.read_bytes()).hexdigest()
+def note_no_extension() -> None:
+    """Note that an extension module can't be built, so that no start tries it again."""
+    path = _extension_path()
+    if path is not None:
+        with suppress(OSError):
+            path.with_suffix('.none').touch()
+
+
+def is_extension_missing() -> bool:
+    """Tell whether later processes would gain by an extension module, which can be kept."""
+    path = _extension_path()
+    if is_extension() or not is_compiled() or path is None or _DIRECTORY is None:
+        return False
+    return not _is_whole(path) and not path.with_suffix('.none').exists()
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()
 
 
 def _is_whole(extension: Path) -> bool:
     """Tell whether it is there and undamaged: a cut-off one would kill the process."""
     try:
-        return checksum_path(extension).read_text() == checksum(extension)
-    except (OSError, UnicodeDecodeError):
+        content = extension.read_bytes()
+    except OSError:
         return False
+    size = len(_checksum(b''))
+    return len(content) > size and content[-size:] == _checksum(content[:-size])
 
 
 def _load_extension() -> ModuleType | None:
-    path = extension_path()
+    path = _extension_path()
     wanted = os.environ.get('NUMBA_DISABLE_JIT', '0') in ('', '0')
     if not wanted or path is None or not _is_whole(path):
         return None

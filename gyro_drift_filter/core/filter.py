@@ -1,5 +1,6 @@
 """One step of the filter for all three axes, and the class that holds its state."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -188,6 +189,10 @@ STATE = in_lines(
         ('result', RESULT),  # of the last sample
     ],
 )
+
+
+# In front of a snapshot: other fields, or in another order, may be of the same size.
+_LAYOUT = hashlib.sha256(repr(STATE).encode()).digest()
 
 
 @compiled
@@ -658,20 +663,17 @@ class Filter:
 
     def snapshot(self) -> bytes:
         """Return the state; `restore` on a filter of the same parameters continues bit for bit."""
-        return self._state.tobytes()
+        return _LAYOUT + self._state.tobytes()
 
     def restore(self, snapshot: bytes) -> None:
         """Continue from a snapshot.
 
         Raises:
-            GyroDriftFilterError: The snapshot is not of this version's size.
+            GyroDriftFilterError: The snapshot is of another version.
         """
-        if len(snapshot) != STATE.itemsize:
-            raise GyroDriftFilterError(
-                f'the snapshot has {len(snapshot)} bytes where {STATE.itemsize} are needed: '
-                'it was taken by another version'
-            )
-        self._state[:] = np.frombuffer(snapshot, STATE)
+        if not snapshot.startswith(_LAYOUT) or len(snapshot) != len(_LAYOUT) + STATE.itemsize:
+            raise GyroDriftFilterError('the snapshot was taken by another version')
+        self._state[:] = np.frombuffer(snapshot, STATE, offset=len(_LAYOUT))
         self._underived = True
 
     def step(self, stamp: int, rate: Sequence[float], acceleration: Sequence[float]) -> Any:
@@ -684,7 +686,15 @@ class Filter:
 
         Returns:
             A record of RESULT, valid until the next step.
+
+        Raises:
+            GyroDriftFilterError: The shapes do not agree.
         """
+        if np.shape(rate) != (3,) or np.shape(acceleration) != (3,):
+            raise GyroDriftFilterError(
+                'rate and acceleration must be of three numbers each, not of shapes '
+                f'{np.shape(rate)} and {np.shape(acceleration)}'
+            )
         sample = self._sample[0]
         sample['stamp'] = stamp
         sample['angular_velocity'] = rate

@@ -1,10 +1,12 @@
 """The first start after an installation: the kernels are compiled in a process of their own.
 
 That takes from half a minute to some minutes on a small board. The node is there meanwhile: what
-arrives is kept, and taken in its order as soon as it can be.
+arrives is kept, and taken in its order as soon as it can be. The process then builds the extension
+module for later starts, which this one does not wait for. It also does where that alone is missing.
 """
 
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,7 +21,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from gyro_drift_filter.core.compiled import is_cache_cold
+from gyro_drift_filter.core.compiled import is_cache_cold, is_extension_missing
 
 # A minute at 1 kHz, about 25 MB; beyond that the oldest messages go, and are counted.
 LARGEST_QUEUE = 60_000
@@ -38,24 +40,31 @@ class ColdStart:
     """
 
     def __init__(self, node: Node) -> None:
-        """Begin to compile if the kernels are not in the cache; `stop` has to be called then."""
+        """Begin to compile if kernels are not in the cache; `stop` has to be called then."""
         self.waiting: deque[tuple[Callable[[Any], None], Any]] | None = None
         self.dropped = 0
         self._node = node
         self._compiler: subprocess.Popen[bytes] | None = None
-        if not is_cache_cold():
+        self._keeping = False
+        cold = is_cache_cold()
+        if not cold and not is_extension_missing():
             return
-        self.waiting = deque(maxlen=LARGEST_QUEUE)
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115
-        # -P, as a package in the working directory may not be the one that is running here.
+        # -P, as a package in the working directory may not be the one that is running here. In a
+        # session of its own, so that `stop` reaches the C++ compiler, too.
         self._compiler = subprocess.Popen(
             [sys.executable, '-P', '-m', 'gyro_drift_filter.cli.main', 'compile'],
             stdout=subprocess.DEVNULL,
             stderr=self._errors,
+            start_new_session=True,
         )
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, self._compiler.pid, _NICENESS)
         self._timer = self._repeat(_POLL_SECONDS, self._poll)
+        if not cold:
+            return
+        self.waiting = deque(maxlen=LARGEST_QUEUE)
+        self._keeping = True
         node.get_logger().warning(
             'first start: compiling the filter, for half a minute or more. Messages are kept until '
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
@@ -74,26 +83,34 @@ class ColdStart:
         return self._node.create_timer(seconds, function, clock=clock)
 
     def _poll(self) -> None:
-        if self._compiler is None or self._compiler.poll() is None:
+        if self._compiler is None:
             return
+        status = self._compiler.poll()
+        if self._keeping and (status is not None or not is_cache_cold()):
+            self._keeping = False
+            self._tell(status or 0)
+            self._worker = self._repeat(_PAUSE_SECONDS, self._work_off)
+        if status is not None:
+            self._compiler = None
+            self._errors.close()
+            self._node.destroy_timer(self._timer)
+
+    def _tell(self, status: int) -> None:
+        """Log how the compiler has done."""
         assert self.waiting is not None
         log = self._node.get_logger()
-        if self._compiler.returncode == 0:
+        if status == 0:
             log.info(
                 f'compiled; {len(self.waiting)} messages were kept, {self.dropped} were too many'
             )
-        else:
-            self._errors.seek(0)
-            lines = self._errors.read().decode(errors='replace').split('\n')
-            reason = next((line for line in reversed(lines) if line.strip()), '')
-            log.warning(
-                f'the compiler ended with {self._compiler.returncode}: {reason}. The filter is '
-                'compiled here now, and takes no message until then'
-            )
-        self._compiler = None
-        self._errors.close()
-        self._node.destroy_timer(self._timer)
-        self._timer = self._repeat(_PAUSE_SECONDS, self._work_off)
+            return
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors='replace').split('\n')
+        reason = next((line for line in reversed(lines) if line.strip()), '')
+        log.warning(
+            f'the compiler ended with {status}: {reason}. The filter is compiled here now, and '
+            'takes no message until then'
+        )
 
     def _work_off(self) -> None:
         """Take what was kept, for a moment; what arrives meanwhile goes behind it."""
@@ -105,12 +122,13 @@ class ColdStart:
             if time.monotonic() > end:
                 return
         self.waiting = None
-        self._node.destroy_timer(self._timer)
+        self._node.destroy_timer(self._worker)
 
     def stop(self) -> None:
         """End the compiler, if it runs."""
         if self._compiler is not None:
-            self._compiler.kill()
+            with suppress(ProcessLookupError):
+                os.killpg(self._compiler.pid, signal.SIGKILL)
             self._compiler.wait()
             self._compiler = None
             self._errors.close()
