@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
@@ -26,6 +28,8 @@ LOSSLESS = (
 )
 _IN_FLIGHT = 100
 _PATIENCE = 120.0  # a first start compiles
+# Of requests, too, one may go before both sides have found each other.
+_ATTEMPTS = 60
 
 
 _domains = itertools.count(os.getpid())
@@ -71,7 +75,15 @@ class LiveNode:
         self._create_player = partial(self.node.create_publisher, Imu, 'imu/data_raw', qos)
         self._player = self._create_player()
         self.received: list[bytes] = []
-        self.node.create_subscription(Imu, 'imu/data_filtered', self.received.append, qos, raw=True)
+        self._listens = False
+        self.node.create_subscription(
+            Imu,
+            'imu/data_filtered',
+            self.received.append,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(matched=self._note_match),
+        )
         # What other runs of the node remember is of no concern here.
         self._home = tempfile.TemporaryDirectory()
         self.process = subprocess.Popen(
@@ -86,13 +98,8 @@ class LiveNode:
     def __enter__(self) -> 'LiveNode':
         """Wait until player and node have found each other."""
         try:
-            self.wait(
-                lambda: (
-                    self._player.get_subscription_count() > 0
-                    and self.node.count_publishers('imu/data_filtered') > 0
-                ),
-                'the node to appear',
-            )
+            self.wait(lambda: self._listens, 'the node to appear')
+            self._meet()
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -113,6 +120,29 @@ class LiveNode:
         self._context.try_shutdown()
         self._home.cleanup()
 
+    def _note_match(self, info: QoSSubscriptionMatchedInfo) -> None:
+        self._listens = info.current_count > 0
+
+    def _meet(self) -> None:
+        """Wait until the node hears the player: what is sent before would be lost.
+
+        That the player has found the node does not tell it. But DDS tells of a process's endpoints
+        in the order in which they were made, so that a node that answers a client that is younger
+        than the player's publisher and subscription has found these, too.
+        """
+        self.wait(self._player.get_subscription_count, 'the node to listen')
+        client = self.node.create_client(GetParameters, '/gyro_drift_filter/get_parameters')
+        self.wait(client.service_is_ready, 'the services of the node')
+        for _ in range(_ATTEMPTS):
+            answer = client.call_async(GetParameters.Request())
+            end = time.monotonic() + _PATIENCE / _ATTEMPTS
+            self.wait(lambda a=answer, e=end: a.done() or time.monotonic() > e, 'an answer')
+            if answer.done():
+                break
+        else:
+            raise TimeoutError(f'the node has not answered {_ATTEMPTS} requests')
+        self.node.destroy_client(client)
+
     def wait(self, condition: Callable[[], object], what: str) -> None:
         """Run callbacks until a condition holds.
 
@@ -125,14 +155,16 @@ class LiveNode:
             if self.process.poll() is not None:
                 raise RuntimeError(f'the node has ended with status {self.process.returncode}')
             if time.monotonic() > end:
-                raise TimeoutError(f'waited {_PATIENCE:g} s for {what}')
+                raise TimeoutError(
+                    f'waited {_PATIENCE:g} s for {what}; {len(self.received)} messages have come'
+                )
             self._executor.spin_once(timeout_sec=0.05)
 
     def restart_player(self) -> None:
         """End the publisher of the input, and begin another one, as a driver that starts anew."""
         self.node.destroy_publisher(self._player)
         self._player = self._create_player()
-        self.wait(self._player.get_subscription_count, 'the node to find the new publisher')
+        self._meet()
 
     def publish(self, message: bytes) -> None:
         """Publish one serialized Imu."""
