@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
-from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.core.simulation import SimulationSettings, simulate
@@ -54,8 +54,8 @@ def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) ->
             records['log'] = records['publish'] = times[row] + tile * span
             records['data'] = content[row]
             records['sec'], records['nanosec'] = np.divmod(stamps[row] + tile * span, 10**9)
-            entries = np.empty(len(number), ENTRY)
-            entries['channel'], entries['log_time'] = channel, records['log']
-            entries['offset'] = np.arange(len(number)) * record.itemsize
-            writer.write_bulk(records.view(np.uint8), entries)
+            places = np.arange(len(number)) * record.itemsize
+            index = np.column_stack((records['log'].astype(np.int64), places))
+            channels = np.full(len(number), channel)
+            writer.write_bulk(records.view(np.uint8), channels, index)
     return destination

@@ -85,7 +85,6 @@ def through(filter_, stamps, rates, accelerations, told):
 def messages():
     """Return the results of the kernels that read, patch and lay out messages."""
     from gyro_drift_filter.bags.chunk_kernels import (
-        ENTRY,
         ROW,
         lay_out,
         list_messages,
@@ -122,9 +121,10 @@ def messages():
     n = len(mine)
     results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
     filtered.process_imus(imus, range(n), lambda k: payload(chunk, mine[k]), results)
-    out, entries = np.zeros(8 * len(chunk), np.uint8), np.zeros(9 * len(rows), ENTRY)
-    places = np.zeros((len(rows) + 1, 2), np.int64)
-    lay_out(
+    out, index = np.zeros(8 * len(chunk), np.uint8), np.zeros((9 * len(rows), 2), np.int64)
+    channels = np.zeros(len(index), np.int64)
+    reports = np.array([(0, 5, 2), (3, 6, 2), (3, 7, 9)])
+    size, count, written = lay_out(
         chunk,
         listed,
         np.arange(8) % 3,
@@ -136,11 +136,13 @@ def messages():
         np.array([[10, place_in_result('innovation')], [11, place_in_result('bias')]]),
         12,
         np.array([-1.0]),
+        13,
+        reports,
+        np.frombuffer(b'of health', np.uint8),
         out,
-        entries,
-        places,
+        channels,
+        index,
     )
-    size, count = places[-1].tolist()
     counts = filtered.received, filtered.malformed, filtered.not_reported, filtered.frame_changes
     moments = Moments()
     moments.add(imus['sample']['angular_velocity'], results['angular_velocity'])
@@ -150,11 +152,12 @@ def messages():
             flags.append(filter_.step(data))
     return {
         'records': out[:size],
-        'row_places': places,
+        'written': np.array(written),
         'counts': np.array(counts),
         'mean': moments.statistics().mean,
         'deviation': moments.statistics().deviation,
-        'places': entries[:count]['offset'],
+        'channels': channels[:count],
+        'index': index[:count],
         'stamps': imus['sample']['stamp'],
         'kinds': imus['kind'],
         'flags': np.array(flags),

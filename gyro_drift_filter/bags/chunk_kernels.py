@@ -1,6 +1,7 @@
 """Walk the message records of an MCAP chunk, and lay out those to be written, in compiled code.
 
-Chunks and records are arrays of bytes.
+Chunks and records are arrays of bytes. Of records that lie behind each other the index tells, as in
+a MESSAGE_INDEX: (n, 2) with the log time in ns and the place of each. Their channels stand apart.
 """
 
 from typing import Any
@@ -22,9 +23,6 @@ ROW = np.dtype(
     ],
     align=True,
 )
-
-# Where a message stands: an entry of MessageIndex, with the channel.
-ENTRY = np.dtype([('channel', '<u2'), ('log_time', '<u8'), ('offset', '<u8')])
 
 
 def place_in_result(field: str) -> int:
@@ -79,11 +77,13 @@ def _put(out: Any, place: int, value: int, size: int) -> int:
 
 
 @compiled
-def _begin_record(out: Any, place: int, entry: Any, channel: int, time: int, size: int) -> int:
+def _begin_record(
+    out: Any, place: int, channels: Any, index: Any, count: int, channel: int, time: int, size: int
+) -> int:
     """Write a message record up to its payload of `size` bytes, and note where it stands."""
-    entry['channel'] = channel
-    entry['log_time'] = time
-    entry['offset'] = place
+    channels[count] = channel
+    index[count, 0] = time
+    index[count, 1] = place
     out[place] = _MESSAGE
     place = _put(out, place + 1, _MESSAGE_HEADER + size, 8)
     place = _put(out, place, channel, 2)
@@ -114,10 +114,13 @@ def lay_out(
     vectors: Any,
     rest_channel: int,
     at_rest: Any,
+    report_channel: int,
+    reports: Any,
+    texts: Any,
     out: Any,
-    entries: Any,
-    places: Any,
-) -> None:
+    channels: Any,
+    index: Any,
+) -> tuple[int, int, int]:
     """Write the records of a stretch of messages and of what the filter makes of them.
 
     Args:
@@ -132,19 +135,30 @@ def lay_out(
         vectors: (m, 2) of the topics of every sample: channel, and place of the field in RESULT.
         rest_channel: Of `at_rest`, 0 for none, and
         at_rest: (1,) what was written to it last; -1 before the first.
+        report_channel: Of the reports, and
+        reports: (k, 3) of them: the row that each stands before, its log time, and where it ends in
+        texts: the reports behind each other, bytes.
         out: Room for the records.
-        entries: Room for an ENTRY of each.
-        places: (n + 1, 2) filled with the bytes and entries written before each message.
+        channels: Room for the channel of each.
+        index: Room for the index.
+
+    Returns:
+        How many bytes and records there are, and how many of these are of the filtered topic.
     """
-    place, count, following = 0, 0, 0
+    place, count, following, written, told, told_to = 0, 0, 0, 0, 0, 0
     for i in range(len(rows)):
-        places[i, 0] = place
-        places[i, 1] = count
+        while told < len(reports) and reports[told, 0] == i:
+            time, end = reports[told, 1], reports[told, 2]
+            size = end - told_to
+            place = _begin_record(out, place, channels, index, count, report_channel, time, size)
+            place = _copy(out, place, texts, told_to, size)
+            told, told_to, count = told + 1, end, count + 1
         row = rows[i]
         source, time = row['channel'], row['log_time']
         start, size = row['start'], row['size']
         if copies[source] > 0:
-            place = _begin_record(out, place, entries[count], copies[source], time, size)
+            copy = copies[source]
+            place = _begin_record(out, place, channels, index, count, copy, time, size)
             place = _copy(out, place, data, start, size)
             count += 1
         if not ours[source]:
@@ -152,12 +166,13 @@ def lay_out(
         k = following
         following += 1
         imu = imus[k]
-        if not is_written(imu, results[k]):
+        if not _is_written(imu, results[k]):
             continue
-        place = _begin_record(out, place, entries[count], channel, time, size)
+        place = _begin_record(out, place, channels, index, count, channel, time, size)
         begin = place
         place = _copy(out, place, data, start, size)
         count += 1
+        written += 1
         if imu['kind'] != GOOD:
             continue
         _patch_rate(out, begin + imu['doubles'], raw, k, imu['big_endian'])
@@ -165,7 +180,8 @@ def lay_out(
             name = imu['frame_size'] + 1
             padding = -(HEADER + name) % 8
             length = ENCAPSULATION + HEADER + name + padding + _VECTOR_BYTES
-            place = _begin_record(out, place, entries[count], vectors[m, 0], time, length)
+            topic = vectors[m, 0]
+            place = _begin_record(out, place, channels, index, count, topic, time, length)
             stamp = imu['sample']['stamp']
             place = _put(out, place, 0x0100, 4)  # plain CDR, little endian
             place = _put(out, place, stamp // 1_000_000_000, 4)
@@ -179,16 +195,15 @@ def lay_out(
             count += 1
         if rest_channel > 0 and results[k]['at_rest'] != at_rest[0]:
             at_rest[0] = results[k]['at_rest']
-            place = _begin_record(out, place, entries[count], rest_channel, time, 5)
+            place = _begin_record(out, place, channels, index, count, rest_channel, time, 5)
             place = _put(out, place, 0x0100, 4)
             place = _put(out, place, 1 if at_rest[0] > 0.0 else 0, 1)
             count += 1
-    places[len(rows), 0] = place
-    places[len(rows), 1] = count
+    return place, count, written
 
 
 @compiled
-def is_written(imu: Any, result: Any) -> bool:
+def _is_written(imu: Any, result: Any) -> bool:
     """Tell whether a message has one on the filtered topic."""
     if imu['kind'] == GOOD:
         return bool(result['status'] != REFUSED)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
-from gyro_drift_filter.bags.mcap_reader import Layout, read_chunks, read_layout
+from gyro_drift_filter.bags.mcap_reader import ChunkPlace, Layout, read_chunks, read_layout
 from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.recording import BagError, kind
 from gyro_drift_filter.bags.replay_run import (
@@ -107,13 +107,14 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
         ours[channel] = run.is_ours(connection)
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
-    batches, frame = _Batches(), no_frame()
+    batches = _Batches()
     done = 0
-    for data, all_rows in _chunks(file):
-        all_rows = all_rows[known[all_rows['channel']]]
+    for data, all_rows, all_imus in _chunks(file, known, ours):
+        read = 0
         for first in range(0, len(all_rows), _PIECE):
             rows = all_rows[first : first + _PIECE]
-            imus = _imus(data, rows[ours[rows['channel']]], frame)
+            imus = all_imus[read : read + int(ours[rows['channel']].sum())]
+            read += len(imus)
             stops: list[Word | BatchEnd] = [
                 Word(int(row), file.connections[int(rows[row]['channel'])])
                 for row in np.flatnonzero(told[rows['channel']])
@@ -132,31 +133,54 @@ def _row(stop: Word | BatchEnd) -> int:
     return stop.row
 
 
-def _chunks(file: ChunkedFile) -> Iterator[tuple[NDArray[np.uint8], NDArray[Any]]]:
-    """Yield each chunk and the ROWs of its messages, in the order of their log times."""
+class _Chunk(NamedTuple):
+    """A chunk that has been read.
+
+    Attributes:
+        data: Its records, bytes.
+        rows: Of its messages that have a connection, ROWs in the order of their log times.
+        imus: What those of the Imu topic hold, IMUs.
+    """
+
+    data: NDArray[np.uint8]
+    rows: NDArray[Any]
+    imus: NDArray[Any]
+
+
+def _chunks(
+    file: ChunkedFile, known: NDArray[np.bool_], ours: NDArray[np.bool_]
+) -> Iterator[_Chunk]:
+    """Yield each chunk of a file.
+
+    `known` and `ours` tell of each channel whether it has a connection, and is the Imu topic's.
+    """
+    frame, doubles = no_frame(), np.zeros(37)
+
+    def read(place: ChunkPlace, data: NDArray[np.uint8]) -> _Chunk:
+        rows = _rows(place, data)
+        rows = rows[known[rows['channel']]]
+        of_imus = rows[ours[rows['channel']]]
+        imus = np.zeros(len(of_imus), IMU)
+        read_imus(data, of_imus, (doubles.view(np.uint8), doubles), frame, imus)
+        return _Chunk(data, rows, imus)
+
     try:
-        for place, data in zip(
-            file.layout.chunks, read_chunks(file.path, file.layout), strict=True
-        ):
-            room = np.empty(len(data) // RECORD_BYTES + 1, ROW)
-            count = list_messages(data, room)
-            rows = room[: max(count, 0)]
-            times = rows['log_time']
-            if count < 0 or (count and not place.first <= times.min() <= times.max() <= place.last):
-                raise McapError(f'the records in the chunk at byte {place.start} are not sound')
-            if (np.diff(times) < 0).any():
-                rows = rows[np.argsort(times, kind='stable')]
-            yield data, rows
+        yield from read_chunks(file.path, file.layout, read)
     except (McapError, OSError) as error:
         raise BagError(f'{file.path} is damaged and can be read no further: {error}') from error
 
 
-def _imus(data: NDArray[np.uint8], rows: NDArray[Any], frame: NDArray[Any]) -> NDArray[Any]:
-    """Return an IMU for each ROW; `frame` is that of the message before."""
-    imus = np.zeros(len(rows), IMU)
-    doubles = np.zeros(37)
-    read_imus(data, rows, (doubles.view(np.uint8), doubles), frame, imus)
-    return imus
+def _rows(place: ChunkPlace, data: NDArray[np.uint8]) -> NDArray[Any]:
+    """Return the ROWs of the messages of a chunk, in the order of their log times."""
+    room = np.empty(len(data) // RECORD_BYTES + 1, ROW)
+    count = list_messages(data, room)
+    rows = room[: max(count, 0)]
+    times = rows['log_time']
+    if count < 0 or (count and not place.first <= times.min() <= times.max() <= place.last):
+        raise McapError(f'the records in the chunk at byte {place.start} are not sound')
+    if (np.diff(times) < 0).any():
+        rows = rows[np.argsort(times, kind='stable')]
+    return rows
 
 
 class _Batches:

@@ -4,11 +4,11 @@ What is not laid out as ROS 2 recorders do is left to rosbags, see `read_layout`
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -28,6 +28,8 @@ from gyro_drift_filter.bags.mcap_records import (
     records,
     unpack_chunk,
 )
+
+Prepared = TypeVar('Prepared')
 
 _LARGEST_SUMMARY = 2**26  # bytes: enough for 600,000 chunks
 _LATEST = 2**63  # ns: log times are unsigned in a file, and signed in all that counts with them
@@ -112,23 +114,35 @@ def _layout(summary: bytes, end: int) -> Layout | None:
     return Layout(channels, chunks)
 
 
-def read_chunks(path: Path, layout: Layout) -> Iterator[NDArray[np.uint8]]:
-    """Yield the records of each chunk, decompressed; the next one is made ready meanwhile.
+def read_chunks(
+    path: Path, layout: Layout, prepare: Callable[[ChunkPlace, NDArray[np.uint8]], Prepared]
+) -> Iterator[Prepared]:
+    """Yield each chunk; the next one is made ready meanwhile, in a thread of its own.
+
+    Args:
+        path: The file.
+        layout: Where its chunks stand.
+        prepare: Returns what is yielded, of the place of a chunk and of its records, decompressed;
+            it is called with one after the other.
 
     Raises:
         McapError: A chunk is damaged.
         OSError: The file can't be read.
     """
+
+    def prepared(record: bytes, place: ChunkPlace) -> Prepared:
+        return prepare(place, np.frombuffer(_decompressed(record, place), np.uint8))
+
     with path.open('rb') as file, ThreadPoolExecutor(1) as worker:
-        ready: Future[bytes] | None = None
+        ready: Future[Prepared] | None = None
         for place in layout.chunks:
             file.seek(place.start)
-            coming = worker.submit(_decompressed, file.read(place.length), place)
+            coming = worker.submit(prepared, file.read(place.length), place)
             if ready is not None:
-                yield np.frombuffer(ready.result(), np.uint8)
+                yield ready.result()
             ready = coming
         if ready is not None:
-            yield np.frombuffer(ready.result(), np.uint8)
+            yield ready.result()
 
 
 def _decompressed(record: bytes, place: ChunkPlace) -> bytes:

@@ -12,7 +12,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
 from gyro_drift_filter.bags.mcap_records import (
     CHANNEL,
     CHUNK,
@@ -135,8 +135,6 @@ def _write(writer: McapWriter, array: NDArray[np.uint8], rows: NDArray[np.void])
     if not len(rows):
         return
     starts, sizes = rows['start'] - RECORD_BYTES, rows['size'] + RECORD_BYTES
-    entries = np.empty(len(rows), ENTRY)
-    entries['channel'], entries['log_time'] = rows['channel'], rows['log_time']
-    entries['offset'] = np.append(0, np.cumsum(sizes[:-1]))
+    index = np.column_stack((rows['log_time'], np.append(0, np.cumsum(sizes[:-1]))))
     pieces = [array[start : start + size] for start, size in zip(starts, sizes, strict=True)]
-    writer.write_bulk(np.concatenate(pieces), entries)
+    writer.write_bulk(np.concatenate(pieces), rows['channel'], index)

@@ -3,13 +3,12 @@
 import struct
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import ENTRY
 from gyro_drift_filter.bags.library import (
     CompressionMode,
     Connection,
@@ -44,8 +43,27 @@ from gyro_drift_filter.bags.mcap_records import (
 CHUNK_BYTES = 2**20
 # Chunks on their way to the disk.
 _PENDING = 3
+_INDEX_BYTES = 16  # a message, in the index of its channel
 
-_CHANNEL_BYTES = 2  # of an ENTRY, before what the index of one channel holds
+
+class _Packed(NamedTuple):
+    """A chunk as it is written.
+
+    Attributes:
+        head: Its fields before the records.
+        data: Its records, compressed.
+        size: Of them before.
+        first: Log time of its first message in ns, 0 where there is none.
+        last: Of its last.
+        indexes: By channel: what the message index holds.
+    """
+
+    head: bytes
+    data: Any
+    size: int
+    first: int
+    last: int
+    indexes: dict[int, bytes]
 
 
 class McapWriter:
@@ -73,7 +91,7 @@ class McapWriter:
         self._chunk_indexes: list[bytes] = []
         self.first, self.last = 2**64 - 1, 0
         self._worker = ThreadPoolExecutor(1)
-        self._pending: list[tuple[Future[tuple[int, int, bytes]], NDArray[Any]]] = []
+        self._pending: list[Future[_Packed]] = []
         self._start_chunk()
 
     def add_schema(self, key: int, schema: bytes) -> None:
@@ -91,7 +109,7 @@ class McapWriter:
         self._pieces: list[Any] = []
         self._size = 0
         self._entries: list[tuple[int, int, int]] = []
-        self._bulk_entries: list[NDArray[Any]] = []
+        self._indexes: list[tuple[NDArray[Any], NDArray[Any]]] = []
 
     def _append(self, piece: Any) -> None:
         self._pieces.append(piece)
@@ -107,26 +125,26 @@ class McapWriter:
         if self._size > CHUNK_BYTES:
             self._close_chunk()
 
-    def write_bulk(self, records: NDArray[np.uint8], entries: NDArray[Any]) -> None:
-        """Write message records that lie behind each other, with an ENTRY for each.
+    def write_bulk(
+        self, records: NDArray[np.uint8], channels: NDArray[Any], index: NDArray[Any]
+    ) -> None:
+        """Write message records that lie behind each other, without copying them.
 
-        Both belong to the storage from then on. Chunks end where `write` would end them.
+        Chunks end where `write_message` would end them.
+
+        Args:
+            records: The records, bytes; they may not be changed from then on.
+            channels: (n,) the channel of each.
+            index: (n, 2) log time in ns and place of each, as in a MESSAGE_INDEX; it is changed.
         """
         self._settle_entries()
-        if self._size + len(records) <= CHUNK_BYTES:  # the common case
-            entries['offset'] += np.uint64(self._size)
-            self._bulk_entries.append(entries)
-            self._append(records)
-            return
-        ends = np.append(entries['offset'][1:], len(records)).astype(np.int64)
+        ends = np.append(index[1:, 1], len(records)).astype(np.int64)
         done = written = 0
-        while done < len(entries):
+        while done < len(channels):
             last = int(np.searchsorted(ends, CHUNK_BYTES - self._size + written, side='right'))
-            stop = min(last + 1, len(entries))
-            piece = entries[done:stop].copy()
-            piece['offset'] = piece['offset'].astype(np.int64) + (self._size - written)
-            self._settle_entries()
-            self._bulk_entries.append(piece)
+            stop = min(last + 1, len(channels))
+            index[done:stop, 1] += self._size - written
+            self._indexes.append((channels[done:stop], index[done:stop]))
             self._append(records[written : ends[stop - 1]])
             done, written = stop, int(ends[stop - 1])
             if self._size > CHUNK_BYTES:
@@ -135,53 +153,43 @@ class McapWriter:
     def _settle_entries(self) -> None:
         """Keep single messages and bulks in their order."""
         if self._entries:
-            self._bulk_entries.append(np.array(self._entries, ENTRY))
+            entries = np.array(self._entries, np.uint64).astype(np.int64)
+            self._indexes.append((entries[:, 0], entries[:, 1:]))
             self._entries = []
 
     def _close_chunk(self) -> None:
         self._settle_entries()
-        # As bytes: numpy joins records field by field.
-        parts = [np.empty(0, np.uint8), *(part.view(np.uint8) for part in self._bulk_entries)]
-        entries = np.concatenate(parts).view(ENTRY)
-        pack = self._worker.submit(_packed, self._pieces, self._compression)
-        self._pending.append((pack, entries))
+        self._pending.append(
+            self._worker.submit(_packed, self._pieces, self._indexes, self._compression)
+        )
         self._start_chunk()
         if len(self._pending) > _PENDING:
             self._write_chunk()
 
     def _write_chunk(self) -> None:
         """Write the chunk that has waited longest, and the indexes of its messages."""
-        packed, entries = self._pending.pop(0)
-        size, checksum, data = packed.result()
-        times = entries['log_time']
-        first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+        chunk = self._pending.pop(0).result()
         start = self._file.tell()
-        head = CHUNK_HEAD.pack(first, last, size, checksum, len(self._compression))
-        head += self._compression.encode() + struct.pack('<Q', len(data))
-        self._file.write(PREFIX.pack(CHUNK, len(head) + len(data)) + head)
-        self._file.write(data)
+        self._file.write(PREFIX.pack(CHUNK, len(chunk.head) + len(chunk.data)) + chunk.head)
+        self._file.write(chunk.data)
         end = self._file.tell()
         offsets = b''
-        for channel in np.unique(entries['channel']):
-            chosen = entries[entries['channel'] == channel]
+        for channel, content in chunk.indexes.items():
             offsets += struct.pack('<HQ', channel, self._file.tell())
-            content = (
-                chosen.view(np.uint8).reshape(-1, ENTRY.itemsize)[:, _CHANNEL_BYTES:].tobytes()
-            )
             self._file.write(
                 record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content)
             )
-            self.counts[int(channel)] += len(chosen)
-        if len(times):
-            self.first, self.last = min(self.first, first), max(self.last, last)
+            self.counts[channel] += len(content) // _INDEX_BYTES
+        if chunk.indexes:
+            self.first, self.last = min(self.first, chunk.first), max(self.last, chunk.last)
         self._chunk_indexes.append(
             record(
                 CHUNK_INDEX,
-                struct.pack('<QQQQI', first, last, start, end - start, len(offsets)),
+                struct.pack('<QQQQI', chunk.first, chunk.last, start, end - start, len(offsets)),
                 offsets,
                 struct.pack('<Q', self._file.tell() - end),
                 text(self._compression),
-                struct.pack('<QQ', len(data), size),
+                struct.pack('<QQ', len(chunk.data), chunk.size),
             )
         )
 
@@ -277,7 +285,23 @@ class McapStorage(McapWriter):
         self.finish(record(METADATA, text('rosbag2'), struct.pack('<I', len(content)), content))
 
 
-def _packed(pieces: list[Any], compression: str) -> tuple[int, int, bytes]:
-    """Return the size, the checksum and the compressed bytes of a chunk."""
-    data = b''.join(pieces)
-    return len(data), crc32(data), zstd.compress(data, ZSTD_LEVEL) if compression else data
+def _packed(
+    pieces: list[Any], indexes: list[tuple[NDArray[Any], NDArray[Any]]], compression: str
+) -> _Packed:
+    """Return a chunk of pieces of records, and of the channels and indexes of each piece."""
+    data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
+    channels = np.concatenate([np.empty(0, np.int64), *(channels for channels, _ in indexes)])
+    index = np.concatenate([np.empty((0, 2), '<i8'), *(index for _, index in indexes)])
+    found = np.flatnonzero(np.bincount(channels))
+    times = index.view('<u8')[:, 0]
+    first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+    packed = zstd.compress(data, ZSTD_LEVEL) if compression else data
+    head = CHUNK_HEAD.pack(first, last, len(data), crc32(data), len(compression))
+    return _Packed(
+        head + compression.encode() + struct.pack('<Q', len(packed)),
+        packed,
+        len(data),
+        first,
+        last,
+        {int(channel): index[channels == channel].tobytes() for channel in found},
+    )

@@ -302,8 +302,10 @@ class BagWriter:
         with self._reporting():
             self._writer.write(connection, log_time, data)
 
-    def write_bulk(self, records: NDArray[np.uint8], entries: NDArray[Any]) -> None:
-        """Write serialized MCAP message records, and say where they stand: see `McapStorage`.
+    def write_bulk(
+        self, records: NDArray[np.uint8], channels: NDArray[Any], index: NDArray[Any]
+    ) -> None:
+        """Write serialized MCAP message records, and say where they stand: see `McapWriter`.
 
         Raises:
             BagError: The disk is full or the like.
@@ -311,7 +313,7 @@ class BagWriter:
         storage = self._writer.storage
         assert isinstance(storage, McapStorage)
         with self._reporting():
-            storage.write_bulk(records, entries)
+            storage.write_bulk(records, channels, index)
 
 
 def kind(connection: Connection) -> Kind:

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.cdr import (
     GOOD,
     IMU_TYPE,
-    NOT_REPORTED,
     VECTOR_TYPE,
     DiagnosticStatus,
     diagnostic_array,
 )
-from gyro_drift_filter.bags.chunk_kernels import ENTRY, RECORD_BYTES, lay_out, place_in_result
+from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out, place_in_result
 from gyro_drift_filter.bags.health import NODE_NAME, Health
 from gyro_drift_filter.bags.library import AnyReader, Connection
 from gyro_drift_filter.bags.message_filter import (
@@ -296,13 +295,15 @@ class ReplayRun:
         of_imus = self._ours[rows['channel']]
         results = np.empty(len(imus), RESULT)
         reports = self._process_piece(piece, of_imus, results)
+        texts = [text for _, _, text in reports]
+        ends = np.cumsum([len(text) for text in texts])
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
         made = 1 + len(self._samples) + 1
+        count = len(rows) + made * len(imus) + len(reports)
         sizes = int(rows['size'].sum()) + made * int(rows['size'][of_imus].sum())
-        count = len(rows) + made * len(imus)
-        out, entries = np.empty(sizes + count * RECORD_BYTES, np.uint8), np.empty(count, ENTRY)
-        places = np.empty((len(rows) + 1, 2), np.int64)
-        lay_out(
+        out = np.empty(sizes + sum(map(len, texts)) + count * RECORD_BYTES, np.uint8)
+        channels, index = np.empty(count, np.int64), np.empty((count, 2), np.int64)
+        size, count, written = lay_out(
             data,
             rows,
             self._channel_copies,
@@ -314,37 +315,24 @@ class ReplayRun:
             self._vectors,
             0 if self._rest is None else self._rest.id,
             self._at_rest,
+            self._reports.id,
+            np.array(
+                [(row, time, end) for (row, time, _), end in zip(reports, ends, strict=True)],
+                np.int64,
+            ).reshape(-1, 3),
+            np.frombuffer(b''.join(texts), np.uint8),
             out,
-            entries,
-            places,
+            channels,
+            index,
         )
-        begin = places[0].tolist()
-        for row, log_time, report in [*reports, (len(rows), 0, b'')]:
-            stop = places[row].tolist()
-            self._write_bulk(out, entries, begin, stop)
-            begin = stop
-            if report:
-                self._writer.write(self._reports, log_time, report)
+        if count:
+            self._writer.write_bulk(out[:size], channels[:count], index[:count])
+        self._written += written
         good = imus['kind'] == GOOD
         good[good] = results['status'][good] != REFUSED
-        self._written += int(good.sum()) + int((imus['kind'] == NOT_REPORTED).sum())
         self._add_up_rates(
             imus['sample']['angular_velocity'][good], results['angular_velocity'][good]
         )
-
-    def _write_bulk(
-        self,
-        out: NDArray[np.uint8],
-        entries: NDArray[Any],
-        begin: list[int],
-        stop: list[int],
-    ) -> None:
-        """Write what lies between two places: bytes of records, and entries."""
-        if begin == stop:
-            return
-        part = entries[begin[1] : stop[1]]
-        part['offset'] -= np.uint64(begin[0])
-        self._writer.write_bulk(out[begin[0] : stop[0]], part)
 
     def _process_piece(
         self, piece: Piece, of_imus: NDArray[np.bool_], results: NDArray[Any]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import EXAMPLE
-from gyro_drift_filter.bags.chunk_kernels import ENTRY, ROW, lay_out, list_messages
+from gyro_drift_filter.bags.chunk_kernels import ROW, lay_out, list_messages
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.moments import Moments
@@ -86,9 +86,12 @@ def compile_all() -> None:
         np.zeros((0, 2), np.int64),
         0,
         np.zeros(1),
+        0,
+        np.zeros((0, 3), np.int64),
+        data[:0],
         np.zeros(0, np.uint8),
-        np.zeros(0, ENTRY),
-        np.zeros((1, 2), np.int64),
+        np.zeros(0, np.int64),
+        np.zeros((0, 2), np.int64),
     )
     Moments().add(np.zeros((0, 3)), np.zeros((0, 3)))
     note_all_compiled()

@@ -9,8 +9,9 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +73,9 @@ def _build(folder: Path) -> Path:
     """Return the extension module, built in a folder."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
-        from numba.pycc import CC
+        from unittest.mock import patch  # here, as it loads much
+
+        from numba.pycc import CC, compiler
 
         library = CC(EXTENSION)
         library.output_dir = str(folder)
@@ -81,12 +84,22 @@ def _build(folder: Path) -> Path:
             signature = kernel.nopython_signatures[0]
             library.export(extension_name(kernel.py_func), signature)(kernel.py_func)
         # pycc leaves its folder behind where it fails.
-        before, tempfile.tempdir = tempfile.tempdir, str(folder)
-        try:
+        with (
+            patch.object(tempfile, 'tempdir', str(folder)),
+            patch.object(compiler, 'Flags', partial(_without_lock, compiler.Flags)),
+        ):
             library.compile()
-        finally:
-            tempfile.tempdir = before
         return folder / str(library.output_file)
+
+
+def _without_lock(flags: Callable[[], Any]) -> Any:
+    """Return numba's flags with one more: to let go of the interpreter's lock, as `compiled` does.
+
+    pycc has no option for it.
+    """
+    made = flags()
+    made.release_gil = True
+    return made
 
 
 @contextmanager

@@ -30,12 +30,13 @@ def _cache_place() -> Path | None:
 
     numba's own cache looks only at the file that a kernel stands in, so a kernel would keep the
     old code of one that it calls from another file. Here the directory is named after the content
-    of all files that hold kernels, in core and bags: any edit starts a new cache. It also works
-    where the package is installed read-only, as by apt.
+    of all files that hold kernels, in core and bags, and of the one that builds the extension: any
+    edit starts a new cache. It also works where the package is installed read-only, as by apt.
     """
     content = hashlib.sha256()
     package = Path(__file__).parent.parent
-    for path in sorted([*package.glob('core/*.py'), *package.glob('bags/*.py')]):
+    kernels = *package.glob('core/*.py'), *package.glob('bags/*.py')
+    for path in sorted([*kernels, *package.glob('cli/extension.py')]):
         content.update(path.read_bytes())
     try:
         user_cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
