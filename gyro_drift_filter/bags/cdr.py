@@ -229,28 +229,34 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
         statuses: What it holds.
     """
     seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    data = bytearray(struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses)))
+    data = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
     for status in statuses:
-        data.append(status.level)
-        data += bytes(-len(data) % 4)
-        data += b''.join(map(_known_text, (status.name, status.message, '')))
-        data += struct.pack('<I', len(status.values))
-        last = ''
-        for key, last in status.values.items():
-            data += _known_text(key)
-            data += _text(last)
-        if status.values:  # what follows is no text, and aligns itself
-            del data[len(data) - -(len(last.encode()) + 1) % 4 :]
+        size = len(data) + 1
+        parts = [data, bytes([status.level]), bytes(-size % 4)]
+        parts += map(_known_text, (status.name, status.message, ''))
+        parts.append(struct.pack('<I', len(status.values)))
+        surplus = 0
+        for key, value in status.values.items():
+            text = value.encode()
+            head, end = _around(len(text))
+            parts += _known_text(key), head, text, end
+            surplus = len(end) - 1
+        data = b''.join(parts)
+        data = data[: len(data) - surplus]  # what follows is no text, and aligns itself
     return b'\x00\x01\x00\x00' + data
 
 
-def _text(text: str) -> bytes:
+# Keys, messages and lengths are the same again and again; numbers are not.
+@lru_cache(maxsize=1024)
+def _known_text(text: str) -> bytes:
     """Return a string that begins at a multiple of four bytes, up to the next one."""
     encoded = text.encode()
-    size = len(encoded) + 1
-    return size.to_bytes(4, 'little') + encoded + _ENDS[-size % 4]
+    head, end = _around(len(encoded))
+    return head + encoded + end
 
 
-# Keys and messages are the same again and again; numbers are not.
-_known_text = lru_cache(maxsize=1024)(_text)
-_ENDS = tuple(bytes(1 + padding) for padding in range(4))
+@lru_cache(maxsize=1024)
+def _around(length: int) -> tuple[bytes, bytes]:
+    """Return what stands before and behind a string of as many bytes: its size, and zeros."""
+    size = length + 1
+    return size.to_bytes(4, 'little'), bytes(1 + -size % 4)

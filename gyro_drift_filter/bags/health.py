@@ -181,9 +181,9 @@ class Health:
             'Changes of frame_id': str(now.frames),
             'Last frame_id it changed to': messages.frame,
             'Times stuck': str(counts['stuck']),
+            **_counts_per_axis('Unusable rates bridged', counts['unusable']),
+            **_counts_per_axis('Samples at the end of the range', counts['clipped']),
         }
-        values |= _counts_per_axis('Unusable rates bridged', counts['unusable'])
-        values |= _counts_per_axis('Samples at the end of the range', counts['clipped'])
         return DiagnosticStatus(level, self._name + INPUT, message, values)
 
     def _expected_rate(self) -> float:
@@ -289,21 +289,24 @@ class Health:
         shares = [_share(a - b, samples) for a, b in zip(now.outliers, first.outliers, strict=True)]
         pairs = zip(now.nis_sum, first.nis_sum, now.nis_samples, first.nis_samples, strict=True)
         surprise = [_share(a - b, c - d) for a, b, c, d in pairs]
-        values = {'Method': method, 'Version': package_version()}
-        values |= _counts_per_axis('Outliers', now.outliers)
-        values |= _per_axis('Outliers of late (%)', [100.0 * share for share in shares])
-        values |= _per_axis('Normalised innovation squared', surprise)
-        values |= _per_axis('Process noise Q ((rad/s)^2)', result['process_noise'].tolist())
-        values |= _per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'].tolist())
-        deviations = filter_.bias_deviation.tolist()
-        values |= _per_axis('Bias (rad/s)', bias['bias'].tolist())
-        values |= _per_axis('Bias deviation (rad/s)', deviations if bias['known'] else _UNKNOWN)
-        values['At rest'] = str(bool(bias['rest']['at_rest']))
-        values['Time since rest (s)'] = f'{bias["rest_seconds"]:.6g}'
-        values['Rests the bias was learned from'] = str(bias['packages'])
-        values['Rests with a rate beyond bias.max'] = str(bias['beyond_max'])
-        values['Slow turns told from rest'] = str(bias['turning'])
-        values |= _counts_per_axis('Divergences', now.divergences)
+        deviation = filter_.bias_deviation.tolist() if bias['known'] else _UNKNOWN
+        values = {
+            'Method': method,
+            'Version': package_version(),
+            **_counts_per_axis('Outliers', now.outliers),
+            **_per_axis('Outliers of late (%)', [100.0 * share for share in shares]),
+            **_per_axis('Normalised innovation squared', surprise),
+            **_per_axis('Process noise Q ((rad/s)^2)', result['process_noise'].tolist()),
+            **_per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'].tolist()),
+            **_per_axis('Bias (rad/s)', bias['bias'].tolist()),
+            **_per_axis('Bias deviation (rad/s)', deviation),
+            'At rest': str(bool(bias['rest']['at_rest'])),
+            'Time since rest (s)': f'{bias["rest_seconds"]:.6g}',
+            'Rests the bias was learned from': str(bias['packages']),
+            'Rests with a rate beyond bias.max': str(bias['beyond_max']),
+            'Slow turns told from rest': str(bias['turning']),
+            **_counts_per_axis('Divergences', now.divergences),
+        }
         level, message = self._judge_filter(before, now, shares, surprise)
         return DiagnosticStatus(level, self._name + FILTER, message, values)
 
@@ -375,8 +378,16 @@ _INERT = {
 
 def _plain(record: Any) -> dict[str, Any]:
     """Return a record in Python's own numbers and lists, which are faster to show than numpy's."""
-    values = zip(record.dtype.names, record.item(), strict=True)
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
+    values = dict(zip(record.dtype.names, record.item(), strict=True))
+    for name in _vectors(record.dtype):
+        values[name] = values[name].tolist()
+    return values
+
+
+@cache
+def _vectors(record: np.dtype[Any]) -> tuple[str, ...]:
+    """Return the names of the fields of a record that are arrays."""
+    return tuple(name for name in record.names or () if record[name].subdtype)
 
 
 def _share(part: float, whole: int) -> float:
@@ -394,7 +405,8 @@ def _axis_keys(key: str) -> tuple[str, ...]:
 
 
 def _per_axis(key: str, values: Sequence[float]) -> dict[str, str]:
-    return dict(zip(_axis_keys(key), [f'{value:.6g}' for value in values], strict=True))
+    x, y, z = values
+    return dict(zip(_axis_keys(key), (f'{x:.6g}', f'{y:.6g}', f'{z:.6g}'), strict=True))
 
 
 def _counts_per_axis(key: str, counts: Sequence[int]) -> dict[str, str]:
