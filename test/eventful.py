@@ -120,7 +120,10 @@ def messages():
     read_imus(chunk, mine, (doubles.view(np.uint8), doubles), no_frame(), imus)
     n = len(mine)
     results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
-    filtered.process_imus(imus, range(n), lambda k: payload(chunk, mine[k]), results)
+    marks = [0, n // 3, n // 3, n]
+    vitals = filtered.process_imus(
+        imus, range(n), lambda k: payload(chunk, mine[k]), results, marks
+    )
     out, index = np.zeros(8 * len(chunk), np.uint8), np.zeros((9 * len(rows), 2), np.int64)
     channels = np.zeros(len(index), np.int64)
     reports = np.array([(0, 5, 2), (3, 6, 2), (3, 7, 9)])
@@ -154,6 +157,8 @@ def messages():
         'records': out[:size],
         'written': np.array(written),
         'counts': np.array(counts),
+        'samples': np.array([v.state['counts']['samples'] for v in vitals]),
+        'counts_at_marks': np.array([v[:2] + v[3:5] for v in vitals]),
         'mean': moments.statistics().mean,
         'deviation': moments.statistics().deviation,
         'channels': channels[:count],

@@ -17,10 +17,13 @@ from gyro_drift_filter.bags.chunk_kernels import ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.mcap_reader import read_layout
+from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.replay_run import ReplayRun
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.filter import RESULT
 from test.test_replay import STORE, TEXT, text, write
 
 START = 10**18
@@ -160,6 +163,49 @@ def test_batches_of_many_messages(tmp_path, monkeypatch, random):
     ]
     source = write_mcap(tmp_path / 'in.mcap', rows)
     check_same(both_ways(source, tmp_path, monkeypatch))
+
+
+def test_messages_that_are_seconds_apart(tmp_path, monkeypatch, random):
+    """A report for nearly each message; not many are kept at a time."""
+    take, most = ReplayRun.take_piece, []
+
+    def counted(run, piece):
+        most.append(len(piece.stops))
+        take(run, piece)
+
+    rows, time = [], START
+    for topic, kind, _, data in mixed(random, 6):
+        time += int(random.integers(0, 2 * 10**9))
+        rows.append((topic, kind, time, data))
+    source = write_mcap(tmp_path / 'in.mcap', rows)
+    monkeypatch.setattr(ReplayRun, 'take_piece', counted)
+    results = both_ways(source, tmp_path, monkeypatch)
+    check_same(results)
+    assert sum(most) > 300
+    assert max(most) < 150
+
+
+def test_a_message_filter_tells_what_it_was_like(random):
+    """At marks on the way, as it would have told there."""
+    messages = [data for topic, _, _, data in mixed(random) if topic == TOPIC]
+    data = np.frombuffer(b''.join(messages), np.uint8)
+    sizes = [len(message) for message in messages]
+    rows = np.zeros(len(messages), ROW)
+    rows['start'], rows['size'] = np.cumsum([0, *sizes[:-1]]), sizes
+    imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
+    read_imus(data, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
+    marks = sorted([0, 40, 40, 205, *random.integers(40, 500, 20).tolist(), 500])
+    at_once, step_by_step = MessageFilter(Parameters()), MessageFilter(Parameters())
+    results = np.zeros(len(rows), RESULT)
+    at_once.process_imus(imus, range(40), messages.__getitem__, results)
+    told = at_once.process_imus(imus, range(40, 500), messages.__getitem__, results, marks[1:])
+    expected = []
+    for k in range(501):
+        expected += [step_by_step.vitals()] * marks[1:].count(k)
+        if k < 500:
+            step_by_step.step(messages[k])
+    assert [t[:-1] for t in told] == [e[:-1] for e in expected]
+    assert [t.state.tobytes() for t in told] == [e.state.tobytes() for e in expected]
 
 
 MESSAGES = st.lists(

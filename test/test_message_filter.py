@@ -76,10 +76,10 @@ def test_all_but_rate_and_covariance_is_unchanged():
 
 def report(messages, seconds=1.0):
     filter_ = MessageFilter(Parameters())
-    health = Health(filter_)
+    health = Health()
     for data in messages:
         filter_.process(data)
-    return health.report(seconds)
+    return health.report(filter_.vitals(), seconds)
 
 
 def test_health_of_a_sound_input():
@@ -137,9 +137,9 @@ def test_health_tells_of_a_band_that_is_too_tight():
         for k in range(400)
     ]
     filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
-    health = Health(filter_)
+    health = Health()
     filter_.process_batch(messages)
-    _, status = health.report(4.0)
+    _, status = health.report(filter_.vitals(), 4.0)
     assert status.level == WARN
     assert 'set method to adaptive' in status.message
 
@@ -160,23 +160,23 @@ def test_health_tells_of_a_filter_that_is_inert(random):
     """The paper's filter with its own model, on a sensor a hundred times as quiet."""
     messages = quiet(1500, 5e-5, random)
     filter_ = MessageFilter(Parameters(method='kalman'))
-    health = Health(filter_)
+    health = Health()
     filter_.process_batch(messages[:500])
-    _, status = health.report(5.0)
+    _, status = health.report(filter_.vitals(), 5.0)
     assert status.level == WARN
     assert 'far smaller than the filter expects' in status.message
     assert float(status.values['Normalised innovation squared x']) < 0.1
     filter_.filter.configure(Parameters(method='adaptive'))
     for k in range(5, 15):
         filter_.process_batch(messages[100 * k : 100 * k + 100])
-        _, status = health.report(1.0)
+        _, status = health.report(filter_.vitals(), 1.0)
     assert (status.level, status.message) == (OK, 'filtering')
 
 
 def test_levels_do_not_flicker(random):
     """A share of outliers between the two limits keeps the level that there was."""
     filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
-    health = Health(filter_)
+    health = Health()
     state, levels = filter_.filter.state, []
     filter_.process_batch(quiet(300, 5e-3, random))
     state['counts']['samples'] = 0
@@ -185,7 +185,7 @@ def test_levels_do_not_flicker(random):
         state['counts']['nis_samples'] += 1000
         state['counts']['nis_sum'] += 1000.0
         state['counts']['outliers'][0] += round(1000 * share)
-        _, status = health.report(1.0)
+        _, status = health.report(filter_.vitals(), 1.0)
         levels.append(status.level)
     assert levels[23] == OK
     assert levels[35] == levels[47] == WARN
@@ -202,10 +202,10 @@ def test_a_rate_that_is_off_is_told(random):
         (Parameters(), 200, 'more messages come than their stamps say'),
     ):
         filter_ = MessageFilter(parameters)
-        health = Health(filter_)
+        health = Health()
         for k in range(14):
             filter_.process_batch(messages[part * k : part * (k + 1)])
-            status, _ = health.report(1.0)
+            status, _ = health.report(filter_.vitals(), 1.0)
         assert status.message.startswith(message)
         assert status.level == (OK if message == 'receiving' else WARN)
 
@@ -215,7 +215,7 @@ def levels(health, parts, filter_):
     messages = []
     for part in parts:
         filter_.process_batch(part)
-        messages.append(health.report(1.0)[0].message)
+        messages.append(health.report(filter_.vitals(), 1.0)[0].message)
     return messages
 
 
@@ -226,17 +226,17 @@ def test_a_silence_is_no_wrong_rate(random):
     for parameters in (Parameters(), Parameters(sample_rate=100.0)):
         filter_ = MessageFilter(parameters)
         parts = [*[[]] * 15, data[:40], *seconds[1:12], [], [], data[1200:1230], *seconds[13:20]]
-        told = levels(Health(filter_), parts, filter_)
+        told = levels(Health(), parts, filter_)
         assert not [text for text in told if 'messages come' in text]
         filter_ = MessageFilter(parameters)
-        told = levels(Health(filter_), [*[[]] * 9, data[:2000], *seconds[20:]], filter_)
+        told = levels(Health(), [*[[]] * 9, data[:2000], *seconds[20:]], filter_)
         assert not [text for text in told if 'messages come' in text]
 
 
 def test_a_message_that_comes_again_and_again(random):
     data = quiet(300, 5e-3, random)
     filter_ = MessageFilter(Parameters())
-    told = levels(Health(filter_), [data[:100], data[100:200], 100 * [data[199]]], filter_)
+    told = levels(Health(), [data[:100], data[100:200], 100 * [data[199]]], filter_)
     assert told[1] == 'receiving'
     assert told[2].startswith('the same message comes again and again')
 
@@ -250,12 +250,12 @@ def test_stamps_that_go_to_and_fro_or_are_none(random):
     ]
     both = [message for pair in zip(a, late, strict=True) for message in pair]
     filter_ = MessageFilter(Parameters())
-    told = levels(Health(filter_), [both[200 * k : 200 * k + 200] for k in range(12)], filter_)
+    told = levels(Health(), [both[200 * k : 200 * k + 200] for k in range(12)], filter_)
     assert told[-1].startswith('many stamps go backward')
     none = [imu_message(0, read_imu(m).angular_velocity, (0, 0, 9.8)) for m in a]
     for rate, text in ((0.0, 'the driver does not stamp'), (100.0, 'receiving')):
         filter_ = MessageFilter(Parameters(sample_rate=rate))
-        told = levels(Health(filter_), [none[100 * k : 100 * k + 100] for k in range(12)], filter_)
+        told = levels(Health(), [none[100 * k : 100 * k + 100] for k in range(12)], filter_)
         assert told[-1].startswith(text)
 
 
@@ -271,7 +271,7 @@ def test_a_dead_band_and_coarse_steps_are_no_fault(random):
         imu_message(10**18 + 5_000_000 * k, rate, [0, 0, 9.8] + 0.02 * random.standard_normal(3))
         for k, rate in enumerate(rates)
     ]
-    health = Health(filter_)
+    health = Health()
     told = levels(health, [messages[200 * k : 200 * k + 200] for k in range(30)], filter_)
     assert set(told) == {'receiving'}
     still = [
@@ -280,20 +280,20 @@ def test_a_dead_band_and_coarse_steps_are_no_fault(random):
     ]
     for k in range(20):
         filter_.process_batch(still[200 * k : 200 * k + 200])
-        input_, status = health.report(1.0)
+        input_, status = health.report(filter_.vitals(), 1.0)
         assert k < 2 or (input_.message, status.message) == ('receiving', 'filtering')
 
 
 def test_health_survives_a_reset():
     filter_ = MessageFilter(Parameters())
-    health = Health(filter_)
+    health = Health()
     filter_.process_batch(simulated(300))
-    health.report(3.0)
+    health.report(filter_.vitals(), 3.0)
     filter_.filter.reset()
     filter_.process_batch(simulated(100))
-    input_, status = health.report(1.0)
+    input_, status = health.report(filter_.vitals(), 1.0)
     assert (input_.level, status.level) == (OK, OK)
     assert status.values['Outliers of late (%) x'] == 'nan'  # too few to tell
     filter_.process_batch(simulated(400)[100:])
-    _, status = health.report(3.0)
+    _, status = health.report(filter_.vitals(), 3.0)
     assert 0 < float(status.values['Outliers of late (%) x']) < 10

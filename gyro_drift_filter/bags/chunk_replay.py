@@ -4,9 +4,7 @@ What it writes is byte for byte what the general path writes, message by message
 the kernels are compiled and the bag is one MCAP file whose chunks follow each other in time.
 """
 
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,8 +28,10 @@ from gyro_drift_filter.bags.replay_run import (
 from gyro_drift_filter.core.compiled import is_compiled
 
 _CHANNELS = 2**16
-# Messages that are filtered and laid out at once.
+# What is filtered and laid out at once is at most as much, in messages and log time (ns): in the
+# latter as the state of the filter is kept for each report.
 _PIECE = 8192
+_PIECE_SPAN = 100 * BATCH_SPAN
 
 
 class ChunkedFile(NamedTuple):
@@ -73,24 +73,11 @@ def chunked_file(reader: AnyReader) -> ChunkedFile | None:
     return ChunkedFile(Path(str(storage.path)), layout, connections)
 
 
-@contextmanager
-def _short_turns() -> Iterator[None]:
-    """Have threads take turns at the interpreter's lock ten times as often.
-
-    The one that packs needs it for a moment before and after each chunk, and would wait longer for
-    it than packing takes.
-    """
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(before / 10.0)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
-
-
-@_short_turns()
 def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], None]) -> None:
     """Take a file through a run.
+
+    Three threads work side by side, as kernels and compression let go of the interpreter's lock:
+    one reads the next chunk, this one filters, and that of the storage packs.
 
     Args:
         file: The file.
@@ -100,6 +87,19 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
     Raises:
         BagError: A chunk is damaged, or the output can't be written.
     """
+    batches = _Batches()
+    done = 0
+    for piece in _pieces(file, run, batches):
+        run.take_piece(piece)
+        done += len(piece.rows)
+        progress(done)
+    last = batches.last()
+    if last is not None:
+        run.end_batch(last.first, last.last)
+
+
+def _pieces(file: ChunkedFile, run: ReplayRun, batches: '_Batches') -> Iterator[Piece]:
+    """Yield the messages of a file piece by piece."""
     known = np.zeros(_CHANNELS, np.bool_)
     ours, told = known.copy(), known.copy()
     known[list(file.connections)] = True
@@ -107,26 +107,23 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
         ours[channel] = run.is_ours(connection)
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
-    batches = _Batches()
-    done = 0
     for data, all_rows, all_imus in _chunks(file, known, ours):
-        read = 0
-        for first in range(0, len(all_rows), _PIECE):
-            rows = all_rows[first : first + _PIECE]
+        done = read = 0
+        while done < len(all_rows):
+            rows = all_rows[done : done + _PIECE]
+            # As a difference, for a sum may be beyond 63 bits.
+            times = rows['log_time'] - rows['log_time'][0]
+            rows = rows[: np.searchsorted(times, _PIECE_SPAN)]
+            done += len(rows)
             imus = all_imus[read : read + int(ours[rows['channel']].sum())]
             read += len(imus)
-            stops: list[Word | BatchEnd] = [
+            words: list[Word | BatchEnd] = [
                 Word(int(row), file.connections[int(rows[row]['channel'])])
                 for row in np.flatnonzero(told[rows['channel']])
             ]
             # Where a batch ends before a word, that comes first.
-            stops = sorted([*batches.ends(rows['log_time'].copy()), *stops], key=_row)
-            run.take_piece(Piece(data, rows, imus, stops))
-        done += len(all_rows)
-        progress(done)
-    last = batches.last()
-    if last is not None:
-        run.end_batch(last.first, last.last)
+            stops = sorted([*batches.ends(rows['log_time'].copy()), *words], key=_row)
+            yield Piece(data, rows, imus, stops)
 
 
 def _row(stop: Word | BatchEnd) -> int:

@@ -11,14 +11,16 @@ from collections import deque
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import DiagnosticStatus
-from gyro_drift_filter.bags.message_filter import MessageFilter
+from gyro_drift_filter.bags.message_filter import Vitals
+from gyro_drift_filter.core.bias import bias_deviation
 from gyro_drift_filter.core.filter import RANGE
-from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.parameters import AXES, Parameters
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -83,8 +85,7 @@ class _Alarm:
 class Health:
     """Report on a message filter at regular intervals."""
 
-    def __init__(self, messages: MessageFilter, name: str = NODE_NAME) -> None:
-        self._messages = messages
+    def __init__(self, name: str = NODE_NAME) -> None:
         self._name = name
         self._window = deque([_Counts()], maxlen=_WINDOW + 1)
         self._outliers = _Alarm(0.1, 0.05)  # share of the samples
@@ -94,17 +95,17 @@ class Health:
         self._rate_off = _Alarm(0.2, 0.1)  # share of the expected rate
         self._silent = True
 
-    def report(self, seconds: float, paced: bool = True) -> list[DiagnosticStatus]:
+    def report(self, vitals: Vitals, seconds: float, paced: bool = True) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter.
 
         Args:
+            vitals: What the message filter is like.
             seconds: Time since the last report.
             paced: Whether messages come at the pace of that time, so that the rate can be judged.
         """
         before = self._window[-1]
-        state = self._messages.filter.state
-        counts, clock = _plain(state['counts']), _plain(state['clock'])
-        now = self._count(before.seconds + seconds, counts, clock)
+        counts, clock = _plain(vitals.state['counts']), _plain(vitals.state['clock'])
+        now = _count(before.seconds + seconds, vitals, counts, clock)
         if now.samples < before.samples:  # the filter was reset
             before = _Counts(
                 before.seconds, before.received, before.malformed, frames=before.frames
@@ -118,35 +119,13 @@ class Health:
         self._window.append(now)
         self._silent = now.received == before.received
         return [
-            self._input(first, before, now, counts, clock, paced),
-            self._filter(first, before, now),
+            self._input(vitals, first, before, now, counts, clock, paced),
+            self._filter(vitals, first, before, now),
         ]
-
-    def _count(self, seconds: float, counts: dict[str, Any], clock: dict[str, Any]) -> _Counts:
-        messages, state = self._messages, self._messages.filter.state
-        return _Counts(
-            seconds,
-            messages.received,
-            messages.malformed,
-            counts['samples'],
-            counts['repeats'],
-            counts['refused'],
-            clock['backward_stamps'],
-            clock['zero_stamps'],
-            clock['gaps'],
-            clock['restarts'],
-            messages.frame_changes,
-            counts['beyond_range'],
-            sum(counts['unusable']),
-            sum(counts['clipped']),
-            tuple(counts['outliers']),
-            tuple(counts['nis_sum']),
-            tuple(counts['nis_samples']),
-            tuple(state['paper']['divergences'].tolist()),
-        )
 
     def _input(
         self,
+        vitals: Vitals,
         first: _Counts,
         before: _Counts,
         now: _Counts,
@@ -154,23 +133,22 @@ class Health:
         clock: dict[str, Any],
         paced: bool,
     ) -> DiagnosticStatus:
-        messages = self._messages
         seconds = now.seconds - first.seconds
         rate = (now.received - first.received) / seconds if seconds > 0.0 else math.nan
-        expected = self._expected_rate()
+        expected = _expected_rate(vitals.parameters, clock)
         # A partial second at either end is a small share of this.
         known = paced and self._window[-1].seconds - self._window[0].seconds >= _LEAST_SECONDS
         off = abs(rate / expected - 1.0) if known else math.nan
-        level, message = self._judge_input(first, before, now, off, rate < expected)
+        level, message = self._judge_input(vitals, first, before, now, off, rate < expected)
         values = {
             'Actual frequency (Hz)': f'{rate:.6g}',
             'Expected frequency (Hz)': f'{expected:.6g}',
             'Sample period learned (s)': f'{clock["period"]:.6g}',
             'Events since startup': str(now.received),
             'Samples': str(now.samples),
-            'Refused (malformed)': str(messages.malformed),
+            'Refused (malformed)': str(vitals.malformed),
             'Refused (no usable rate yet)': str(counts['refused']),
-            'Passed on (not reported)': str(messages.not_reported),
+            'Passed on (not reported)': str(vitals.not_reported),
             'Repeats': str(counts['repeats']),
             'Gaps': str(clock['gaps']),
             'Missing samples bridged': str(clock['missing_samples']),
@@ -179,34 +157,36 @@ class Health:
             'Equal stamps': str(clock['same_stamps']),
             'Backward stamps': str(clock['backward_stamps']),
             'Changes of frame_id': str(now.frames),
-            'Last frame_id it changed to': messages.frame,
+            'Last frame_id it changed to': vitals.frame,
             'Times stuck': str(counts['stuck']),
-            **_counts_per_axis('Unusable rates bridged', counts['unusable']),
-            **_counts_per_axis('Samples at the end of the range', counts['clipped']),
+            **_per_axis(
+                {
+                    'Unusable rates bridged': counts['unusable'],
+                    'Samples at the end of the range': counts['clipped'],
+                },
+                '%d',
+            ),
         }
         return DiagnosticStatus(level, self._name + INPUT, message, values)
 
-    def _expected_rate(self) -> float:
-        """Return the rate in Hz that was given or learned, NaN before it is."""
-        given = self._messages.filter.parameters.sample_rate
-        clock = self._messages.filter.state['clock']
-        if given > 0.0:
-            return given
-        return 1.0 / float(clock['period']) if clock['blocks'] > 0 else math.nan
-
     def _judge_input(
-        self, first: _Counts, before: _Counts, now: _Counts, off: float, fewer: bool
+        self,
+        vitals: Vitals,
+        first: _Counts,
+        before: _Counts,
+        now: _Counts,
+        off: float,
+        fewer: bool,
     ) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
-        messages, state = self._messages, self._messages.filter.state
+        state, parameters = vitals.state, vitals.parameters
         samples = now.samples - before.samples
-        parameters = messages.filter.parameters
         # What can't be judged is not off.
         is_off = self._rate_off.judge(0.0 if math.isnan(off) else off)
         if now.received == before.received:
             return STALE, 'no message: is the driver running, and is the topic right?'
         if now.malformed > before.malformed:
-            return ERROR, f'messages refused, the last because {messages.last_malformed}'
+            return ERROR, f'messages refused, the last because {vitals.last_malformed}'
         if samples > 0 and now.refused - before.refused == samples:
             return (
                 ERROR,
@@ -281,47 +261,56 @@ class Health:
             return WARN, 'gaps in the stamps: messages are lost before they come here'
         return OK, 'receiving'
 
-    def _filter(self, first: _Counts, before: _Counts, now: _Counts) -> DiagnosticStatus:
-        filter_ = self._messages.filter
-        state, method = filter_.state, filter_.parameters.method
+    def _filter(
+        self, vitals: Vitals, first: _Counts, before: _Counts, now: _Counts
+    ) -> DiagnosticStatus:
+        state, method = vitals.state, vitals.parameters.method
         result, bias = state['result'], state['bias']
         samples = now.samples - first.samples
         shares = [_share(a - b, samples) for a, b in zip(now.outliers, first.outliers, strict=True)]
         pairs = zip(now.nis_sum, first.nis_sum, now.nis_samples, first.nis_samples, strict=True)
         surprise = [_share(a - b, c - d) for a, b, c, d in pairs]
-        deviation = filter_.bias_deviation.tolist() if bias['known'] else _UNKNOWN
+        deviation = bias_deviation(bias).tolist() if bias['known'] else _UNKNOWN
+        numbers = {
+            'Outliers of late (%)': [100.0 * share for share in shares],
+            'Normalised innovation squared': surprise,
+            'Process noise Q ((rad/s)^2)': result['process_noise'].tolist(),
+            'Measurement noise R ((rad/s)^2)': result['measurement_noise'].tolist(),
+            'Bias (rad/s)': bias['bias'].tolist(),
+            'Bias deviation (rad/s)': deviation,
+        }
         values = {
             'Method': method,
             'Version': package_version(),
-            **_counts_per_axis('Outliers', now.outliers),
-            **_per_axis('Outliers of late (%)', [100.0 * share for share in shares]),
-            **_per_axis('Normalised innovation squared', surprise),
-            **_per_axis('Process noise Q ((rad/s)^2)', result['process_noise'].tolist()),
-            **_per_axis('Measurement noise R ((rad/s)^2)', result['measurement_noise'].tolist()),
-            **_per_axis('Bias (rad/s)', bias['bias'].tolist()),
-            **_per_axis('Bias deviation (rad/s)', deviation),
+            **_per_axis({'Outliers': now.outliers}, '%d'),
+            **_per_axis(numbers, '%.6g'),
             'At rest': str(bool(bias['rest']['at_rest'])),
             'Time since rest (s)': f'{bias["rest_seconds"]:.6g}',
             'Rests the bias was learned from': str(bias['packages']),
             'Rests with a rate beyond bias.max': str(bias['beyond_max']),
             'Slow turns told from rest': str(bias['turning']),
-            **_counts_per_axis('Divergences', now.divergences),
+            **_per_axis({'Divergences': now.divergences}, '%d'),
         }
-        level, message = self._judge_filter(before, now, shares, surprise)
+        level, message = self._judge_filter(vitals, before, now, shares, surprise)
         return DiagnosticStatus(level, self._name + FILTER, message, values)
 
     def _judge_filter(
-        self, before: _Counts, now: _Counts, shares: list[float], surprise: list[float]
+        self,
+        vitals: Vitals,
+        before: _Counts,
+        now: _Counts,
+        shares: list[float],
+        surprise: list[float],
     ) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
-        filter_ = self._messages.filter
-        method = filter_.parameters.method
+        state, parameters = vitals.state, vitals.parameters
+        method = parameters.method
         many = self._outliers.judge(_largest(shares))
         overconfident = self._overconfident.judge(_largest(surprise))
         # Of noise that it has learned adaptive can't expect too much, but for a dead band, which
         # has none at rest. Nor does a stuck sensor tell anything.
-        learned = method == 'adaptive' and not any(filter_.parameters.model_noise_deviation)
-        tells = not learned and not filter_.state['stuck']
+        learned = method == 'adaptive' and not any(parameters.model_noise_deviation)
+        tells = not learned and not state['stuck']
         least = -_largest([-value for value in surprise])
         inert = self._inert.judge((1.0 / least if least else math.inf) if tells else 0.0)
         if now.divergences != before.divergences:
@@ -339,14 +328,46 @@ class Health:
                 'innovations are far smaller than the filter expects, so that no outlier will be '
                 f'found: {_INERT[method]}',
             )
-        if filter_.state['bias']['beyond']:
-            limit = math.degrees(filter_.parameters.bias_max)
+        if state['bias']['beyond']:
+            limit = math.degrees(parameters.bias_max)
             return (
                 WARN,
                 f'steady as at rest, but the rate is beyond bias.max ({limit:g} deg/s) and stays '
                 'in: if it does not turn, raise bias.max, and have the sensor looked at',
             )
         return OK, 'filtering'
+
+
+def _count(
+    seconds: float, vitals: Vitals, counts: dict[str, Any], clock: dict[str, Any]
+) -> _Counts:
+    return _Counts(
+        seconds,
+        vitals.received,
+        vitals.malformed,
+        counts['samples'],
+        counts['repeats'],
+        counts['refused'],
+        clock['backward_stamps'],
+        clock['zero_stamps'],
+        clock['gaps'],
+        clock['restarts'],
+        vitals.frame_changes,
+        counts['beyond_range'],
+        sum(counts['unusable']),
+        sum(counts['clipped']),
+        tuple(counts['outliers']),
+        tuple(counts['nis_sum']),
+        tuple(counts['nis_samples']),
+        tuple(vitals.state['paper']['divergences'].tolist()),
+    )
+
+
+def _expected_rate(parameters: Parameters, clock: dict[str, Any]) -> float:
+    """Return the rate in Hz that was given or learned, NaN before it is."""
+    if parameters.sample_rate > 0.0:
+        return parameters.sample_rate
+    return 1.0 / clock['period'] if clock['blocks'] > 0 else math.nan
 
 
 _UNKNOWN = (math.nan,) * 3
@@ -400,14 +421,17 @@ def _largest(values: list[float]) -> float:
 
 
 @cache
-def _axis_keys(key: str) -> tuple[str, ...]:
-    return tuple(f'{key} {axis}' for axis in AXES)
+def _axis_keys(keys: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f'{key} {axis}' for key in keys for axis in AXES)
 
 
-def _per_axis(key: str, values: Sequence[float]) -> dict[str, str]:
-    x, y, z = values
-    return dict(zip(_axis_keys(key), (f'{x:.6g}', f'{y:.6g}', f'{z:.6g}'), strict=True))
+@cache
+def _layout(form: str, count: int) -> str:
+    return ' '.join([form] * count)
 
 
-def _counts_per_axis(key: str, counts: Sequence[int]) -> dict[str, str]:
-    return dict(zip(_axis_keys(key), map(str, counts), strict=True))
+def _per_axis(numbers: dict[str, Sequence[float]], form: str) -> dict[str, str]:
+    """Return a text for each axis of each key, all made at once as that is faster."""
+    values = tuple(chain.from_iterable(numbers.values()))
+    texts = (_layout(form, len(values)) % values).split(' ')
+    return dict(zip(_axis_keys(tuple(numbers)), texts, strict=True))

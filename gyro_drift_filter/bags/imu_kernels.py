@@ -161,14 +161,24 @@ def filter_imus(
     state: Any,
     results: Any,
     tally: Any,
-) -> int:
+    marks: Any,
+    passed: int,
+    states: Any,
+    tallies: Any,
+) -> tuple[int, int]:
     """Take IMUs from `first` to `stop` through `step`, up to one with another sample period.
 
-    `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. Returns the place behind
-    the last one done.
+    `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. At each of the `marks`
+    (m,), places in `imus` in their order of which the first `passed` are done with, the state is
+    noted in `states` (m,), and the tally in `tallies` (m,).
+
+    Returns:
+        The place behind the last one done, and how many marks are done with.
     """
     told = tally[0]
+    passed = _note_marks(first, marks, passed, state, tally, states, tallies)
     for i in range(first, stop):
+        changed = False
         if imus[i]['new_frame']:
             told['frame_changes'] += 1
             told['last_frame'] = i
@@ -180,9 +190,22 @@ def filter_imus(
         else:
             changed = step(imus[i]['sample'], settings[0], coefficients[0], state[0])
             results[i] = state[0]['result']
-            if changed:
-                return i + 1
-    return stop
+        passed = _note_marks(i + 1, marks, passed, state, tally, states, tallies)
+        if changed:
+            return i + 1, passed
+    return stop, passed
+
+
+@compiled
+def _note_marks(
+    place: int, marks: Any, passed: int, state: Any, tally: Any, states: Any, tallies: Any
+) -> int:
+    """Note state and tally at the marks that are at a place; return how many are done with."""
+    while passed < len(marks) and marks[passed] == place:
+        states[passed] = state[0]
+        tallies[passed] = tally[0]
+        passed += 1
+    return passed
 
 
 @compiled

@@ -21,7 +21,9 @@ MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
 STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
 
-ZSTD_LEVEL = 1  # as `zstd_fast` of ros2 bag: a quarter faster than 3, and at most 5 % larger
+# Between MCAP's own level, 1, and that of `zstd_fast` of ros2 bag, -5: a fifth faster than the
+# former, and 3 % larger.
+ZSTD_LEVEL = -1
 
 PREFIX = struct.Struct('<BQ')  # of every record: opcode and length
 CHUNK_HEAD = struct.Struct('<QQQII')  # start, end, uncompressed size and CRC, length of 'zstd'

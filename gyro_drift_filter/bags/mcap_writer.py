@@ -3,7 +3,7 @@
 import struct
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 from zlib import crc32
 
 import numpy as np
@@ -46,33 +46,13 @@ _PENDING = 3
 _INDEX_BYTES = 16  # a message, in the index of its channel
 
 
-class _Packed(NamedTuple):
-    """A chunk as it is written.
-
-    Attributes:
-        head: Its fields before the records.
-        data: Its records, compressed.
-        size: Of them before.
-        first: Log time of its first message in ns, 0 where there is none.
-        last: Of its last.
-        indexes: By channel: what the message index holds.
-    """
-
-    head: bytes
-    data: Any
-    size: int
-    first: int
-    last: int
-    indexes: dict[int, bytes]
-
-
 class McapWriter:
-    """An MCAP file in chunks. Chunks are compressed beside the caller's work.
+    """An MCAP file in chunks. Chunks are packed and written beside the caller's work.
 
     Attributes:
-        counts: Messages by channel that are in the file.
-        first: Log time of the first of them in ns.
-        last: Of the last.
+        counts: Messages by channel that are in the file; complete after `flush`, as
+        first: the log time of the first of them in ns, and
+        last: of the last.
     """
 
     def __init__(self, path: Path, compression: str) -> None:
@@ -91,7 +71,7 @@ class McapWriter:
         self._chunk_indexes: list[bytes] = []
         self.first, self.last = 2**64 - 1, 0
         self._worker = ThreadPoolExecutor(1)
-        self._pending: list[Future[_Packed]] = []
+        self._pending: list[Future[None]] = []
         self._start_chunk()
 
     def add_schema(self, key: int, schema: bytes) -> None:
@@ -159,37 +139,49 @@ class McapWriter:
 
     def _close_chunk(self) -> None:
         self._settle_entries()
-        self._pending.append(
-            self._worker.submit(_packed, self._pieces, self._indexes, self._compression)
-        )
+        writing = self._worker.submit(self._write_chunk, self._pieces, self._indexes)
+        self._pending.append(writing)
         self._start_chunk()
         if len(self._pending) > _PENDING:
-            self._write_chunk()
+            self._pending.pop(0).result()
 
-    def _write_chunk(self) -> None:
-        """Write the chunk that has waited longest, and the indexes of its messages."""
-        chunk = self._pending.pop(0).result()
+    def _write_chunk(
+        self, pieces: list[Any], indexes: list[tuple[NDArray[Any], NDArray[Any]]]
+    ) -> None:
+        """Pack and write a chunk, and the index of its messages: one after the other, in a thread.
+
+        `indexes` has channels and index of the messages, piece by piece.
+        """
+        channels = np.concatenate([np.empty(0, np.int64), *(channels for channels, _ in indexes)])
+        index = np.concatenate([np.empty((0, 2), '<i8'), *(index for _, index in indexes)])
+        times = index.view('<u8')[:, 0]
+        first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+        data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
+        compression = self._compression
+        packed = zstd.compress(data, ZSTD_LEVEL) if compression else data
+        head = CHUNK_HEAD.pack(first, last, len(data), crc32(data), len(compression))
+        head += compression.encode() + struct.pack('<Q', len(packed))
         start = self._file.tell()
-        self._file.write(PREFIX.pack(CHUNK, len(chunk.head) + len(chunk.data)) + chunk.head)
-        self._file.write(chunk.data)
-        end = self._file.tell()
+        parts = [PREFIX.pack(CHUNK, len(head) + len(packed)), head, packed]
+        place = end = start + sum(map(len, parts))
         offsets = b''
-        for channel, content in chunk.indexes.items():
-            offsets += struct.pack('<HQ', channel, self._file.tell())
-            self._file.write(
-                record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content)
-            )
+        for channel in np.flatnonzero(np.bincount(channels)).tolist():
+            content = index[channels == channel].tobytes()
+            offsets += struct.pack('<HQ', channel, place)
+            parts.append(record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content))
+            place += len(parts[-1])
             self.counts[channel] += len(content) // _INDEX_BYTES
-        if chunk.indexes:
-            self.first, self.last = min(self.first, chunk.first), max(self.last, chunk.last)
+        self._file.write(b''.join(parts))
+        if len(times):
+            self.first, self.last = min(self.first, first), max(self.last, last)
         self._chunk_indexes.append(
             record(
                 CHUNK_INDEX,
-                struct.pack('<QQQQI', chunk.first, chunk.last, start, end - start, len(offsets)),
+                struct.pack('<QQQQI', first, last, start, end - start, len(offsets)),
                 offsets,
-                struct.pack('<Q', self._file.tell() - end),
-                text(self._compression),
-                struct.pack('<QQ', len(chunk.data), chunk.size),
+                struct.pack('<Q', place - end),
+                text(compression),
+                struct.pack('<QQ', len(packed), len(data)),
             )
         )
 
@@ -198,7 +190,7 @@ class McapWriter:
         if self._size:
             self._close_chunk()
         while self._pending:
-            self._write_chunk()
+            self._pending.pop(0).result()
 
     def finish(self, metadata: bytes = b'') -> None:
         """Write what is left, a METADATA record called 'rosbag2', and the summary; close."""
@@ -283,25 +275,3 @@ class McapStorage(McapWriter):
         """Write what is left, and the metadata of the bag; close the file."""
         content = text('serialized_metadata') + text(metadata)
         self.finish(record(METADATA, text('rosbag2'), struct.pack('<I', len(content)), content))
-
-
-def _packed(
-    pieces: list[Any], indexes: list[tuple[NDArray[Any], NDArray[Any]]], compression: str
-) -> _Packed:
-    """Return a chunk of pieces of records, and of the channels and indexes of each piece."""
-    data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
-    channels = np.concatenate([np.empty(0, np.int64), *(channels for channels, _ in indexes)])
-    index = np.concatenate([np.empty((0, 2), '<i8'), *(index for _, index in indexes)])
-    found = np.flatnonzero(np.bincount(channels))
-    times = index.view('<u8')[:, 0]
-    first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
-    packed = zstd.compress(data, ZSTD_LEVEL) if compression else data
-    head = CHUNK_HEAD.pack(first, last, len(data), crc32(data), len(compression))
-    return _Packed(
-        head + compression.encode() + struct.pack('<Q', len(packed)),
-        packed,
-        len(data),
-        first,
-        last,
-        {int(channel): index[channels == channel].tobytes() for channel in found},
-    )

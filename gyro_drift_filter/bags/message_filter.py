@@ -29,7 +29,7 @@ from gyro_drift_filter.bags.imu_kernels import (
 )
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.errors import printable
-from gyro_drift_filter.core.filter import REFUSED
+from gyro_drift_filter.core.filter import REFUSED, STATE
 
 # Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
 SAMPLE_TOPICS = (
@@ -55,6 +55,30 @@ class Outcome(NamedTuple):
     data: bytes | None
     imu: Imu | None
     result: Any
+
+
+class Vitals(NamedTuple):
+    """What a message filter is like at one moment: `health.py` makes its reports of it.
+
+    Attributes:
+        received: As of `MessageFilter`, like
+        malformed: and
+        last_malformed: and
+        not_reported: and
+        frame_changes: and
+        frame: and
+        parameters: of its filter.
+        state: A record of STATE.
+    """
+
+    received: int
+    malformed: int
+    last_malformed: str
+    not_reported: int
+    frame_changes: int
+    frame: str
+    parameters: Parameters
+    state: Any
 
 
 class MessageFilter:
@@ -86,6 +110,22 @@ class MessageFilter:
         self._room = doubles.view(np.uint8), doubles
         self._imu = np.zeros(1, IMU)
         self._out = np.empty(1024, np.uint8)
+
+    def vitals(self) -> Vitals:
+        """Return what it is like now; what is done later does not change it."""
+        return self._vitals(self.filter.copy_state())
+
+    def _vitals(self, state: Any) -> Vitals:
+        return Vitals(
+            self.received,
+            self.malformed,
+            self.last_malformed,
+            self.not_reported,
+            self.frame_changes,
+            self.frame,
+            self.filter.parameters,
+            state,
+        )
 
     def step(self, data: bytes) -> int:
         """Filter one message at once: the live path.
@@ -155,7 +195,8 @@ class MessageFilter:
         part: range,
         payload: Callable[[int], bytes],
         results: NDArray[Any],
-    ) -> None:
+        marks: Sequence[int] = (),
+    ) -> list[Vitals]:
         """Filter messages that have been read already: `process_batch` for the fast path.
 
         Args:
@@ -163,22 +204,33 @@ class MessageFilter:
             part: Which of them.
             payload: Returns one of them as it came, by its place in `imus`.
             results: (n,) RESULT; written for those that go through the filter.
+            marks: Places in `imus` within the part or at its end, in their order.
+
+        Returns:
+            What the message filter was like before each of the marks.
         """
+        ends = np.array([*marks, part.stop], np.int64)
+        states, tallies = np.empty(len(ends), STATE), np.zeros(len(ends), TALLY)
         tally = np.zeros(1, TALLY)
-        done = part.start
-        while done < part.stop:
-            arrays = *self.filter.arrays_of_step(), results, tally
-            done = filter_imus(done, part.stop, imus, *arrays)
+        done, passed = part.start, 0
+        while passed < len(ends):
+            arrays = *self.filter.arrays_of_step(), results, tally, ends, passed, states, tallies
+            done, passed = filter_imus(done, part.stop, imus, *arrays)
             self.filter.note_period()
-        malformed, not_reported, frame_changes, last_malformed, last_frame = tally[0].item()
-        self.received += len(part)
-        self.malformed += malformed
-        self.not_reported += not_reported
-        self.frame_changes += frame_changes
-        if malformed:
-            self._explain_malformed(payload(last_malformed))
-        if frame_changes:
-            self._explain_frame(payload(last_frame))
+        before = self.received, self.malformed, self.not_reported, self.frame_changes
+        vitals = []
+        for end, told, state in zip(ends.tolist(), tallies.tolist(), states, strict=True):
+            malformed, not_reported, frame_changes, last_malformed, last_frame = told
+            self.received = before[0] + end - part.start
+            if before[1] + malformed > self.malformed:
+                self._explain_malformed(payload(last_malformed))
+            if before[3] + frame_changes > self.frame_changes:
+                self._explain_frame(payload(last_frame))
+            self.malformed = before[1] + malformed
+            self.not_reported = before[2] + not_reported
+            self.frame_changes = before[3] + frame_changes
+            vitals.append(self._vitals(state))
+        return vitals[:-1]
 
     def _explain_malformed(self, data: bytes) -> None:
         """Note why a message was refused that has been counted already."""

@@ -21,6 +21,7 @@ from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
     MessageFilter,
     Outcome,
+    Vitals,
     sample_message,
 )
 from gyro_drift_filter.bags.moments import Moments, Statistics
@@ -151,6 +152,18 @@ class Piece(NamedTuple):
     stops: list[Word | BatchEnd]
 
 
+class _Moment(NamedTuple):
+    """When a report is made.
+
+    Attributes:
+        time: Log time in ns.
+        seconds: Since the report before.
+    """
+
+    time: int
+    seconds: float
+
+
 def payload(data: NDArray[np.uint8], row: Any) -> bytes:
     """Return the content of a message in a chunk."""
     return data[row['start'] : row['start'] + row['size']].tobytes()
@@ -180,8 +193,7 @@ class ReplayRun:
             == (self._topics.temperature, TEMPERATURE_TYPE)
         }
         self._at_rest = np.array([-1.0])
-        self._health = Health(self._filter)
-        self._health_in_all = Health(self._filter)
+        self._health = Health()
         self._raw, self._filtered = Moments(), Moments()
         self._written = 0
         self._began = self._reported = self._now = -1  # log times in ns
@@ -277,7 +289,7 @@ class ReplayRun:
             self._writer.write(self._rest, log_time, serialize(told, BOOL_TYPE))
 
     def map_channels(self, connections: dict[int, Connection], ours: NDArray[np.bool_]) -> None:
-        """Say which connection each channel of the MCAP file is, before `take_piece`.
+        """Say which connection each channel of the MCAP file is, before the first piece.
 
         `ours` tells for every channel number whether it is the Imu topic.
         """
@@ -291,12 +303,62 @@ class ReplayRun:
 
     def take_piece(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it: as `take` does, at once."""
-        data, rows, imus, _ = piece
-        of_imus = self._ours[rows['channel']]
-        results = np.empty(len(imus), RESULT)
+        of_imus = self._ours[piece.rows['channel']]
+        results = np.empty(len(piece.imus), RESULT)
         reports = self._process_piece(piece, of_imus, results)
-        texts = [text for _, _, text in reports]
-        ends = np.cumsum([len(text) for text in texts])
+        self._write_piece(piece, of_imus, results, reports)
+        # Where there is no result, it tells nothing.
+        good = (piece.imus['kind'] == GOOD) & (results['status'] != REFUSED)
+        raw = np.ascontiguousarray(piece.imus['sample']['angular_velocity'])
+        filtered = np.ascontiguousarray(results['angular_velocity'])
+        if not good.all():
+            raw, filtered = raw[good], filtered[good]
+        self._add_up_rates(raw, filtered)
+
+    def _process_piece(
+        self, piece: Piece, of_imus: NDArray[np.bool_], results: NDArray[Any]
+    ) -> list[tuple[int, _Moment, Vitals]]:
+        """Filter the Imu messages of a piece.
+
+        Returns:
+            For each report to be written the row that it stands before, when, and of what.
+        """
+        data, rows, imus, stops = piece
+        before = np.concatenate(([0], np.cumsum(of_imus)))
+
+        def message(k: int) -> bytes:
+            return payload(data, rows[of_imus][k])
+
+        reports, due, marks, done = [], [], [], 0
+        for stop in [*stops, None]:
+            if isinstance(stop, BatchEnd):
+                moment = self._moment_if_due(stop.first, stop.last)
+                if moment is not None:
+                    due.append((stop.row, moment))
+                    marks.append(int(before[stop.row]))
+                continue
+            part = range(done, len(imus) if stop is None else int(before[stop.row]))
+            vitals = self._filter.process_imus(imus, part, message, results, marks)
+            reports += [(*when, what) for when, what in zip(due, vitals, strict=True)]
+            due, marks, done = [], [], part.stop
+            if stop is not None:
+                self.tell(stop.connection, payload(data, rows[stop.row]))
+        return reports
+
+    def _write_piece(
+        self,
+        piece: Piece,
+        of_imus: NDArray[np.bool_],
+        results: NDArray[Any],
+        reports: list[tuple[int, _Moment, Vitals]],
+    ) -> None:
+        """Write a piece that has been filtered, with the reports on it."""
+        data, rows, imus, _ = piece
+        texts = [self._report(moment, vitals) for _, moment, vitals in reports]
+        places = np.zeros((len(reports), 3), np.int64)
+        places[:, 0] = [row for row, _, _ in reports]
+        places[:, 1] = [moment.time for _, moment, _ in reports]
+        places[:, 2] = np.cumsum([len(text) for text in texts])
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
         made = 1 + len(self._samples) + 1
         count = len(rows) + made * len(imus) + len(reports)
@@ -316,10 +378,7 @@ class ReplayRun:
             0 if self._rest is None else self._rest.id,
             self._at_rest,
             self._reports.id,
-            np.array(
-                [(row, time, end) for (row, time, _), end in zip(reports, ends, strict=True)],
-                np.int64,
-            ).reshape(-1, 3),
+            places,
             np.frombuffer(b''.join(texts), np.uint8),
             out,
             channels,
@@ -328,54 +387,34 @@ class ReplayRun:
         if count:
             self._writer.write_bulk(out[:size], channels[:count], index[:count])
         self._written += written
-        good = imus['kind'] == GOOD
-        good[good] = results['status'][good] != REFUSED
-        self._add_up_rates(
-            imus['sample']['angular_velocity'][good], results['angular_velocity'][good]
-        )
-
-    def _process_piece(
-        self, piece: Piece, of_imus: NDArray[np.bool_], results: NDArray[Any]
-    ) -> list[tuple[int, int, bytes]]:
-        """Filter the Imu messages of a piece; return reports, and row and log time of each."""
-        data, rows, imus, stops = piece
-        before = np.concatenate(([0], np.cumsum(of_imus)))
-
-        def message(k: int) -> bytes:
-            return payload(data, rows[of_imus][k])
-
-        reports, done = [], 0
-        for stop in stops:
-            part = range(done, int(before[stop.row]))
-            self._filter.process_imus(imus, part, message, results)
-            done = part.stop
-            if isinstance(stop, Word):
-                self.tell(stop.connection, payload(data, rows[stop.row]))
-                continue
-            report = self._report_if_due(stop.first, stop.last)
-            if report:
-                reports.append((stop.row, self._now, report))
-        self._filter.process_imus(imus, range(done, len(imus)), message, results)
-        return reports
 
     def end_batch(self, first: int, last: int) -> None:
         """Write a report after a batch of messages with these log times (ns), if it is time."""
-        report = self._report_if_due(first, last)
-        if report:
-            self._writer.write(self._reports, last, report)
+        moment = self._moment_if_due(first, last)
+        if moment is not None:
+            self._write_report(moment)
 
-    def _report_if_due(self, first: int, last: int) -> bytes:
-        """Return a report after a batch with these log times (ns), or nothing before it is time."""
+    def _moment_if_due(self, first: int, last: int) -> _Moment | None:
+        """Return that of a report after a batch with these log times (ns), if it is time."""
         if self._began < 0:
             self._began = self._reported = first
         self._now = last
-        return self._report() if last - self._reported >= BATCH_SPAN // 2 else b''
+        return self._moment() if last - self._reported >= BATCH_SPAN // 2 else None
 
-    def _report(self) -> bytes:
-        """Return the filter's health since the last report, to be written with the present time."""
+    def _moment(self) -> _Moment:
+        """Return the present one, for a report."""
         seconds = (self._now - self._reported) * 1e-9
         self._reported = self._now
-        return diagnostic_array(min(self._now, _LATEST_STAMP), self._health.report(seconds))
+        return _Moment(self._now, seconds)
+
+    def _write_report(self, moment: _Moment) -> None:
+        report = self._report(moment, self._filter.vitals())
+        self._writer.write(self._reports, moment.time, report)
+
+    def _report(self, moment: _Moment, vitals: Vitals) -> bytes:
+        """Return a report serialized; they are made in their order."""
+        statuses = self._health.report(vitals, moment.seconds)
+        return diagnostic_array(min(moment.time, _LATEST_STAMP), statuses)
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
         rows = [o for o in outcomes if o.data is not None and o.result is not None]
@@ -392,7 +431,7 @@ class ReplayRun:
     def finish(self) -> Summary:
         """Write the last report and return what was done."""
         if self._began >= 0 and (self._now > self._reported or self._now == self._began):
-            self._writer.write(self._reports, self._now, self._report())
+            self._write_report(self._moment())
         state = self._filter.filter.state
         return Summary(
             topic=self._topic,
@@ -406,5 +445,7 @@ class ReplayRun:
             filtered=self._filtered.statistics(),
             period=float(state['clock']['period']),
             # Other topics may go on for longer, so that nothing is told of the rate.
-            status=self._health_in_all.report((self._now - self._began) * 1e-9, paced=False),
+            status=Health().report(
+                self._filter.vitals(), (self._now - self._began) * 1e-9, paced=False
+            ),
         )

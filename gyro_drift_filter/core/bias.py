@@ -16,6 +16,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.rest import (
@@ -212,6 +213,12 @@ def _note_stillness(state: Any, block_seconds: float, calibration_time: float) -
     state['still_blocks'] += rest['blocks']
     for axis in range(3):
         state['still_sum'][axis] += rest['blocks'] * package_mean(rest, axis)
+
+
+def bias_deviation(state: Any) -> NDArray[np.float64]:
+    """Return the standard deviation of a BIAS at present, (3,) in rad/s."""
+    deviation: NDArray[np.float64] = np.sqrt(state['variance'] + state['growth'])
+    return deviation
 
 
 @compiled

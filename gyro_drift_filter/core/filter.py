@@ -28,6 +28,7 @@ from gyro_drift_filter.core.bias import (
     HINT_SECONDS,
     MOVES,
     STANDS,
+    bias_deviation,
     bias_variance,
     calibrate_bias,
     leave_rest,
@@ -522,13 +523,15 @@ class Filter:
         """The record of STATE, live: a view, not a copy."""
         return self._state[0]
 
+    def copy_state(self) -> Any:
+        """Return the record of STATE as it is now; what is done later does not change it."""
+        # As bytes: numpy would copy it field by field.
+        return np.frombuffer(self._state.tobytes(), STATE)[0]
+
     @property
     def bias_deviation(self) -> NDArray[np.float64]:
         """The standard deviation of the bias at present, (3,) in rad/s."""
-        deviation: NDArray[np.float64] = np.sqrt(
-            self.state['bias']['variance'] + self.state['bias']['growth']
-        )
-        return deviation
+        return bias_deviation(self.state['bias'])
 
     def configure(self, parameters: Parameters) -> None:
         """Take new parameters between two samples; what was learned is kept.

@@ -76,7 +76,7 @@ class GyroDriftFilterNode(Node):
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).step(EXAMPLE)
-        self._health = Health(self._messages, self.get_name())
+        self._health = Health(self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._logged: dict[str, tuple[cdr.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -191,7 +191,8 @@ class GyroDriftFilterNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         # In a simulation the messages follow its clock, which may be of any speed.
         paced = not self.get_parameter('use_sim_time').value
-        for status in map(self._with_surroundings, self._health.report(seconds, paced)):
+        statuses = self._health.report(self._messages.vitals(), seconds, paced)
+        for status in map(self._with_surroundings, statuses):
             self._log_change(status)
             array.status.append(
                 DiagnosticStatus(
