@@ -140,12 +140,16 @@ def test_after_a_slow_turn_short_rests_are_believed_again(random):
 
 
 def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
-    filter_ = Filter()
-    rates, accelerations = at_rest(random, 120)
-    time = np.arange(len(rates)) / 100
-    rates[:, 2] += 0.5 * DEGREE * np.sin(2 * np.pi * 0.1 * time) * (time > 20)
-    results = run(filter_, rates, accelerations)
-    assert np.abs(results['bias'][2000:] - results['bias'][1999]).max() < 0.05 * DEGREE
+    """For a minute; docs/bias.md says how often some of it is learned, and for how long."""
+    learned = []
+    for _ in range(9):
+        rates, accelerations = at_rest(random, 80)
+        time = np.arange(len(rates)) / 100
+        rates[:, 2] += 0.5 * DEGREE * np.sin(2 * np.pi * 0.1 * time) * (time > 20)
+        bias = run(Filter(), rates, accelerations)['bias'][:, 2]
+        learned.append(np.abs(bias[2000:] - bias[1999]).max())
+    assert np.quantile(learned, 0.75) < 0.05 * DEGREE
+    assert max(learned) < 0.25 * DEGREE
 
 
 def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
@@ -316,7 +320,27 @@ def test_the_mean_of_a_real_sensor_goes(name, real):
     assert np.sqrt((left**2).mean()) < 0.01 * np.sqrt((raw**2).mean())
 
 
-def test_what_ends_a_rest_puts_no_later_rest_in_doubt():
-    """A bias that warms up, with a rest of 3 s a minute: one was passed over, off by 0.18 deg/s."""
-    errors = warm_up(np.random.default_rng(97), 100.0)
-    assert np.abs(errors).max() < 0.1
+@pytest.mark.parametrize(
+    'seed',
+    [
+        pytest.param(97, id='what ended a rest put later ones in doubt: off by 0.18 deg/s'),
+        pytest.param(345, id='halves of a package lie 4.6 deviations apart: off by 0.16'),
+        pytest.param(88, id='a block varies 4.7 times as usual: off by 0.12'),
+    ],
+)
+def test_no_short_rest_is_missed_by_chance(seed):
+    """A bias that warms up, with a rest of 3 s a minute."""
+    assert np.abs(warm_up(np.random.default_rng(seed), 100.0)).max() < 0.1
+
+
+def test_a_rest_that_begins_with_a_slow_turn(random):
+    """The later half of the package in which the turn ends is learned from at the rest's end."""
+    truth = np.array([0.0, 0.3, 0.1]) * DEGREE
+    spells = [(10, False), (5, True), (3.2, False), (2, True)]
+    for speed in (0.35, -0.35, 0.4):
+        rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
+        rates[1500:1625, 2] += speed * DEGREE
+        results = run(Filter(), rates, accelerations)
+        learned = np.flatnonzero(np.abs(np.diff(results['bias'], axis=0)).sum(axis=1) > 0)
+        assert learned[-1] > 1800
+        np.testing.assert_allclose(results['bias'][-1], truth, atol=0.06 * DEGREE)

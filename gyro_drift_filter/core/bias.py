@@ -284,7 +284,8 @@ def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> b
         state['doubt'] = DOUBTED
         _take_back(state, turned)
         return _stays(state, rest['blocks'] * block_seconds)
-    state['doubt'] = max(state['doubt'] - 1, 0)
+    if not rest['kept']:  # of which it took two to make one of rest: it lifts no doubt
+        state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
 
 

@@ -8,11 +8,14 @@ signal,
 - the values vary about the block's mean no more than the noise does, and
 - the mean lies where those of the package lie, as far as the noise allows.
 
-The first and the last block of a rest are left out: motion begins and ends gently. What the noise
-is on each signal, within blocks and from block to block, is learned from packages that hold
-together: from the first one on, whose values must be rough and whose means must scatter as the
-values say. The motion of a body is smooth, and its means scatter more. A vibration that lasts
-counts as noise after some minutes. Nothing here is a limit in rad/s.
+The first and the last block of a rest are left out: motion begins and ends gently. Of a package
+that does not hold together the later half is kept, for a rest that is over before there is another
+one: rest may begin with a turn, and of a thousand packages of plain rest one or two look like that.
+
+What the noise is on each signal, within blocks and from block to block, is learned from packages
+that hold together: from the first one on, whose values must be rough and whose means must scatter
+as the values say. The motion of a body is smooth, and its means scatter more. A vibration that
+lasts counts as noise after some minutes. Nothing here is a limit in rad/s.
 """
 
 import math
@@ -30,7 +33,8 @@ HALF = 8  # blocks
 LEAST_PACKAGE = 4  # blocks: half a second, at the end of a rest
 
 # A block varies as noise does up to 1 + so many deviations of a variance of n values.
-VARIANCE_DEVIATIONS = 8.0
+# With fewer, one of some 100,000 blocks of plain noise is none, and a short rest lost.
+VARIANCE_DEVIATIONS = 10.0
 # A mean lies with the others within so many deviations of the scatter of means.
 MEAN_DEVIATIONS = 5.0
 # Of the means of a package's halves, which differ where a slow turn begins or ends.
@@ -67,7 +71,11 @@ SIGNAL = np.dtype(
         # the package
         ('means', np.float64),  # sum of means less the first one
         ('mean_squares', np.float64),
-        ('early_means', np.float64),  # of the first `HALF` blocks
+        # of its first `HALF` blocks
+        ('early_means', np.float64),
+        ('early_mean_squares', np.float64),
+        ('early_variances', np.float64),
+        ('early_roughness', np.float64),
         ('variances', np.float64),
         ('largest_variance', np.float64),
         ('roughness', np.float64),  # sum of half the mean squared differences
@@ -83,6 +91,7 @@ REST = np.dtype(
     [
         ('signals', SIGNAL, (SIGNALS,)),
         ('known', np.bool_),  # what the noise is
+        ('learned', np.int64),  # packages that it was learned from
         ('restless', np.int64),  # blocks since the last rest
         ('at_rest', np.bool_),
         ('samples', np.int64),  # since the begin of the value, missing ones among them
@@ -91,6 +100,7 @@ REST = np.dtype(
         ('count', np.int64),  # values in it
         ('run', np.int64),  # still blocks in a row
         ('blocks', np.int64),  # in the package
+        ('kept', np.bool_),  # the first half of the package is of one that did not hold together
     ],
     align=True,
 )
@@ -147,6 +157,7 @@ def _start_value(rest: Any) -> None:
 @compiled
 def _start_package(rest: Any) -> None:
     rest['blocks'] = 0
+    rest['kept'] = False
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         signal['means'] = 0.0
@@ -218,9 +229,7 @@ def close_block(rest: Any, lengths: Any) -> int:
     if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
         rest['known'] = False
     if not still:
-        ready = (
-            rest['at_rest'] and rest['blocks'] >= LEAST_PACKAGE and _holds_together(rest, length)
-        )
+        ready = _lasted(rest) and _holds_together(rest, length)
         rest['at_rest'] = False
         rest['run'] = 0
         _start_block(rest)
@@ -236,14 +245,44 @@ def close_block(rest: Any, lengths: Any) -> int:
     _start_block(rest)
     if rest['blocks'] < PACKAGE:
         return NOTHING
+    if rest['kept']:
+        _drop_early_half(rest)
+        rest['kept'] = False
+        return NOTHING
     if not _holds_together(rest, length):
         rest['at_rest'] = False
-        rest['run'] = 0
-        _start_package(rest)
         _forget_before(rest)
+        if rest['known']:
+            _drop_early_half(rest)
+            rest['kept'] = True
+            rest['run'] = 2
+        else:
+            rest['run'] = 0
+            _start_package(rest)
         return NOTHING
     _learn(rest, length)
     return PACKED
+
+
+@compiled
+def _lasted(rest: Any) -> bool:
+    """Tell whether the package that a motion has ended is long enough to tell of rest."""
+    if rest['at_rest']:
+        return bool(rest['blocks'] >= LEAST_PACKAGE)
+    return bool(rest['kept'] and rest['blocks'] >= HALF + LEAST_PACKAGE)
+
+
+@compiled
+def _drop_early_half(rest: Any) -> None:
+    """Make the later half of the package the first one of the next."""
+    rest['blocks'] -= HALF
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['means'] -= signal['early_means']
+        signal['mean_squares'] -= signal['early_mean_squares']
+        signal['variances'] -= signal['early_variances']
+        signal['roughness'] -= signal['early_roughness']
+    _note_half(rest)
 
 
 @compiled
@@ -299,9 +338,18 @@ def _pack(rest: Any) -> None:
         signal['largest_variance'] = max(signal['largest_variance'], variance)
     rest['blocks'] += 1
     if rest['blocks'] == HALF:
-        for i in range(SIGNALS):
-            signal = rest['signals'][i]
-            signal['early_means'] = signal['means']
+        _note_half(rest)
+
+
+@compiled
+def _note_half(rest: Any) -> None:
+    """Keep the sums of the package, which has its first half."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['early_means'] = signal['means']
+        signal['early_mean_squares'] = signal['mean_squares']
+        signal['early_variances'] = signal['variances']
+        signal['early_roughness'] = signal['roughness']
 
 
 @compiled
@@ -389,15 +437,13 @@ def _has_halves(rest: Any, signal: Any) -> bool:
 def _learn(rest: Any, length: int) -> None:
     """Learn the noise from a package that holds together."""
     blocks = 1.0 * rest['blocks']
+    rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
+    share = max(LEARNING, 1.0 / rest['learned'])
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
         scatter = max(_scatter(rest, signal), variance / length)
-        if not rest['known']:
-            signal['variance'] = variance
-            signal['scatter'] = scatter
-        else:
-            signal['variance'] += LEARNING * (variance - signal['variance'])
-            signal['scatter'] += LEARNING * (scatter - signal['scatter'])
+        signal['variance'] += share * (variance - signal['variance'])
+        signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
     rest['restless'] = 0
