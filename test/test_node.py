@@ -384,8 +384,8 @@ def input_status(live, other, text):
         return text in reports[-1].message
 
     diagnostics(live, told)
-    # Two seconds, and one report that may have been under way already.
-    assert len(reports) <= 3, [report.message for report in reports]
+    # As a rule the second; but on a busy machine the node knows later of the other one than we do.
+    assert len(reports) <= 10, [report.message for report in reports]
     return reports[-1]
 
 
