@@ -139,6 +139,7 @@ class LiveNode:
             self.wait(lambda a=answer, e=end: a.done() or time.monotonic() > e, 'an answer')
             if answer.done():
                 break
+            client.remove_pending_request(answer)
         else:
             raise TimeoutError(f'the node has not answered {_ATTEMPTS} requests')
         self.node.destroy_client(client)

@@ -333,11 +333,20 @@ def test_no_short_rest_is_missed_by_chance(seed):
     assert np.abs(warm_up(np.random.default_rng(seed), 100.0)).max() < 0.1
 
 
+def test_garbage_is_forgotten(random):
+    """Accelerations beyond all numbers, then rest: after five minutes the noise is learned anew."""
+    rates, accelerations = at_rest(random, 400, (0.0, 0.0, 1.0 * DEGREE))
+    accelerations[:800] *= 1e200
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][-1]
+    assert results['bias'][-1, 2] == pytest.approx(1.0 * DEGREE, abs=0.03 * DEGREE)
+
+
 def test_a_rest_that_begins_with_a_slow_turn(random):
     """The later half of the package in which the turn ends is learned from at the rest's end."""
     truth = np.array([0.0, 0.3, 0.1]) * DEGREE
-    spells = [(10, False), (5, True), (3.2, False), (2, True)]
-    for speed in (0.35, -0.35, 0.4):
+    for speed, rest in ((0.35, 3.2), (-0.35, 4.0), (0.4, 4.6)):
+        spells = [(10, False), (5, True), (rest, False), (2, True)]
         rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
         rates[1500:1625, 2] += speed * DEGREE
         results = run(Filter(), rates, accelerations)

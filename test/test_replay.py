@@ -3,6 +3,7 @@
 import shutil
 import sqlite3
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from gyro_drift_filter.bags import mcap_writer
 from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter
 from gyro_drift_filter.bags.recording import BagError, BagWriter
@@ -506,3 +508,21 @@ def test_real_recordings(recording, tmp_path):
     with next(Path(tmp_path / 'out').glob('*.mcap')).open('rb') as stream:
         statistics = make_reader(stream).get_summary().statistics
         assert statistics.message_count == len(new_order)
+
+
+def test_a_file_that_could_not_be_written_once_is_not_written_on(tmp_path, monkeypatch):
+    writer = mcap_writer.McapWriter(tmp_path / 'out.mcap', 'zstd')
+    writer.add_schema(1, b'')
+    writer.add_channel(1, b'')
+
+    def full(parts):
+        raise OSError('no space left on device')
+
+    for k in range(3):
+        writer.write_message(1, k, b'a message')
+        with monkeypatch.context() as patch:
+            if k == 0:
+                patch.setattr(writer, '_file', Mock(wraps=writer._file, writelines=full))
+            with pytest.raises(OSError, match='no space'):
+                writer.flush()
+    writer.abort()

@@ -107,16 +107,18 @@ def _pieces(file: ChunkedFile, run: ReplayRun, batches: '_Batches') -> Iterator[
         ours[channel] = run.is_ours(connection)
         told[channel] = run.is_told_by(connection)
     run.map_channels(file.connections, ours)
-    for data, all_rows, all_imus in _chunks(file, known, ours):
-        done = read = 0
+    frame, doubles = no_frame(), np.zeros(37)
+    for data, all_rows in _chunks(file, known):
+        done = 0
         while done < len(all_rows):
             rows = all_rows[done : done + _PIECE]
             # As a difference, for a sum may be beyond 63 bits.
             times = rows['log_time'] - rows['log_time'][0]
             rows = rows[: np.searchsorted(times, _PIECE_SPAN)]
             done += len(rows)
-            imus = all_imus[read : read + int(ours[rows['channel']].sum())]
-            read += len(imus)
+            of_imus = rows[ours[rows['channel']]]
+            imus = np.zeros(len(of_imus), IMU)
+            read_imus(data, of_imus, (doubles.view(np.uint8), doubles), frame, imus)
             words: list[Word | BatchEnd] = [
                 Word(int(row), file.connections[int(rows[row]['channel'])])
                 for row in np.flatnonzero(told[rows['channel']])
@@ -130,39 +132,22 @@ def _row(stop: Word | BatchEnd) -> int:
     return stop.row
 
 
-class _Chunk(NamedTuple):
-    """A chunk that has been read.
-
-    Attributes:
-        data: Its records, bytes.
-        rows: Of its messages that have a connection, ROWs in the order of their log times.
-        imus: What those of the Imu topic hold, IMUs.
-    """
-
-    data: NDArray[np.uint8]
-    rows: NDArray[Any]
-    imus: NDArray[Any]
-
-
 def _chunks(
-    file: ChunkedFile, known: NDArray[np.bool_], ours: NDArray[np.bool_]
-) -> Iterator[_Chunk]:
-    """Yield each chunk of a file.
+    file: ChunkedFile, known: NDArray[np.bool_]
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[Any]]]:
+    """Yield the records of each chunk, and ROWs of its messages in the order of their log times.
 
-    `known` and `ours` tell of each channel whether it has a connection, and is the Imu topic's.
+    `known` tells of each channel whether it has a connection; others are left out.
     """
-    frame, doubles = no_frame(), np.zeros(37)
 
-    def read(place: ChunkPlace, data: NDArray[np.uint8]) -> _Chunk:
+    def listed(
+        place: ChunkPlace, data: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
         rows = _rows(place, data)
-        rows = rows[known[rows['channel']]]
-        of_imus = rows[ours[rows['channel']]]
-        imus = np.zeros(len(of_imus), IMU)
-        read_imus(data, of_imus, (doubles.view(np.uint8), doubles), frame, imus)
-        return _Chunk(data, rows, imus)
+        return data, rows[known[rows['channel']]]
 
     try:
-        yield from read_chunks(file.path, file.layout, read)
+        yield from read_chunks(file.path, file.layout, listed)
     except (McapError, OSError) as error:
         raise BagError(f'{file.path} is damaged and can be read no further: {error}') from error
 

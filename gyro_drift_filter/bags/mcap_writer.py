@@ -143,7 +143,11 @@ class McapWriter:
         self._pending.append(writing)
         self._start_chunk()
         if len(self._pending) > _PENDING:
-            self._pending.pop(0).result()
+            self._await_chunk()
+
+    def _await_chunk(self) -> None:
+        self._pending[0].result()  # where it failed it stays, so that all that follows fails, too
+        del self._pending[0]
 
     def _write_chunk(
         self, pieces: list[Any], indexes: list[tuple[NDArray[Any], NDArray[Any]]]
@@ -171,7 +175,7 @@ class McapWriter:
             parts.append(record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content))
             place += len(parts[-1])
             self.counts[channel] += len(content) // _INDEX_BYTES
-        self._file.write(b''.join(parts))
+        self._file.writelines(parts)
         if len(times):
             self.first, self.last = min(self.first, first), max(self.last, last)
         self._chunk_indexes.append(
@@ -190,7 +194,7 @@ class McapWriter:
         if self._size:
             self._close_chunk()
         while self._pending:
-            self._pending.pop(0).result()
+            self._await_chunk()
 
     def finish(self, metadata: bytes = b'') -> None:
         """Write what is left, a METADATA record called 'rosbag2', and the summary; close."""

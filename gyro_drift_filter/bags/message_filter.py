@@ -209,17 +209,18 @@ class MessageFilter:
         Returns:
             What the message filter was like before each of the marks.
         """
-        ends = np.array([*marks, part.stop], np.int64)
+        ends = np.array(marks, np.int64)
         states, tallies = np.empty(len(ends), STATE), np.zeros(len(ends), TALLY)
         tally = np.zeros(1, TALLY)
         done, passed = part.start, 0
-        while passed < len(ends):
+        while done < part.stop or passed < len(ends):
             arrays = *self.filter.arrays_of_step(), results, tally, ends, passed, states, tallies
             done, passed = filter_imus(done, part.stop, imus, *arrays)
             self.filter.note_period()
         before = self.received, self.malformed, self.not_reported, self.frame_changes
-        vitals = []
-        for end, told, state in zip(ends.tolist(), tallies.tolist(), states, strict=True):
+        vitals: list[Vitals] = []
+        tallies_by_end = zip([*marks, part.stop], [*tallies.tolist(), tally[0].item()], strict=True)
+        for end, told in tallies_by_end:
             malformed, not_reported, frame_changes, last_malformed, last_frame = told
             self.received = before[0] + end - part.start
             if before[1] + malformed > self.malformed:
@@ -229,8 +230,9 @@ class MessageFilter:
             self.malformed = before[1] + malformed
             self.not_reported = before[2] + not_reported
             self.frame_changes = before[3] + frame_changes
-            vitals.append(self._vitals(state))
-        return vitals[:-1]
+            if len(vitals) < len(states):
+                vitals.append(self._vitals(states[len(vitals)]))
+        return vitals
 
     def _explain_malformed(self, data: bytes) -> None:
         """Note why a message was refused that has been counted already."""

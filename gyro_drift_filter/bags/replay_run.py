@@ -324,10 +324,10 @@ class ReplayRun:
             For each report to be written the row that it stands before, when, and of what.
         """
         data, rows, imus, stops = piece
-        before = np.concatenate(([0], np.cumsum(of_imus)))
+        before, places = np.concatenate(([0], np.cumsum(of_imus))), np.flatnonzero(of_imus)
 
         def message(k: int) -> bytes:
-            return payload(data, rows[of_imus][k])
+            return payload(data, rows[places[k]])
 
         reports, due, marks, done = [], [], [], 0
         for stop in [*stops, None]:

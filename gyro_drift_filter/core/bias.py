@@ -194,6 +194,7 @@ def _take_package(
         _note_stillness(state, block_seconds, calibration_time)
     if _is_bias(state, moved, largest, block_seconds):
         _learn(state)
+        state['rest_seconds'] = 0.0
         next_package(rest, moved)
     else:
         next_package(rest, True)
@@ -284,7 +285,7 @@ def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> b
         state['doubt'] = DOUBTED
         _take_back(state, turned)
         return _stays(state, rest['blocks'] * block_seconds)
-    if not rest['kept']:  # of which it took two to make one of rest: it lifts no doubt
+    if rest['kept'] == 0:  # else two were needed to find one of rest: that lifts no doubt
         state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
 

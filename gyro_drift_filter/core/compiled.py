@@ -168,7 +168,7 @@ def compiled(function: Function) -> Function:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _DIRECTORY or before
     try:
-        # Without the interpreter's lock, so that `replay` packs chunks meanwhile.
+        # Without the interpreter's lock, so that `replay` reads and packs chunks meanwhile.
         decorated: Function = numba.njit(
             cache=_DIRECTORY is not None, error_model='numpy', nogil=True
         )(function)

@@ -33,8 +33,10 @@ HALF = 8  # blocks
 LEAST_PACKAGE = 4  # blocks: half a second, at the end of a rest
 
 # A block varies as noise does up to 1 + so many deviations of a variance of n values.
-# With fewer, one of some 100,000 blocks of plain noise is none, and a short rest lost.
+# With 8, one of some 100,000 blocks of plain noise is none, and a short rest lost.
 VARIANCE_DEVIATIONS = 10.0
+# So does the scatter of the means of a package.
+SCATTER_DEVIATIONS = 8.0
 # A mean lies with the others within so many deviations of the scatter of means.
 MEAN_DEVIATIONS = 5.0
 # Of the means of a package's halves, which differ where a slow turn begins or ends.
@@ -77,7 +79,7 @@ SIGNAL = np.dtype(
         ('early_variances', np.float64),
         ('early_roughness', np.float64),
         ('variances', np.float64),
-        ('largest_variance', np.float64),
+        ('largest_variance', np.float64),  # read only where the noise is not known yet
         ('roughness', np.float64),  # sum of half the mean squared differences
         ('first', np.float64),  # mean of the first block
         # the package before in the same rest
@@ -100,7 +102,9 @@ REST = np.dtype(
         ('count', np.int64),  # values in it
         ('run', np.int64),  # still blocks in a row
         ('blocks', np.int64),  # in the package
-        ('kept', np.bool_),  # the first half of the package is of one that did not hold together
+        # after a package that did not hold together: 2 where this one begins with its later half, 1
+        # where that has been left behind, 0 from the next package on
+        ('kept', np.int64),
     ],
     align=True,
 )
@@ -157,7 +161,7 @@ def _start_value(rest: Any) -> None:
 @compiled
 def _start_package(rest: Any) -> None:
     rest['blocks'] = 0
-    rest['kept'] = False
+    rest['kept'] = 0
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         signal['means'] = 0.0
@@ -245,16 +249,17 @@ def close_block(rest: Any, lengths: Any) -> int:
     _start_block(rest)
     if rest['blocks'] < PACKAGE:
         return NOTHING
-    if rest['kept']:
+    if rest['kept'] == 2:
         _drop_early_half(rest)
-        rest['kept'] = False
+        rest['kept'] = 1
         return NOTHING
+    rest['kept'] = 0
     if not _holds_together(rest, length):
         rest['at_rest'] = False
         _forget_before(rest)
         if rest['known']:
             _drop_early_half(rest)
-            rest['kept'] = True
+            rest['kept'] = 2
             rest['run'] = 2
         else:
             rest['run'] = 0
@@ -269,7 +274,7 @@ def _lasted(rest: Any) -> bool:
     """Tell whether the package that a motion has ended is long enough to tell of rest."""
     if rest['at_rest']:
         return bool(rest['blocks'] >= LEAST_PACKAGE)
-    return bool(rest['kept'] and rest['blocks'] >= HALF + LEAST_PACKAGE)
+    return bool(rest['known'] and rest['kept'] > 0 and rest['blocks'] >= HALF + LEAST_PACKAGE)
 
 
 @compiled
@@ -400,7 +405,7 @@ def _holds_together(rest: Any, length: int) -> bool:
         signal = rest['signals'][i]
         scatter = _scatter(rest, signal)
         if rest['known']:
-            limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (blocks - 1.0))
+            limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (blocks - 1.0))
             if scatter > limit * signal['scatter'] or (i < 3 and _has_halves(rest, signal)):
                 return False
         else:
@@ -443,7 +448,11 @@ def _learn(rest: Any, length: int) -> None:
         signal = rest['signals'][i]
         variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
         scatter = max(_scatter(rest, signal), variance / length)
-        signal['variance'] += share * (variance - signal['variance'])
-        signal['scatter'] += share * (scatter - signal['scatter'])
+        if rest['learned'] == 1:
+            signal['variance'] = variance
+            signal['scatter'] = scatter
+        else:
+            signal['variance'] += share * (variance - signal['variance'])
+            signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
     rest['restless'] = 0
