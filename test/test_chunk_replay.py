@@ -204,8 +204,8 @@ def test_a_message_filter_tells_what_it_was_like(random):
         expected += [step_by_step.vitals()] * marks[1:].count(k)
         if k < 500:
             step_by_step.step(messages[k])
-    assert [t[:-1] for t in told] == [e[:-1] for e in expected]
-    assert [t.state.tobytes() for t in told] == [e.state.tobytes() for e in expected]
+    assert repr(told) == repr(expected)  # where NaN is like NaN
+    assert len(told) == 24
 
 
 MESSAGES = st.lists(

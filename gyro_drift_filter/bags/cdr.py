@@ -13,7 +13,6 @@ Their place depends on the length of the frame name alone, so nothing has to be 
 import math
 import struct
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -210,53 +209,3 @@ def vector3_stamped(stamp: int, frame: bytes, vector: tuple[float, float, float]
     return b'\x00\x01\x00\x00' + struct.pack(
         f'<iII{length}s{padding}x3d', seconds, nanoseconds, length, frame, *vector
     )
-
-
-class DiagnosticStatus(NamedTuple):
-    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id."""
-
-    level: int
-    name: str
-    message: str
-    values: dict[str, str]
-
-
-def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
-    """Return a serialized `diagnostic_msgs/msg/DiagnosticArray`, little endian.
-
-    Args:
-        stamp: header.stamp in ns; the frame_id is empty.
-        statuses: What it holds.
-    """
-    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    data = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
-    for status in statuses:
-        size = len(data) + 1
-        parts = [data, bytes([status.level]), bytes(-size % 4)]
-        parts += map(_known_text, (status.name, status.message, ''))
-        parts.append(struct.pack('<I', len(status.values)))
-        surplus = 0
-        for key, value in status.values.items():
-            text = value.encode()
-            head, end = _around(len(text))
-            parts += _known_text(key), head, text, end
-            surplus = len(end) - 1
-        data = b''.join(parts)
-        data = data[: len(data) - surplus]  # what follows is no text, and aligns itself
-    return b'\x00\x01\x00\x00' + data
-
-
-# Keys, messages and lengths are the same again and again; numbers are not.
-@lru_cache(maxsize=1024)
-def _known_text(text: str) -> bytes:
-    """Return a string that begins at a multiple of four bytes, up to the next one."""
-    encoded = text.encode()
-    head, end = _around(len(encoded))
-    return head + encoded + end
-
-
-@lru_cache(maxsize=1024)
-def _around(length: int) -> tuple[bytes, bytes]:
-    """Return what stands before and behind a string of as many bytes: its size, and zeros."""
-    size = length + 1
-    return size.to_bytes(4, 'little'), bytes(1 + -size % 4)

@@ -4,12 +4,13 @@ Messages are stretches of arrays of bytes.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
+from gyro_drift_filter.bags.vitals import tell_state
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.filter import REFUSED, SAMPLE, step
 
@@ -26,16 +27,18 @@ IMU = np.dtype(
     align=True,
 )
 
-# What is told of a stretch of IMUs: numbers, and places of the last one of its kind.
-TALLY = np.dtype(
-    [
-        ('malformed', np.int64),
-        ('not_reported', np.int64),
-        ('frame_changes', np.int64),
-        ('last_malformed', np.int64),
-        ('last_frame', np.int64),
-    ]
-)
+
+class Tally(NamedTuple):
+    """What is told of a stretch of IMUs: how many of a kind, and places of the last ones."""
+
+    malformed: int
+    not_reported: int
+    frame_changes: int
+    last_malformed: int
+    last_frame: int
+
+
+TALLY = np.dtype([(name, np.int64) for name in Tally._fields])
 
 # The frame_id of the last message, without its closing zero: what is longer is cut off.
 LONGEST_FRAME = 256
@@ -169,8 +172,8 @@ def filter_imus(
     """Take IMUs from `first` to `stop` through `step`, up to one with another sample period.
 
     `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. At each of the `marks`
-    (m,), places in `imus` in their order of which the first `passed` are done with, the state is
-    noted in `states` (m,), and the tally in `tallies` (m,).
+    (m,), places in `imus` in their order of which the first `passed` are done with, what the state
+    tells is noted in `states` (m,) TOLD, and the tally in `tallies` (m,).
 
     Returns:
         The place behind the last one done, and how many marks are done with.
@@ -200,9 +203,9 @@ def filter_imus(
 def _note_marks(
     place: int, marks: Any, passed: int, state: Any, tally: Any, states: Any, tallies: Any
 ) -> int:
-    """Note state and tally at the marks that are at a place; return how many are done with."""
+    """Note what is told at the marks that are at a place; return how many are done with."""
     while passed < len(marks) and marks[passed] == place:
-        states[passed] = state[0]
+        tell_state(state[0], states[passed])
         tallies[passed] = tally[0]
         passed += 1
     return passed

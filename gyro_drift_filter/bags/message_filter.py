@@ -23,13 +23,15 @@ from gyro_drift_filter.bags.imu_kernels import (
     PERIOD_CHANGED,
     PUBLISH,
     TALLY,
+    Tally,
     filter_imus,
     filter_message,
     no_frame,
 )
+from gyro_drift_filter.bags.vitals import TOLD, Told, Vitals, in_plain, tell_state
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.errors import printable
-from gyro_drift_filter.core.filter import REFUSED, STATE
+from gyro_drift_filter.core.filter import REFUSED
 
 # Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
 SAMPLE_TOPICS = (
@@ -55,30 +57,6 @@ class Outcome(NamedTuple):
     data: bytes | None
     imu: Imu | None
     result: Any
-
-
-class Vitals(NamedTuple):
-    """What a message filter is like at one moment: `health.py` makes its reports of it.
-
-    Attributes:
-        received: As of `MessageFilter`, like
-        malformed: and
-        last_malformed: and
-        not_reported: and
-        frame_changes: and
-        frame: and
-        parameters: of its filter.
-        state: A record of STATE.
-    """
-
-    received: int
-    malformed: int
-    last_malformed: str
-    not_reported: int
-    frame_changes: int
-    frame: str
-    parameters: Parameters
-    state: Any
 
 
 class MessageFilter:
@@ -113,9 +91,11 @@ class MessageFilter:
 
     def vitals(self) -> Vitals:
         """Return what it is like now; what is done later does not change it."""
-        return self._vitals(self.filter.copy_state())
+        record = np.zeros(1, TOLD)
+        tell_state(self.filter.state, record[0])
+        return self._vitals(in_plain(record)[0])
 
-    def _vitals(self, state: Any) -> Vitals:
+    def _vitals(self, state: Told) -> Vitals:
         return Vitals(
             self.received,
             self.malformed,
@@ -210,29 +190,39 @@ class MessageFilter:
             What the message filter was like before each of the marks.
         """
         ends = np.array(marks, np.int64)
-        states, tallies = np.empty(len(ends), STATE), np.zeros(len(ends), TALLY)
+        states, tallies = np.empty(len(ends), TOLD), np.zeros(len(ends), TALLY)
         tally = np.zeros(1, TALLY)
         done, passed = part.start, 0
         while done < part.stop or passed < len(ends):
             arrays = *self.filter.arrays_of_step(), results, tally, ends, passed, states, tallies
             done, passed = filter_imus(done, part.stop, imus, *arrays)
             self.filter.note_period()
-        before = self.received, self.malformed, self.not_reported, self.frame_changes
         vitals: list[Vitals] = []
-        tallies_by_end = zip([*marks, part.stop], [*tallies.tolist(), tally[0].item()], strict=True)
-        for end, told in tallies_by_end:
-            malformed, not_reported, frame_changes, last_malformed, last_frame = told
-            self.received = before[0] + end - part.start
-            if before[1] + malformed > self.malformed:
-                self._explain_malformed(payload(last_malformed))
-            if before[3] + frame_changes > self.frame_changes:
-                self._explain_frame(payload(last_frame))
-            self.malformed = before[1] + malformed
-            self.not_reported = before[2] + not_reported
-            self.frame_changes = before[3] + frame_changes
-            if len(vitals) < len(states):
-                vitals.append(self._vitals(states[len(vitals)]))
+        tallies_by_end = map(Tally._make, [*tallies.tolist(), *tally.tolist()])
+        place, counted = part.start, Tally(0, 0, 0, 0, 0)
+        for end, tally_then, state in zip(
+            [*marks, part.stop], tallies_by_end, [*in_plain(states), None], strict=True
+        ):
+            self._count(end - place, tally_then, counted, payload)
+            place, counted = end, tally_then
+            if state is not None:
+                vitals.append(self._vitals(state))
         return vitals
+
+    def _count(
+        self, received: int, tally: Tally, before: Tally, payload: Callable[[int], bytes]
+    ) -> None:
+        """Count messages that have gone through, and what was told of them since `before`."""
+        self.received += received
+        if tally == before:
+            return
+        self.malformed += tally.malformed - before.malformed
+        self.not_reported += tally.not_reported - before.not_reported
+        self.frame_changes += tally.frame_changes - before.frame_changes
+        if tally.malformed > before.malformed:
+            self._explain_malformed(payload(tally.last_malformed))
+        if tally.frame_changes > before.frame_changes:
+            self._explain_frame(payload(tally.last_frame))
 
     def _explain_malformed(self, data: bytes) -> None:
         """Note why a message was refused that has been counted already."""

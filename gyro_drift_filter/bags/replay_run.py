@@ -11,17 +11,15 @@ from gyro_drift_filter.bags.cdr import (
     GOOD,
     IMU_TYPE,
     VECTOR_TYPE,
-    DiagnosticStatus,
-    diagnostic_array,
 )
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out, place_in_result
+from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_array
 from gyro_drift_filter.bags.health import NODE_NAME, Health
 from gyro_drift_filter.bags.library import AnyReader, Connection
 from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
     MessageFilter,
     Outcome,
-    Vitals,
     sample_message,
 )
 from gyro_drift_filter.bags.moments import Moments, Statistics
@@ -33,6 +31,7 @@ from gyro_drift_filter.bags.recording import (
     message_type,
     serialize,
 )
+from gyro_drift_filter.bags.vitals import Vitals
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.filter import REFUSED, RESULT
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from gyro_drift_filter.bags.cdr import EXAMPLE
 from gyro_drift_filter.bags.chunk_kernels import ROW, lay_out, list_messages
+from gyro_drift_filter.bags.diagnostics import diagnostic_array
+from gyro_drift_filter.bags.health import Health
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.moments import Moments
@@ -93,5 +95,6 @@ def compile_all() -> None:
         np.zeros(0, np.int64),
         np.zeros((0, 2), np.int64),
     )
+    diagnostic_array(0, Health().report(messages.vitals(), 1.0))
     Moments().add(np.zeros((0, 3)), np.zeros((0, 3)))
     note_all_compiled()

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.bags.chunk_kernels import lay_out, list_messages
+from gyro_drift_filter.bags.diagnostics import lay_out_statuses
 from gyro_drift_filter.bags.imu_kernels import filter_imus, filter_message, read_imus
 from gyro_drift_filter.bags.moments import add_samples
 from gyro_drift_filter.core.compiled import (
@@ -33,6 +34,7 @@ _KERNELS: tuple[Any, ...] = (
     filter_imus,
     filter_message,
     lay_out,
+    lay_out_statuses,
     list_messages,
     read_imus,
     run_samples,

@@ -523,11 +523,6 @@ class Filter:
         """The record of STATE, live: a view, not a copy."""
         return self._state[0]
 
-    def copy_state(self) -> Any:
-        """Return the record of STATE as it is now; what is done later does not change it."""
-        # As bytes: numpy would copy it field by field.
-        return np.frombuffer(self._state.tobytes(), STATE)[0]
-
     @property
     def bias_deviation(self) -> NDArray[np.float64]:
         """The standard deviation of the bias at present, (3,) in rad/s."""

@@ -23,7 +23,7 @@ from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.bags import cdr
+from gyro_drift_filter.bags import diagnostics
 from gyro_drift_filter.bags.cdr import EXAMPLE, read_imu
 from gyro_drift_filter.bags.health import INPUT, NODE_NAME, OK, STALE, WARN, Health
 from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
@@ -78,7 +78,7 @@ class GyroDriftFilterNode(Node):
             MessageFilter(parameters.current).step(EXAMPLE)
         self._health = Health(self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
-        self._logged: dict[str, tuple[cdr.DiagnosticStatus, Time]] = {}
+        self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
 
@@ -204,7 +204,9 @@ class GyroDriftFilterNode(Node):
             )
         self._diagnostics.publish(array)
 
-    def _with_surroundings(self, status: cdr.DiagnosticStatus) -> cdr.DiagnosticStatus:
+    def _with_surroundings(
+        self, status: diagnostics.DiagnosticStatus
+    ) -> diagnostics.DiagnosticStatus:
         """Add what the messages can't tell: a first start, and who else is on the topics."""
         waiting = self._cold_start.waiting
         if waiting is not None:
@@ -219,7 +221,7 @@ class GyroDriftFilterNode(Node):
             return status._replace(message=self._neighbours.silence())
         return status
 
-    def _log_change(self, status: cdr.DiagnosticStatus) -> None:
+    def _log_change(self, status: diagnostics.DiagnosticStatus) -> None:
         """Log a status that is not as it was logged; of one level not more often than it helps."""
         if self._cold_start.waiting is not None:
             return

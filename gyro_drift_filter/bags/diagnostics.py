@@ -1,0 +1,91 @@
+"""Serialize `diagnostic_msgs/msg/DiagnosticArray`: `replay` writes one for each second of a bag."""
+
+import struct
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gyro_drift_filter.core.compiled import compiled
+
+_ENCAPSULATION = b'\x00\x01\x00\x00'
+
+
+class DiagnosticStatus(NamedTuple):
+    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id."""
+
+    level: int
+    name: str
+    message: str
+    values: dict[str, str]
+
+
+def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
+    """Return a serialized `diagnostic_msgs/msg/DiagnosticArray`, little endian.
+
+    Args:
+        stamp: header.stamp in ns; the frame_id is empty.
+        statuses: What it holds; there is no zero byte in its texts.
+    """
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    texts: list[str] = []
+    for status in statuses:
+        texts += status.name, status.message, ''
+        texts += chain.from_iterable(status.values.items())
+    texts.append('')  # so that the last one ends with a zero byte, too
+    joined = np.frombuffer('\0'.join(texts).encode(), np.uint8)
+    numbers = np.array([(s.level, len(s.values)) for s in statuses], np.int64).reshape(-1, 2)
+    # The shortest text, a zero byte, takes eight bytes.
+    out = np.zeros(8 * (len(joined) + 2 * len(statuses)), np.uint8)
+    size = lay_out_statuses(numbers, joined, out)
+    head = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
+    return _ENCAPSULATION + head + out[:size].tobytes()
+
+
+@compiled
+def lay_out_statuses(numbers: Any, texts: Any, out: Any) -> int:
+    """Write DiagnosticStatuses in CDR, from a multiple of four bytes on.
+
+    Args:
+        numbers: (n, 2) level and number of values of each.
+        texts: Name, message, hardware_id, keys and values, one behind the other, each with a zero
+            byte at its end.
+        out: Room for them, zeros.
+
+    Returns:
+        How many bytes they take.
+    """
+    text = place = 0
+    for n in range(len(numbers)):
+        out[place] = numbers[n, 0]
+        text, place = _put_string(texts, text, out, place + 1)
+        text, place = _put_string(texts, text, out, place)
+        text, place = _put_string(texts, text, out, place)
+        place = _put_number(numbers[n, 1], out, place)
+        for _ in range(2 * numbers[n, 1]):
+            text, place = _put_string(texts, text, out, place)
+    return place
+
+
+@compiled
+def _put_string(texts: Any, begin: int, out: Any, place: int) -> tuple[int, int]:
+    """Write the text that begins there; return where the next one begins, and the place behind."""
+    end = begin
+    while texts[end] != 0:
+        end += 1
+    end += 1
+    place = _put_number(end - begin, out, place)
+    for i in range(begin, end):
+        out[place] = texts[i]
+        place += 1
+    return end, place
+
+
+@compiled
+def _put_number(number: int, out: Any, place: int) -> int:
+    """Write a number of four bytes at the next multiple of four; return the place behind it."""
+    place = (place + 3) // 4 * 4
+    for i in range(4):
+        out[place + i] = (number >> (8 * i)) & 0xFF
+    return place + 4

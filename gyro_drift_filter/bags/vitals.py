@@ -1,0 +1,137 @@
+"""What a message filter is like at one moment, as reports tell it: few numbers of a large state."""
+
+import math
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.bias import bias_variance
+from gyro_drift_filter.core.compiled import compiled
+
+# One for each axis.
+Counts = list[int]
+Values = list[float]
+
+
+class Told(NamedTuple):
+    """What the state tells: `tell_state` says of which part of it.
+
+    Counts are since the start or the last reset; rates, noise (its variance) and bias are in rad/s,
+    periods in s. Bias and deviation are those of now, the deviation NaN before there is one.
+    """
+
+    samples: int
+    repeats: int
+    refused: int
+    beyond_range: int
+    times_stuck: int
+    unusable: Counts
+    clipped: Counts
+    outliers: Counts
+    nis_samples: Counts
+    nis_sum: Values
+    period: float
+    blocks: int
+    gaps: int
+    missing_samples: int
+    restarts: int
+    zero_stamps: int
+    same_stamps: int
+    backward_stamps: int
+    divergences: Counts
+    stuck: bool
+    all_zero: bool
+    process_noise: Values
+    measurement_noise: Values
+    bias: Values
+    bias_deviation: Values
+    beyond: bool
+    at_rest: bool
+    rest_seconds: float
+    packages: int
+    beyond_max: int
+    turning: int
+
+
+_KINDS: dict[Any, Any] = {
+    int: np.int64,
+    float: np.float64,
+    bool: np.bool_,
+    Counts: (np.int64, 3),
+    Values: (np.float64, 3),
+}
+# The same as a record, for compiled code.
+TOLD = np.dtype([(name, _KINDS[kind]) for name, kind in get_type_hints(Told).items()], align=True)
+
+
+class Vitals(NamedTuple):
+    """What a message filter is like.
+
+    Attributes:
+        received: As of `MessageFilter`, like
+        malformed: and
+        last_malformed: and
+        not_reported: and
+        frame_changes: and
+        frame: and
+        parameters: of its filter.
+        state: What its state tells.
+    """
+
+    received: int
+    malformed: int
+    last_malformed: str
+    not_reported: int
+    frame_changes: int
+    frame: str
+    parameters: Parameters
+    state: Told
+
+
+def in_plain(records: NDArray[Any]) -> list[Told]:
+    """Return records of TOLD (n,) in Python's own numbers, which it works faster with."""
+    columns = (records[name].tolist() for name in Told._fields)
+    return list(map(Told._make, zip(*columns, strict=True)))
+
+
+@compiled
+def tell_state(state: Any, out: Any) -> None:
+    """Write what a record of STATE tells into one of TOLD."""
+    counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
+    out['samples'] = counts['samples']
+    out['repeats'] = counts['repeats']
+    out['refused'] = counts['refused']
+    out['beyond_range'] = counts['beyond_range']
+    out['times_stuck'] = counts['stuck']
+    out['period'] = clock['period']
+    out['blocks'] = clock['blocks']
+    out['gaps'] = clock['gaps']
+    out['missing_samples'] = clock['missing_samples']
+    out['restarts'] = clock['restarts']
+    out['zero_stamps'] = clock['zero_stamps']
+    out['same_stamps'] = clock['same_stamps']
+    out['backward_stamps'] = clock['backward_stamps']
+    out['stuck'] = state['stuck']
+    out['beyond'] = bias['beyond']
+    out['at_rest'] = bias['rest']['at_rest']
+    out['rest_seconds'] = bias['rest_seconds']
+    out['packages'] = bias['packages']
+    out['beyond_max'] = bias['beyond_max']
+    out['turning'] = bias['turning']
+    out['all_zero'] = True
+    for axis in range(3):
+        if state['measured'][axis] != 0.0:
+            out['all_zero'] = False
+        out['unusable'][axis] = counts['unusable'][axis]
+        out['clipped'][axis] = counts['clipped'][axis]
+        out['outliers'][axis] = counts['outliers'][axis]
+        out['nis_samples'][axis] = counts['nis_samples'][axis]
+        out['nis_sum'][axis] = counts['nis_sum'][axis]
+        out['divergences'][axis] = state['paper'][axis]['divergences']
+        out['process_noise'][axis] = result['process_noise'][axis]
+        out['measurement_noise'][axis] = result['measurement_noise'][axis]
+        out['bias'][axis] = bias['bias'][axis]
+        deviation = math.sqrt(bias_variance(bias, axis))
+        out['bias_deviation'][axis] = deviation if bias['known'] else math.nan
