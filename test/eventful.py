@@ -85,10 +85,14 @@ def through(filter_, stamps, rates, accelerations, told):
 def messages():
     """Return the results of the kernels that read, patch and lay out messages."""
     from gyro_drift_filter.bags.chunk_kernels import (
+        BATCH,
         ROW,
+        end_batches,
+        group_index,
         lay_out,
         list_messages,
         place_in_result,
+        times_of,
     )
     from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
     from gyro_drift_filter.bags.mcap_records import MESSAGE, PREFIX
@@ -108,17 +112,20 @@ def messages():
         records += PREFIX.pack(MESSAGE, len(head) + len(data)) + head + data
     chunk = np.frombuffer(records, np.uint8)
     listed = np.zeros(len(rows) + 1, ROW)
-    count = list_messages(chunk, listed)
+    known = np.ones(8, np.bool_)
+    count = list_messages(chunk, known, listed)
     assert count == len(rows)
     for cut in (1, 20, len(chunk) - 3):
-        assert list_messages(chunk[:cut], listed.copy()) == -1
+        assert list_messages(chunk[:cut], known, listed.copy()) == -1
     listed = listed[:count]
     ours = np.zeros(8, np.bool_)
     ours[1 + topics.index('/imu/data_raw')] = True
-    mine = listed[ours[listed['channel']]]
-    imus, doubles = np.zeros(len(mine), IMU), np.zeros(37)
-    read_imus(chunk, mine, (doubles.view(np.uint8), doubles), no_frame(), imus)
-    n = len(mine)
+    imus, doubles = np.zeros(count, IMU), np.zeros(37)
+    room, places = (doubles.view(np.uint8), doubles), np.zeros(count, np.int64)
+    n = read_imus(chunk, listed, ours, room, no_frame(), imus, places)
+    imus, mine = imus[:n], listed[places[:n]]
+    batch, ends = np.zeros(1, BATCH), np.zeros(count, BATCH)
+    ended = end_batches(listed, 7, 10**8, batch, ends)
     results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
     marks = [0, n // 3, n // 3, n]
     vitals = filtered.process_imus(
@@ -149,6 +156,10 @@ def messages():
     counts = filtered.received, filtered.malformed, filtered.not_reported, filtered.frame_changes
     moments = Moments()
     moments.add(imus['sample']['angular_velocity'], results['angular_velocity'])
+    moments.add_results(imus, results)
+    grouped, times = np.zeros((count, 2), '<u8'), np.array([2**64 - 1, 0], '<u8')
+    places = np.cumsum(np.bincount(channels[:count])) - np.bincount(channels[:count])
+    group_index(channels[:count], index[:count].view('<u8'), places, grouped, times)
     filter_, flags = MessageFilter(Parameters()), []
     for topic, _, _, data in rows:
         if topic == '/imu/data_raw':
@@ -157,10 +168,13 @@ def messages():
         'records': out[:size],
         'written': np.array(written),
         'counts': np.array(counts),
-        'samples': np.array([v.state['counts']['samples'] for v in vitals]),
+        'samples': np.array([repr(v.state) for v in vitals]),
         'counts_at_marks': np.array([v[:2] + v[3:5] for v in vitals]),
-        'mean': moments.statistics().mean,
-        'deviation': moments.statistics().deviation,
+        'means': np.array([s.mean for s in moments.statistics()]),
+        'deviations': np.array([s.deviation for s in moments.statistics()]),
+        'batches': np.concatenate((ends[:ended], batch)).view(np.int64),
+        'grouped': grouped,
+        'times': np.array([*times, *times_of(listed)]),
         'channels': channels[:count],
         'index': index[:count],
         'stamps': imus['sample']['stamp'],

@@ -23,8 +23,8 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType
 
 from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, MalformedMessageError, read_imu
-from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
-from gyro_drift_filter.bags.imu_kernels import IMU, PUBLISH, no_frame, read_imus
+from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.imu_kernels import PUBLISH
 from gyro_drift_filter.bags.mcap_reader import read_chunks, read_layout
 from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
@@ -34,7 +34,7 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
 from test.conftest import REPOSITORY
-from test.test_chunk_replay import START, write_mcap
+from test.test_chunk_replay import START, read_all, write_mcap
 from test.test_replay import TEXT, text
 
 CORPUS = Path(__file__).parent / 'corpus'
@@ -127,9 +127,7 @@ def check_cdr(data, folder):
         assert flags == 0
         return
     assert flags != 0
-    rows, imus, doubles = np.array([(0, 0, 0, len(data))], ROW), np.zeros(1, IMU), np.zeros(37)
-    room = doubles.view(np.uint8), doubles
-    read_imus(np.frombuffer(data, np.uint8), rows, room, no_frame(), imus)
+    imus = read_all(np.frombuffer(data, np.uint8), np.array([(0, 0, 0, len(data))], ROW))
     np.testing.assert_array_equal(imus[0]['sample']['angular_velocity'], imu.angular_velocity)
     assert imus[0]['sample']['stamp'] == imu.stamp
     if flags & PUBLISH:
@@ -151,11 +149,10 @@ def check_mcap(data, folder):
     with in_one_line(McapError):
         for chunk in read_chunks(path, layout, lambda place, data: data):
             rows = np.empty(len(chunk) // RECORD_BYTES + 1, ROW)
-            count = list_messages(chunk, rows)
+            count = list_messages(chunk, np.ones(CHANNELS, np.bool_), rows)
             rows = rows[: max(count, 0)]
             assert (rows['start'] + rows['size'] <= len(chunk)).all()
-            imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
-            read_imus(chunk, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
+            read_all(chunk, rows)
 
 
 def check_recovery(data, folder):

@@ -13,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 
 import gyro_drift_filter.bags.replay as replay_module
 from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
-from gyro_drift_filter.bags.chunk_kernels import ROW, list_messages
+from gyro_drift_filter.bags.chunk_kernels import CHANNELS, ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.mcap_reader import read_layout
@@ -192,8 +192,7 @@ def test_a_message_filter_tells_what_it_was_like(random):
     sizes = [len(message) for message in messages]
     rows = np.zeros(len(messages), ROW)
     rows['start'], rows['size'] = np.cumsum([0, *sizes[:-1]]), sizes
-    imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
-    read_imus(data, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
+    imus = read_all(data, rows)
     marks = sorted([0, 40, 40, 205, *random.integers(40, 500, 20).tolist(), 500])
     at_once, step_by_step = MessageFilter(Parameters()), MessageFilter(Parameters())
     results = np.zeros(len(rows), RESULT)
@@ -206,6 +205,15 @@ def test_a_message_filter_tells_what_it_was_like(random):
             step_by_step.step(messages[k])
     assert repr(told) == repr(expected)  # where NaN is like NaN
     assert len(told) == 24
+
+
+def read_all(data, rows):
+    """Return the IMUs of all messages that ROWs tell of."""
+    imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
+    room, places = (doubles.view(np.uint8), doubles), np.zeros(len(rows), np.int64)
+    ours = np.ones(CHANNELS, np.bool_)
+    assert read_imus(data, rows, ours, room, no_frame(), imus, places) == len(rows)
+    return imus
 
 
 MESSAGES = st.lists(
@@ -390,7 +398,7 @@ def test_any_bytes_as_a_chunk(data):
     """No record is found outside of the chunk."""
     array = np.frombuffer(data, np.uint8)
     rows = np.zeros(len(data) // 31 + 1, ROW)
-    count = list_messages(array, rows)
+    count = list_messages(array, np.ones(CHANNELS, np.bool_), rows)
     assert -1 <= count <= len(data) // 31
     for row in rows[: max(count, 0)]:
         assert 0 <= row['start'] <= row['start'] + row['size'] <= len(data)
@@ -404,10 +412,7 @@ def test_the_compiled_reader_of_imus_agrees_with_the_plain_one(junk, place, byte
     changed[place % len(changed)] = byte
     for message in (junk, bytes(changed)):
         rows = np.array([(0, 0, 0, len(message))], ROW)
-        imus = np.zeros(1, IMU)
-        doubles = np.zeros(37)
-        room, frame = (doubles.view(np.uint8), doubles), no_frame()
-        read_imus(np.frombuffer(message, np.uint8), rows, room, frame, imus)
+        imus = read_all(np.frombuffer(message, np.uint8), rows)
         try:
             wanted = read_imu(message)
         except MalformedMessageError:

@@ -24,6 +24,16 @@ ROW = np.dtype(
     align=True,
 )
 
+# Of messages that are filtered together.
+BATCH = np.dtype(
+    [
+        ('row', np.int64),  # behind its last message, where it has ended
+        ('first', np.int64),  # log time of the first one in ns
+        ('last', np.int64),  # of the last
+        ('count', np.int64),  # so far
+    ]
+)
+
 
 def place_in_result(field: str) -> int:
     """Return where the bytes of a field begin in a RESULT."""
@@ -31,6 +41,7 @@ def place_in_result(field: str) -> int:
     return RESULT.fields[field][1]
 
 
+CHANNELS = 2**16  # there may be
 _RECORD = 9  # opcode and length
 _MESSAGE = 0x05
 _MESSAGE_HEADER = 22  # channel, sequence, log time, publish time
@@ -41,10 +52,11 @@ RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
 
 
 @compiled
-def list_messages(data: Any, rows: Any) -> int:
+def list_messages(data: Any, known: Any, rows: Any) -> int:
     """Fill ROWs for the message records of a chunk; return their number, -1 for a broken chunk.
 
-    `rows` must hold as many as fit: one for 31 bytes.
+    `known` tells of each channel whether it counts. `rows` must hold as many as fit: one for 31
+    bytes.
     """
     place, count = 0, 0
     while place < len(data):
@@ -62,9 +74,69 @@ def list_messages(data: Any, rows: Any) -> int:
             row['log_time'] = unsigned(data, content + 6, 8, False)
             row['start'] = content + _MESSAGE_HEADER
             row['size'] = size - _MESSAGE_HEADER
-            count += 1
+            if known[row['channel']]:
+                count += 1
         place = content + size
     return count
+
+
+@compiled
+def times_of(rows: Any) -> tuple[int, int, bool]:
+    """Return the earliest and latest log time of ROWs (n >= 1), and whether they ascend."""
+    first = last = before = rows[0]['log_time']
+    ascend = True
+    for i in range(len(rows)):
+        time = rows[i]['log_time']
+        first, last = min(first, time), max(last, time)
+        ascend = ascend and time >= before
+        before = time
+    return first, last, ascend
+
+
+@compiled
+def end_batches(rows: Any, largest: int, span: int, batch: Any, ends: Any) -> int:
+    """Cut ROWs in the order of their log times into batches.
+
+    A batch ends before the message that is one more than the largest, or comes `span` ns after its
+    first one. The one under way is in `batch`, (1,) BATCH; what ended is written to `ends`, BATCHes
+    of which `row` is the place of the message that is not of it any more.
+
+    Returns:
+        How many ended.
+    """
+    now, ended = batch[0], 0
+    for i in range(len(rows)):
+        time = rows[i]['log_time']
+        if now['count'] > 0 and (now['count'] == largest or time - now['first'] >= span):
+            now['row'] = i
+            ends[ended] = now
+            ended += 1
+            now['count'] = 0
+        if now['count'] == 0:
+            now['first'] = time
+        now['count'] += 1
+        now['last'] = time
+    return ended
+
+
+@compiled
+def group_index(channels: Any, index: Any, places: Any, grouped: Any, times: Any) -> None:
+    """Sort the index of messages by their channels, each in its order.
+
+    Args:
+        channels: (n,) the channel of each.
+        index: (n, 2) unsigned.
+        places: Where the next one of each channel goes, by its number; it is moved on.
+        grouped: Room for the index.
+        times: (2,) earliest and latest log time; they are widened.
+    """
+    for i in range(len(channels)):
+        place = places[channels[i]]
+        grouped[place, 0] = index[i, 0]
+        grouped[place, 1] = index[i, 1]
+        places[channels[i]] = place + 1
+        times[0] = min(times[0], index[i, 0])
+        times[1] = max(times[1], index[i, 0])
 
 
 @compiled

@@ -11,7 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.chunk_kernels import (
+    BATCH,
+    CHANNELS,
+    RECORD_BYTES,
+    ROW,
+    end_batches,
+    list_messages,
+    times_of,
+)
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_reader import ChunkPlace, Layout, read_chunks, read_layout
@@ -27,7 +35,6 @@ from gyro_drift_filter.bags.replay_run import (
 )
 from gyro_drift_filter.core.compiled import is_compiled
 
-_CHANNELS = 2**16
 # What is filtered and laid out at once is at most as much, in messages and log time (ns): in the
 # latter as the state of the filter is kept for each report.
 _PIECE = 8192
@@ -87,109 +94,85 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
     Raises:
         BagError: A chunk is damaged, or the output can't be written.
     """
-    batches = _Batches()
+    pieces = _Pieces(file, run)
     done = 0
-    for piece in _pieces(file, run, batches):
-        run.take_piece(piece)
-        done += len(piece.rows)
+    for of_chunk in _chunks(file, pieces):
+        for piece in of_chunk:
+            run.take_piece(piece)
+            done += len(piece.rows)
         progress(done)
-    last = batches.last()
-    if last is not None:
-        run.end_batch(last.first, last.last)
+    under_way = pieces.batch[0]
+    if under_way['count'] > 0:
+        run.end_batch(int(under_way['first']), int(under_way['last']))
 
 
-def _pieces(file: ChunkedFile, run: ReplayRun, batches: '_Batches') -> Iterator[Piece]:
-    """Yield the messages of a file piece by piece."""
-    known = np.zeros(_CHANNELS, np.bool_)
-    ours, told = known.copy(), known.copy()
-    known[list(file.connections)] = True
-    for channel, connection in file.connections.items():
-        ours[channel] = run.is_ours(connection)
-        told[channel] = run.is_told_by(connection)
-    run.map_channels(file.connections, ours)
-    frame, doubles = no_frame(), np.zeros(37)
-    for data, all_rows in _chunks(file, known):
-        done = 0
-        while done < len(all_rows):
-            rows = all_rows[done : done + _PIECE]
-            # As a difference, for a sum may be beyond 63 bits.
-            times = rows['log_time'] - rows['log_time'][0]
-            rows = rows[: np.searchsorted(times, _PIECE_SPAN)]
-            done += len(rows)
-            of_imus = rows[ours[rows['channel']]]
-            imus = np.zeros(len(of_imus), IMU)
-            read_imus(data, of_imus, (doubles.view(np.uint8), doubles), frame, imus)
-            words: list[Word | BatchEnd] = [
-                Word(int(row), file.connections[int(rows[row]['channel'])])
-                for row in np.flatnonzero(told[rows['channel']])
-            ]
-            # Where a batch ends before a word, that comes first.
-            stops = sorted([*batches.ends(rows['log_time'].copy()), *words], key=_row)
-            yield Piece(data, rows, imus, stops)
-
-
-def _row(stop: Word | BatchEnd) -> int:
-    return stop.row
-
-
-def _chunks(
-    file: ChunkedFile, known: NDArray[np.bool_]
-) -> Iterator[tuple[NDArray[np.uint8], NDArray[Any]]]:
-    """Yield the records of each chunk, and ROWs of its messages in the order of their log times.
-
-    `known` tells of each channel whether it has a connection; others are left out.
-    """
-
-    def listed(
-        place: ChunkPlace, data: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
-        rows = _rows(place, data)
-        return data, rows[known[rows['channel']]]
-
+def _chunks(file: ChunkedFile, pieces: '_Pieces') -> Iterator[list[Piece]]:
     try:
-        yield from read_chunks(file.path, file.layout, listed)
+        yield from read_chunks(file.path, file.layout, pieces.of_chunk)
     except (McapError, OSError) as error:
         raise BagError(f'{file.path} is damaged and can be read no further: {error}') from error
 
 
-def _rows(place: ChunkPlace, data: NDArray[np.uint8]) -> NDArray[Any]:
-    """Return the ROWs of the messages of a chunk, in the order of their log times."""
-    room = np.empty(len(data) // RECORD_BYTES + 1, ROW)
-    count = list_messages(data, room)
-    rows = room[: max(count, 0)]
-    times = rows['log_time']
-    if count < 0 or (count and not place.first <= times.min() <= times.max() <= place.last):
-        raise McapError(f'the records in the chunk at byte {place.start} are not sound')
-    if (np.diff(times) < 0).any():
-        rows = rows[np.argsort(times, kind='stable')]
-    return rows
+class _Pieces:
+    """Make pieces of the chunks of a file, in their order.
+
+    Attributes:
+        batch: (1,) BATCH, the one under way.
+    """
+
+    def __init__(self, file: ChunkedFile, run: ReplayRun) -> None:
+        self._connections = file.connections
+        self._known, self._ours, self._told = np.zeros((3, CHANNELS), np.bool_)
+        self._known[list(file.connections)] = True
+        for channel, connection in file.connections.items():
+            self._ours[channel] = run.is_ours(connection)
+            self._told[channel] = run.is_told_by(connection)
+        run.map_channels(file.connections, self._ours)
+        self.batch = np.zeros(1, BATCH)
+        self._frame, doubles = no_frame(), np.zeros(37)
+        self._room = doubles.view(np.uint8), doubles
+
+    def of_chunk(self, place: ChunkPlace, data: NDArray[np.uint8]) -> list[Piece]:
+        """Return the messages of a chunk, its records, in the order of their log times.
+
+        Raises:
+            McapError: The records are not sound.
+        """
+        rows, done, pieces = self._rows(place, data), 0, []
+        while done < len(rows):
+            coming = rows[done : done + _PIECE]
+            limit = int(coming[0]['log_time']) + _PIECE_SPAN
+            if int(coming[-1]['log_time']) >= limit:
+                coming = coming[: np.searchsorted(coming['log_time'], limit)]
+            pieces.append(self._piece(data, coming))
+            done += len(coming)
+        return pieces
+
+    def _rows(self, place: ChunkPlace, data: NDArray[np.uint8]) -> NDArray[Any]:
+        """Return the ROWs of the messages of a chunk, in the order of their log times."""
+        room = np.empty(len(data) // RECORD_BYTES + 1, ROW)
+        count = list_messages(data, self._known, room)
+        rows = room[: max(count, 0)]
+        first, last, ascend = times_of(rows) if count > 0 else (place.first, place.last, True)
+        if count < 0 or not place.first <= first <= last <= place.last:
+            raise McapError(f'the records in the chunk at byte {place.start} are not sound')
+        return rows if ascend else rows[np.argsort(rows['log_time'], kind='stable')]
+
+    def _piece(self, data: NDArray[np.uint8], rows: NDArray[Any]) -> Piece:
+        imus, places = np.zeros(len(rows), IMU), np.empty(len(rows), np.int64)
+        count = read_imus(data, rows, self._ours, self._room, self._frame, imus, places)
+        ends = np.empty(len(rows), BATCH)
+        ended = end_batches(rows, LARGEST_BATCH, BATCH_SPAN, self.batch, ends)
+        stops: list[Word | BatchEnd] = [BatchEnd(*end[:3]) for end in ends[:ended].tolist()]
+        if self._told.any():
+            stops += [
+                Word(int(row), self._connections[int(rows[row]['channel'])])
+                for row in np.flatnonzero(self._told[rows['channel']])
+            ]
+            # Where a batch ends before a word, that comes first.
+            stops.sort(key=_row)
+        return Piece(data, rows, imus[:count], places[:count], stops)
 
 
-class _Batches:
-    """Cut messages into batches as the general path does, across the ends of chunks."""
-
-    def __init__(self) -> None:
-        self._count = 0
-        self._first = self._last = 0
-
-    def ends(self, times: NDArray[np.int64]) -> Iterator[BatchEnd]:
-        """Yield the ends of batches before the messages with these log times (ns)."""
-        place = 0
-        while place < len(times):
-            following = int(times[place])
-            full = self._count == LARGEST_BATCH
-            if self._count and (full or following - self._first >= BATCH_SPAN):
-                yield BatchEnd(place, self._first, self._last)
-                self._count = 0
-            if self._count == 0:
-                self._first = following
-            coming = times[place : place + LARGEST_BATCH - self._count]
-            # As a difference, for the sum may be beyond 63 bits.
-            taken = int(np.searchsorted(coming - self._first, BATCH_SPAN))
-            self._count += taken
-            self._last = int(coming[taken - 1])
-            place += taken
-
-    def last(self) -> BatchEnd | None:
-        """Return the end of the batch under way, None before the first message."""
-        return BatchEnd(0, self._first, self._last) if self._count else None
+def _row(stop: Word | BatchEnd) -> int:
+    return stop.row

@@ -78,16 +78,30 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
 
 
 @compiled
-def read_imus(data: Any, rows: Any, doubles: Any, frame: Any, imus: Any) -> None:
-    """Read the Imus that ROWs tell of into `imus`, an array of IMU.
+def read_imus(
+    data: Any, rows: Any, ours: Any, doubles: Any, frame: Any, imus: Any, places: Any
+) -> int:
+    """Read Imus that stand in a chunk; return how many there are.
 
-    `doubles` is room for the 37 doubles of one message, as bytes (296,) and as numbers (37,);
-    `frame` is (1,) FRAME, of the message before.
+    Args:
+        data: The chunk.
+        rows: Its messages, ROWs of `chunk_kernels`.
+        ours: By channel, whether it is of Imus.
+        doubles: Room for the 37 doubles of one message, as bytes (296,) and as numbers (37,).
+        frame: (1,) FRAME, of the message before.
+        imus: Room for them, IMU, zeros.
+        places: Room for the place of each in `rows`.
     """
+    count = 0
     for i in range(len(rows)):
+        if not ours[rows[i]['channel']]:
+            continue
         start = rows[i]['start']
-        read_one(data, start, rows[i]['size'], doubles[0], doubles[1], imus[i])
-        imus[i]['new_frame'] = _note_frame(data, start, imus[i], frame[0])
+        read_one(data, start, rows[i]['size'], doubles[0], doubles[1], imus[count])
+        imus[count]['new_frame'] = _note_frame(data, start, imus[count], frame[0])
+        places[count] = i
+        count += 1
+    return count
 
 
 @compiled

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import BinaryIO, NamedTuple, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -130,14 +130,15 @@ def read_chunks(
         OSError: The file can't be read.
     """
 
-    def prepared(record: bytes, place: ChunkPlace) -> Prepared:
-        return prepare(place, np.frombuffer(_decompressed(record, place), np.uint8))
+    def prepared(file: BinaryIO, place: ChunkPlace) -> Prepared:
+        file.seek(place.start)
+        data = _decompressed(file.read(place.length), place)
+        return prepare(place, np.frombuffer(data, np.uint8))
 
     with path.open('rb') as file, ThreadPoolExecutor(1) as worker:
         ready: Future[Prepared] | None = None
         for place in layout.chunks:
-            file.seek(place.start)
-            coming = worker.submit(prepared, file.read(place.length), place)
+            coming = worker.submit(prepared, file, place)
             if ready is not None:
                 yield ready.result()
             ready = coming

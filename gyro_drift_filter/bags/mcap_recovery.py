@@ -12,7 +12,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
 from gyro_drift_filter.bags.mcap_records import (
     CHANNEL,
     CHUNK,
@@ -102,14 +102,12 @@ def _take_records(writer: McapWriter, data: bytes) -> None:
     whole = _whole(writer, data)
     array = np.frombuffer(data, np.uint8)[:whole]
     rows = np.empty(whole // RECORD_BYTES + 1, ROW)
-    count = list_messages(array, rows)
+    known = np.zeros(CHANNELS, np.bool_)
+    known[list(writer.counts)] = True
+    count = list_messages(array, known, rows)
     if count < 0:
         raise McapError('holds records that are not sound')
-    rows = rows[:count]
-    known = np.zeros(2**16, np.bool_)
-    known[list(writer.counts)] = True
-    rows = rows[known[rows['channel']]]
-    _write(writer, array, rows)
+    _write(writer, array, rows[:count])
 
 
 def _whole(writer: McapWriter, data: bytes) -> int:

@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.chunk_kernels import group_index
 from gyro_drift_filter.bags.library import (
     CompressionMode,
     Connection,
@@ -43,7 +44,6 @@ from gyro_drift_filter.bags.mcap_records import (
 CHUNK_BYTES = 2**20
 # Chunks on their way to the disk.
 _PENDING = 3
-_INDEX_BYTES = 16  # a message, in the index of its channel
 
 
 class McapWriter:
@@ -64,7 +64,8 @@ class McapWriter:
         self.path = path
         self._compression = compression
         self._file: BinaryIO = self.path.open('xb')
-        self._file.write(MAGIC + record(HEADER, text('ros2'), text('gyro_drift_filter')))
+        self._place = 0
+        self._write(MAGIC + record(HEADER, text('ros2'), text('gyro_drift_filter')))
         self._schemas: dict[int, bytes] = {}
         self._channels: dict[int, bytes] = {}
         self.counts: dict[int, int] = {}
@@ -84,6 +85,10 @@ class McapWriter:
         self._channels[key] = channel
         self.counts[key] = 0
         self._append(channel)
+
+    def _write(self, data: bytes) -> None:
+        self._file.write(data)
+        self._place += len(data)
 
     def _start_chunk(self) -> None:
         self._pieces: list[Any] = []
@@ -118,6 +123,7 @@ class McapWriter:
             index: (n, 2) log time in ns and place of each, as in a MESSAGE_INDEX; it is changed.
         """
         self._settle_entries()
+        channels, index = np.ascontiguousarray(channels, np.int64), np.ascontiguousarray(index)
         ends = np.append(index[1:, 1], len(records)).astype(np.int64)
         done = written = 0
         while done < len(channels):
@@ -134,7 +140,8 @@ class McapWriter:
         """Keep single messages and bulks in their order."""
         if self._entries:
             entries = np.array(self._entries, np.uint64).astype(np.int64)
-            self._indexes.append((entries[:, 0], entries[:, 1:]))
+            channels, index = entries[:, 0], entries[:, 1:]
+            self._indexes.append((np.ascontiguousarray(channels), np.ascontiguousarray(index)))
             self._entries = []
 
     def _close_chunk(self) -> None:
@@ -156,27 +163,32 @@ class McapWriter:
 
         `indexes` has channels and index of the messages, piece by piece.
         """
-        channels = np.concatenate([np.empty(0, np.int64), *(channels for channels, _ in indexes)])
-        index = np.concatenate([np.empty((0, 2), '<i8'), *(index for _, index in indexes)])
-        times = index.view('<u8')[:, 0]
-        first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
         data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
+        numbers = np.zeros(max(self.counts, default=0) + 1, np.int64)
+        for channels, _ in indexes:
+            numbers += np.bincount(channels, minlength=len(numbers))
+        ends = np.cumsum(numbers)
+        grouped, places = np.empty((ends[-1], 2), '<u8'), ends - numbers
+        times = np.array([2**64 - 1, 0], '<u8')
+        for channels, index in indexes:
+            group_index(channels, index.view('<u8'), places, grouped, times)
+        first, last = times.tolist() if len(grouped) else (0, 0)
         compression = self._compression
         packed = zstd.compress(data, ZSTD_LEVEL) if compression else data
         head = CHUNK_HEAD.pack(first, last, len(data), crc32(data), len(compression))
         head += compression.encode() + struct.pack('<Q', len(packed))
-        start = self._file.tell()
+        start = self._place
         parts = [PREFIX.pack(CHUNK, len(head) + len(packed)), head, packed]
         place = end = start + sum(map(len, parts))
         offsets = b''
-        for channel in np.flatnonzero(np.bincount(channels)).tolist():
-            content = index[channels == channel].tobytes()
+        for channel in np.flatnonzero(numbers).tolist():
+            content = grouped[ends[channel] - numbers[channel] : ends[channel]].tobytes()
             offsets += struct.pack('<HQ', channel, place)
             parts.append(record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content))
             place += len(parts[-1])
-            self.counts[channel] += len(content) // _INDEX_BYTES
-        self._file.writelines(parts)
-        if len(times):
+            self.counts[channel] += int(numbers[channel])
+        self._write(b''.join(parts))
+        if len(grouped):
             self.first, self.last = min(self.first, first), max(self.last, last)
         self._chunk_indexes.append(
             record(
@@ -200,8 +212,8 @@ class McapWriter:
         """Write what is left, a METADATA record called 'rosbag2', and the summary; close."""
         self.flush()
         self._worker.shutdown()
-        place = self._file.tell()
-        self._file.write(metadata + record(DATA_END, struct.pack('<I', 0)))
+        place = self._place
+        self._write(metadata + record(DATA_END, struct.pack('<I', 0)))
         index = record(METADATA_INDEX, struct.pack('<QQ', place, len(metadata)), text('rosbag2'))
         self._write_summary(index if metadata else b'')
         self._file.close()
@@ -222,7 +234,7 @@ class McapWriter:
             METADATA_INDEX: metadata_index,
             STATISTICS: statistics,
         }
-        start = place = self._file.tell()
+        start = place = self._place
         summary = b''.join(groups.values())
         offsets = b''
         for opcode, group in groups.items():
@@ -232,7 +244,7 @@ class McapWriter:
         # The checksum is of all from the begin of the summary to its own place in the footer.
         footer = PREFIX.pack(FOOTER, FOOTER_FIELDS.size) + struct.pack('<QQ', start, place)
         checksum = crc32(summary + offsets + footer)
-        self._file.write(summary + offsets + footer + struct.pack('<I', checksum) + MAGIC)
+        self._write(summary + offsets + footer + struct.pack('<I', checksum) + MAGIC)
 
     def abort(self) -> None:
         """Close the file as it is."""

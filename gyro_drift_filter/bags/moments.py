@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.cdr import GOOD
 from gyro_drift_filter.core.compiled import compiled
-from gyro_drift_filter.core.filter import LARGEST_RATE
+from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
 
 _SUMS = np.dtype(
     [('count', np.int64), ('mean', np.float64, (3,)), ('squares', np.float64, (3,))], align=True
@@ -15,22 +16,44 @@ _SUMS = np.dtype(
 
 
 @compiled
-def add_samples(raw: Any, values: Any, sums: Any) -> None:
-    """Add rows of values (n, 3) where those of `raw` (n, 3) are usable rates (Welford)."""
-    counted = sums[0]
-    for i in range(len(values)):
-        if not (
-            abs(raw[i, 0]) <= LARGEST_RATE
-            and abs(raw[i, 1]) <= LARGEST_RATE
-            and abs(raw[i, 2]) <= LARGEST_RATE
-        ):
-            continue
-        counted['count'] += 1
-        share = 1.0 / counted['count']
-        for axis in range(3):
-            distance = values[i, axis] - counted['mean'][axis]
-            counted['mean'][axis] += share * distance
-            counted['squares'][axis] += distance * (values[i, axis] - counted['mean'][axis])
+def add_samples(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
+    """Add rates (n, 3) as they came and filtered, where the former are usable."""
+    for i in range(len(raw)):
+        _add(raw[i], filtered[i], raw_sums[0], filtered_sums[0])
+
+
+@compiled
+def add_results(imus: Any, results: Any, raw_sums: Any, filtered_sums: Any) -> None:
+    """Add the rates of IMUs (n,) and of their RESULTs (n,), where there is one."""
+    for i in range(len(imus)):
+        if imus[i]['kind'] == GOOD and results[i]['status'] != REFUSED:
+            _add(
+                imus[i]['sample']['angular_velocity'],
+                results[i]['angular_velocity'],
+                raw_sums[0],
+                filtered_sums[0],
+            )
+
+
+@compiled
+def _add(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
+    if not (
+        abs(raw[0]) <= LARGEST_RATE and abs(raw[1]) <= LARGEST_RATE and abs(raw[2]) <= LARGEST_RATE
+    ):
+        return
+    _add_values(raw, raw_sums)
+    _add_values(filtered, filtered_sums)
+
+
+@compiled
+def _add_values(values: Any, sums: Any) -> None:
+    """Add values (3,), by Welford's formulas."""
+    sums['count'] += 1
+    share = 1.0 / sums['count']
+    for axis in range(3):
+        distance = values[axis] - sums['mean'][axis]
+        sums['mean'][axis] += share * distance
+        sums['squares'][axis] += distance * (values[axis] - sums['mean'][axis])
 
 
 @dataclass(frozen=True)
@@ -42,18 +65,26 @@ class Statistics:
 
 
 class Moments:
-    """Mean and standard deviation per axis, however the samples are cut into batches."""
+    """Of rates as they came and filtered, however the samples are cut into batches."""
 
     def __init__(self) -> None:
-        self._sums = np.zeros(1, _SUMS)
+        self._sums = np.zeros(1, _SUMS), np.zeros(1, _SUMS)
 
-    def add(self, raw: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        """Add values (n, 3) in rad/s of the samples whose raw rates (n, 3) are all usable."""
-        add_samples(np.ascontiguousarray(raw), np.ascontiguousarray(values), self._sums)
+    def add(self, raw: NDArray[np.float64], filtered: NDArray[np.float64]) -> None:
+        """Add samples (n, 3) in rad/s as they came, where they are usable rates, and filtered."""
+        add_samples(np.ascontiguousarray(raw), np.ascontiguousarray(filtered), *self._sums)
 
-    def statistics(self) -> Statistics:
-        """Return what they come to."""
-        sums = self._sums[0]
-        if sums['count'] == 0:
-            return Statistics(np.full(3, np.nan), np.full(3, np.nan))
-        return Statistics(sums['mean'].copy(), np.sqrt(sums['squares'] / sums['count']))
+    def add_results(self, imus: NDArray[Any], results: NDArray[Any]) -> None:
+        """Add IMUs (n,) of `imu_kernels`, and the RESULT (n,) of those that have one."""
+        add_results(imus, results, *self._sums)
+
+    def statistics(self) -> tuple[Statistics, Statistics]:
+        """Return what they come to: as they came, and filtered."""
+        raw, filtered = self._sums
+        return _statistics(raw[0]), _statistics(filtered[0])
+
+
+def _statistics(sums: Any) -> Statistics:
+    if sums['count'] == 0:
+        return Statistics(np.full(3, np.nan), np.full(3, np.nan))
+    return Statistics(sums['mean'].copy(), np.sqrt(sums['squares'] / sums['count']))

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.cdr import (
-    GOOD,
     IMU_TYPE,
     VECTOR_TYPE,
 )
@@ -33,7 +32,7 @@ from gyro_drift_filter.bags.recording import (
 )
 from gyro_drift_filter.bags.vitals import Vitals
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.filter import REFUSED, RESULT
+from gyro_drift_filter.core.filter import RESULT
 
 DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -142,12 +141,14 @@ class Piece(NamedTuple):
         data: The chunk's records, bytes.
         rows: Where each message stands, ROWs of `chunk_kernels`.
         imus: What those of the Imu topic hold, IMUs of `imu_kernels`.
+        places: Where each of these is among the messages.
         stops: Before which messages the filter has to stop, in their order, and what for.
     """
 
     data: NDArray[np.uint8]
     rows: NDArray[Any]
     imus: NDArray[Any]
+    places: NDArray[np.int64]
     stops: list[Word | BatchEnd]
 
 
@@ -193,7 +194,7 @@ class ReplayRun:
         }
         self._at_rest = np.array([-1.0])
         self._health = Health()
-        self._raw, self._filtered = Moments(), Moments()
+        self._moments = Moments()
         self._written = 0
         self._began = self._reported = self._now = -1  # log times in ns
         names = SAMPLE_TOPICS if diagnostics else ()
@@ -302,41 +303,34 @@ class ReplayRun:
 
     def take_piece(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it: as `take` does, at once."""
-        of_imus = self._ours[piece.rows['channel']]
         results = np.empty(len(piece.imus), RESULT)
-        reports = self._process_piece(piece, of_imus, results)
-        self._write_piece(piece, of_imus, results, reports)
-        # Where there is no result, it tells nothing.
-        good = (piece.imus['kind'] == GOOD) & (results['status'] != REFUSED)
-        raw = np.ascontiguousarray(piece.imus['sample']['angular_velocity'])
-        filtered = np.ascontiguousarray(results['angular_velocity'])
-        if not good.all():
-            raw, filtered = raw[good], filtered[good]
-        self._add_up_rates(raw, filtered)
+        reports = self._process_piece(piece, results)
+        self._write_piece(piece, results, reports)
+        self._moments.add_results(piece.imus, results)
 
     def _process_piece(
-        self, piece: Piece, of_imus: NDArray[np.bool_], results: NDArray[Any]
+        self, piece: Piece, results: NDArray[Any]
     ) -> list[tuple[int, _Moment, Vitals]]:
         """Filter the Imu messages of a piece.
 
         Returns:
             For each report to be written the row that it stands before, when, and of what.
         """
-        data, rows, imus, stops = piece
-        before, places = np.concatenate(([0], np.cumsum(of_imus))), np.flatnonzero(of_imus)
+        data, rows, imus, places, stops = piece
+        befores = np.searchsorted(places, [stop.row for stop in stops]).tolist()
 
         def message(k: int) -> bytes:
             return payload(data, rows[places[k]])
 
         reports, due, marks, done = [], [], [], 0
-        for stop in [*stops, None]:
+        for stop, before in zip([*stops, None], [*befores, len(imus)], strict=True):
             if isinstance(stop, BatchEnd):
                 moment = self._moment_if_due(stop.first, stop.last)
                 if moment is not None:
                     due.append((stop.row, moment))
-                    marks.append(int(before[stop.row]))
+                    marks.append(before)
                 continue
-            part = range(done, len(imus) if stop is None else int(before[stop.row]))
+            part = range(done, before)
             vitals = self._filter.process_imus(imus, part, message, results, marks)
             reports += [(*when, what) for when, what in zip(due, vitals, strict=True)]
             due, marks, done = [], [], part.stop
@@ -347,21 +341,20 @@ class ReplayRun:
     def _write_piece(
         self,
         piece: Piece,
-        of_imus: NDArray[np.bool_],
         results: NDArray[Any],
         reports: list[tuple[int, _Moment, Vitals]],
     ) -> None:
         """Write a piece that has been filtered, with the reports on it."""
-        data, rows, imus, _ = piece
+        data, rows, imus, places, _ = piece
         texts = [self._report(moment, vitals) for _, moment, vitals in reports]
-        places = np.zeros((len(reports), 3), np.int64)
-        places[:, 0] = [row for row, _, _ in reports]
-        places[:, 1] = [moment.time for _, moment, _ in reports]
-        places[:, 2] = np.cumsum([len(text) for text in texts])
+        told = np.zeros((len(reports), 3), np.int64)
+        told[:, 0] = [row for row, _, _ in reports]
+        told[:, 1] = [moment.time for _, moment, _ in reports]
+        told[:, 2] = np.cumsum([len(text) for text in texts])
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
         made = 1 + len(self._samples) + 1
         count = len(rows) + made * len(imus) + len(reports)
-        sizes = int(rows['size'].sum()) + made * int(rows['size'][of_imus].sum())
+        sizes = int(rows['size'].sum()) + made * int(rows['size'][places].sum())
         out = np.empty(sizes + sum(map(len, texts)) + count * RECORD_BYTES, np.uint8)
         channels, index = np.empty(count, np.int64), np.empty((count, 2), np.int64)
         size, count, written = lay_out(
@@ -377,7 +370,7 @@ class ReplayRun:
             0 if self._rest is None else self._rest.id,
             self._at_rest,
             self._reports.id,
-            places,
+            told,
             np.frombuffer(b''.join(texts), np.uint8),
             out,
             channels,
@@ -418,20 +411,17 @@ class ReplayRun:
     def _add_up(self, outcomes: list[Outcome]) -> None:
         rows = [o for o in outcomes if o.data is not None and o.result is not None]
         if rows:
-            self._add_up_rates(
+            self._moments.add(
                 np.array([o.imu.angular_velocity for o in rows if o.imu is not None]),
                 np.array([o.result['angular_velocity'] for o in rows]),
             )
-
-    def _add_up_rates(self, raw: NDArray[np.float64], filtered: NDArray[np.float64]) -> None:
-        self._raw.add(raw, raw)
-        self._filtered.add(raw, filtered)
 
     def finish(self) -> Summary:
         """Write the last report and return what was done."""
         if self._began >= 0 and (self._now > self._reported or self._now == self._began):
             self._write_report(self._moment())
         state = self._filter.filter.state
+        raw, filtered = self._moments.statistics()
         return Summary(
             topic=self._topic,
             output_topic=self._topics.filtered,
@@ -440,8 +430,8 @@ class ReplayRun:
             not_reported=self._filter.not_reported,
             left_out=self._left_out,
             outliers=state['counts']['outliers'].copy(),
-            raw=self._raw.statistics(),
-            filtered=self._filtered.statistics(),
+            raw=raw,
+            filtered=filtered,
             period=float(state['clock']['period']),
             # Other topics may go on for longer, so that nothing is told of the rate.
             status=Health().report(

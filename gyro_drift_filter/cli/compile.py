@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import EXAMPLE
-from gyro_drift_filter.bags.chunk_kernels import ROW, lay_out, list_messages
+from gyro_drift_filter.bags.chunk_kernels import (
+    BATCH,
+    ROW,
+    end_batches,
+    group_index,
+    lay_out,
+    list_messages,
+    times_of,
+)
 from gyro_drift_filter.bags.diagnostics import diagnostic_array
 from gyro_drift_filter.bags.health import Health
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
@@ -71,19 +79,24 @@ def compile_all() -> None:
     rescale_adaptive(messages.filter.state['adaptive'][0], 1.0)
     start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
     data = np.frombuffer(EXAMPLE, np.uint8)
-    rows, imus, doubles = np.zeros(0, ROW), np.zeros(1, IMU), np.zeros(37)
-    list_messages(data[:0], rows)
-    read_imus(data, rows, (doubles.view(np.uint8), doubles), no_frame(), imus)
+    rows, imus, doubles = np.zeros(1, ROW), np.zeros(1, IMU), np.zeros(37)
+    no, none = np.zeros(1, np.bool_), np.zeros(1, np.int64)
+    list_messages(data[:0], no, rows)
+    times_of(rows)
+    end_batches(rows, 1, 1, np.zeros(1, BATCH), np.zeros(1, BATCH))
+    read_imus(data, rows, no, (doubles.view(np.uint8), doubles), no_frame(), imus, none)
+    index = np.zeros((0, 2), '<u8')
+    group_index(none[:0], index, none, index, np.zeros(2, '<u8'))
     results = np.zeros(1, RESULT)
     messages.process_imus(imus, range(1), bytes, results)
     lay_out(
         data,
         rows,
-        np.zeros(0, np.int64),
-        np.zeros(0, np.bool_),
+        none,
+        no,
         imus,
         results,
-        np.zeros((0, 0), np.uint8),
+        np.zeros((1, 0), np.uint8),
         0,
         np.zeros((0, 2), np.int64),
         0,
@@ -97,4 +110,5 @@ def compile_all() -> None:
     )
     diagnostic_array(0, Health().report(messages.vitals(), 1.0))
     Moments().add(np.zeros((0, 3)), np.zeros((0, 3)))
+    Moments().add_results(imus[:0], results[:0])
     note_all_compiled()

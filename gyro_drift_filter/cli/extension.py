@@ -15,10 +15,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.bags.chunk_kernels import lay_out, list_messages
+from gyro_drift_filter.bags.chunk_kernels import (
+    end_batches,
+    group_index,
+    lay_out,
+    list_messages,
+    times_of,
+)
 from gyro_drift_filter.bags.diagnostics import lay_out_statuses
 from gyro_drift_filter.bags.imu_kernels import filter_imus, filter_message, read_imus
-from gyro_drift_filter.bags.moments import add_samples
+from gyro_drift_filter.bags.moments import add_results, add_samples
 from gyro_drift_filter.core.compiled import (
     EXTENSION,
     cache_directory,
@@ -30,15 +36,19 @@ from gyro_drift_filter.core.errors import GyroDriftFilterError, printable, reaso
 from gyro_drift_filter.core.filter import run_samples, step_sample
 
 _KERNELS: tuple[Any, ...] = (
+    add_results,
     add_samples,
+    end_batches,
     filter_imus,
     filter_message,
+    group_index,
     lay_out,
     lay_out_statuses,
     list_messages,
     read_imus,
     run_samples,
     step_sample,
+    times_of,
 )
 _PREFIX = 'build_'
 _LEFT_SECONDS = 3600.0  # a folder of a build that is older is one that was killed
