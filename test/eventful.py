@@ -94,7 +94,7 @@ def messages():
         place_in_result,
         times_of,
     )
-    from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
+    from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
     from gyro_drift_filter.bags.mcap_records import MESSAGE, PREFIX
     from gyro_drift_filter.bags.message_filter import MessageFilter
     from gyro_drift_filter.bags.moments import Moments
@@ -120,8 +120,7 @@ def messages():
     listed = listed[:count]
     ours = np.zeros(8, np.bool_)
     ours[1 + topics.index('/imu/data_raw')] = True
-    imus, doubles = np.zeros(count, IMU), np.zeros(37)
-    room, places = (doubles.view(np.uint8), doubles), np.zeros(count, np.int64)
+    imus, room, places = np.zeros(count, IMU), room_for_doubles(), np.zeros(count, np.int64)
     n = read_imus(chunk, listed, ours, room, no_frame(), imus, places)
     imus, mine = imus[:n], listed[places[:n]]
     batch, ends = np.zeros(1, BATCH), np.zeros(count, BATCH)
@@ -142,6 +141,7 @@ def messages():
         imus,
         results,
         results.view(np.uint8).reshape(n, -1),
+        room,
         9,
         np.array([[10, place_in_result('innovation')], [11, place_in_result('bias')]]),
         12,

@@ -194,4 +194,9 @@ def test_diagnostics_are_what_rosbags_writes(stamp, statuses):
         ],
     )
     wanted = bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray'))
-    assert diagnostic_array(stamp, [DiagnosticStatus(*status) for status in statuses]) == wanted
+    found = [
+        DiagnosticStatus(*status, ''.join(f'{key}\0{value}\0' for key, value in values.items()))
+        for *status, values in statuses
+    ]
+    assert [status.values for status in found] == [values for *_, values in statuses]
+    assert diagnostic_array(stamp, found) == wanted

@@ -15,10 +15,11 @@ import gyro_drift_filter.bags.replay as replay_module
 from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
 from gyro_drift_filter.bags.chunk_kernels import CHANNELS, ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.mcap_reader import read_layout
 from gyro_drift_filter.bags.message_filter import MessageFilter
-from gyro_drift_filter.bags.recording import BagError, message_type, open_bag, serialize
+from gyro_drift_filter.bags.message_types import message_type, serialize
+from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import ReplayRun
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
@@ -209,10 +210,9 @@ def test_a_message_filter_tells_what_it_was_like(random):
 
 def read_all(data, rows):
     """Return the IMUs of all messages that ROWs tell of."""
-    imus, doubles = np.zeros(len(rows), IMU), np.zeros(37)
-    room, places = (doubles.view(np.uint8), doubles), np.zeros(len(rows), np.int64)
+    imus, places = np.zeros(len(rows), IMU), np.zeros(len(rows), np.int64)
     ours = np.ones(CHANNELS, np.bool_)
-    assert read_imus(data, rows, ours, room, no_frame(), imus, places) == len(rows)
+    assert read_imus(data, rows, ours, room_for_doubles(), no_frame(), imus, places) == len(rows)
     return imus
 
 

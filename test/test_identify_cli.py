@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from gyro_drift_filter.bags.recording import message_type, serialize
+from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters

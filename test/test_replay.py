@@ -522,7 +522,7 @@ def test_a_file_that_could_not_be_written_once_is_not_written_on(tmp_path, monke
         writer.write_message(1, k, b'a message')
         with monkeypatch.context() as patch:
             if k == 0:
-                patch.setattr(writer, '_file', Mock(wraps=writer._file, writelines=full))
+                patch.setattr(writer, '_file', Mock(wraps=writer._file, write=full))
             with pytest.raises(OSError, match='no space'):
                 writer.flush()
     writer.abort()

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.bags.cdr import VECTOR_TYPE
+from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
-from gyro_drift_filter.bags.recording import BagError, message_type, serialize
+from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.core import Filter, Parameters

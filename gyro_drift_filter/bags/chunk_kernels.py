@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import GOOD, NOT_REPORTED
-from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, PATCHED, RATE, unsigned
+from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, patch_rate, unsigned
 from gyro_drift_filter.core.compiled import compiled
 from gyro_drift_filter.core.filter import REFUSED, RESULT
 
@@ -46,8 +46,6 @@ _RECORD = 9  # opcode and length
 _MESSAGE = 0x05
 _MESSAGE_HEADER = 22  # channel, sequence, log time, publish time
 _VECTOR_BYTES = 24
-_ANGULAR_VELOCITY = place_in_result('angular_velocity')
-_VARIANCE = place_in_result('angular_velocity_variance')
 RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
 
 
@@ -182,6 +180,7 @@ def lay_out(
     imus: Any,
     results: Any,
     raw: Any,
+    room: Any,
     channel: int,
     vectors: Any,
     rest_channel: int,
@@ -203,6 +202,7 @@ def lay_out(
         imus: For each message of that, in order: IMU, and where it is good
         results: what the filter made of it, RESULT, and
         raw: the same as bytes.
+        room: As of `room_for_doubles`.
         channel: Of the filtered topic.
         vectors: (m, 2) of the topics of every sample: channel, and place of the field in RESULT.
         rest_channel: Of `at_rest`, 0 for none, and
@@ -247,7 +247,7 @@ def lay_out(
         written += 1
         if imu['kind'] != GOOD:
             continue
-        _patch_rate(out, begin + imu['doubles'], raw, k, imu['big_endian'])
+        patch_rate(out, begin + imu['doubles'], results[k], room, imu['big_endian'])
         for m in range(len(vectors)):
             name = imu['frame_size'] + 1
             padding = -(HEADER + name) % 8
@@ -280,17 +280,3 @@ def _is_written(imu: Any, result: Any) -> bool:
     if imu['kind'] == GOOD:
         return bool(result['status'] != REFUSED)
     return bool(imu['kind'] == NOT_REPORTED)
-
-
-@compiled
-def _patch_rate(out: Any, doubles: int, raw: Any, k: int, big_endian: bool) -> None:
-    """Write rate and diagonal covariance of a result among the 37 doubles of a message."""
-    place = doubles + 8 * RATE
-    for b in range(8 * 3, 8 * PATCHED):
-        out[place + b] = 0
-    for axis in range(3):
-        covariance = place + 8 * (3 + 4 * axis)
-        for b in range(8):
-            source = 8 * axis + (7 - b if big_endian else b)
-            out[place + 8 * axis + b] = raw[k, _ANGULAR_VELOCITY + source]
-            out[covariance + b] = raw[k, _VARIANCE + source]

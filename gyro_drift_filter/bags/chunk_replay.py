@@ -20,7 +20,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_reader import ChunkPlace, Layout, read_chunks, read_layout
 from gyro_drift_filter.bags.mcap_records import McapError
@@ -129,8 +129,7 @@ class _Pieces:
             self._told[channel] = run.is_told_by(connection)
         run.map_channels(file.connections, self._ours)
         self.batch = np.zeros(1, BATCH)
-        self._frame, doubles = no_frame(), np.zeros(37)
-        self._room = doubles.view(np.uint8), doubles
+        self._frame, self._room = no_frame(), room_for_doubles()
 
     def of_chunk(self, place: ChunkPlace, data: NDArray[np.uint8]) -> list[Piece]:
         """Return the messages of a chunk, its records, in the order of their log times.

@@ -2,7 +2,6 @@
 
 import struct
 from collections.abc import Sequence
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,12 +12,26 @@ _ENCAPSULATION = b'\x00\x01\x00\x00'
 
 
 class DiagnosticStatus(NamedTuple):
-    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id."""
+    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id.
+
+    Attributes:
+        level: OK, WARN, ERROR or STALE.
+        name: Of the part that it is on.
+        message: What is the matter.
+        listed: Its values: key and value in turn, each with a zero byte behind it; to make them
+            one by one takes much longer.
+    """
 
     level: int
     name: str
     message: str
-    values: dict[str, str]
+    listed: str
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values by their keys."""
+        texts = iter(self.listed.split('\0')[:-1])
+        return dict(zip(texts, texts, strict=True))
 
 
 def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
@@ -29,16 +42,12 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
         statuses: What it holds; there is no zero byte in its texts.
     """
     seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    texts: list[str] = []
-    for status in statuses:
-        texts += status.name, status.message, ''
-        texts += chain.from_iterable(status.values.items())
-    texts.append('')  # so that the last one ends with a zero byte, too
-    joined = np.frombuffer('\0'.join(texts).encode(), np.uint8)
-    numbers = np.array([(s.level, len(s.values)) for s in statuses], np.int64).reshape(-1, 2)
+    texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
+    joined = np.frombuffer(texts.encode(), np.uint8)
+    numbers = np.array([(s.level, s.listed.count('\0') // 2) for s in statuses], np.int64)
     # The shortest text, a zero byte, takes eight bytes.
     out = np.zeros(8 * (len(joined) + 2 * len(statuses)), np.uint8)
-    size = lay_out_statuses(numbers, joined, out)
+    size = lay_out_statuses(numbers.reshape(-1, 2), joined, out)
     head = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
     return _ENCAPSULATION + head + out[:size].tobytes()
 

@@ -145,7 +145,7 @@ class Health:
             'Unusable rates bridged': state.unusable,
             'Samples at the end of the range': state.clipped,
         }
-        return DiagnosticStatus(level, self._name + INPUT, message, _texts(values))
+        return DiagnosticStatus(level, self._name + INPUT, message, _listed(values))
 
     def _judge_input(self, span: _Span, off: float, fewer: bool) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
@@ -264,7 +264,7 @@ class Health:
             'Slow turns told from rest': now.turning,
             'Divergences': now.divergences,
         }
-        return DiagnosticStatus(level, self._name + FILTER, message, _texts(values))
+        return DiagnosticStatus(level, self._name + FILTER, message, _listed(values))
 
     def _judge_filter(
         self, span: _Span, shares: list[float], surprise: list[float]
@@ -347,30 +347,27 @@ def _largest(values: list[float]) -> float:
     return max([value for value in values if value == value], default=math.nan)
 
 
-def _texts(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return values as text, and one for each axis of a list; all at once, as that is faster."""
-    flat: list[Any] = []
+def _listed(values: Mapping[str, Any]) -> str:
+    """Return values as `DiagnosticStatus` takes them; of a list one for each axis."""
+    numbers: list[Any] = []
     for value in values.values():
         if type(value) is list:
-            flat += value
+            numbers += value
         else:
-            flat.append(value)
-    keys = _keys(tuple(values), tuple(map(type, values.values())))
-    texts = (_form(tuple(map(type, flat))) % tuple(flat)).split('\0')
-    return dict(zip(keys, texts, strict=True))
+            numbers.append(value)
+    return _form(
+        tuple(values), tuple(map(type, values.values())), tuple(map(type, numbers))
+    ) % tuple(numbers)
 
 
 @cache
-def _keys(names: tuple[str, ...], kinds: tuple[type, ...]) -> tuple[str, ...]:
-    """Return the key of each text."""
-    return tuple(
+def _form(names: tuple[str, ...], kinds: tuple[type, ...], of_numbers: tuple[type, ...]) -> str:
+    """Return how values of these names and types are shown, and the numbers in them."""
+    keys = [
         f'{name} {axis}'.rstrip()
         for name, kind in zip(names, kinds, strict=True)
         for axis in (AXES if kind is list else ('',))
-    )
-
-
-@cache
-def _form(kinds: tuple[type, ...]) -> str:
-    """Return how values of these types are shown."""
-    return '\0'.join({float: '%.6g', int: '%d'}.get(kind, '%s') for kind in kinds)
+    ]
+    shown = [{float: '%.6g', int: '%d'}.get(kind, '%s') for kind in of_numbers]
+    pairs = zip((key.replace('%', '%%') for key in keys), shown, strict=True)
+    return ''.join(f'{key}\0{form}\0' for key, form in pairs)

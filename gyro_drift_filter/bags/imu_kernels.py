@@ -52,6 +52,12 @@ def no_frame() -> NDArray[Any]:
     return frame
 
 
+def room_for_doubles() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """Return room for the 37 doubles of a message: as bytes (296,) and as numbers (37,)."""
+    doubles = np.zeros(_DOUBLES)
+    return doubles.view(np.uint8), doubles
+
+
 ENCAPSULATION = 4
 HEADER = 12  # stamp and length of frame_id
 RATE = 13  # place among the 37 doubles
@@ -79,7 +85,7 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
 
 @compiled
 def read_imus(
-    data: Any, rows: Any, ours: Any, doubles: Any, frame: Any, imus: Any, places: Any
+    data: Any, rows: Any, ours: Any, room: Any, frame: Any, imus: Any, places: Any
 ) -> int:
     """Read Imus that stand in a chunk; return how many there are.
 
@@ -87,7 +93,7 @@ def read_imus(
         data: The chunk.
         rows: Its messages, ROWs of `chunk_kernels`.
         ours: By channel, whether it is of Imus.
-        doubles: Room for the 37 doubles of one message, as bytes (296,) and as numbers (37,).
+        room: As of `room_for_doubles`.
         frame: (1,) FRAME, of the message before.
         imus: Room for them, IMU, zeros.
         places: Room for the place of each in `rows`.
@@ -97,7 +103,7 @@ def read_imus(
         if not ours[rows[i]['channel']]:
             continue
         start = rows[i]['start']
-        read_one(data, start, rows[i]['size'], doubles[0], doubles[1], imus[count])
+        read_one(data, start, rows[i]['size'], room[0], room[1], imus[count])
         imus[count]['new_frame'] = _note_frame(data, start, imus[count], frame[0])
         places[count] = i
         count += 1
@@ -123,10 +129,15 @@ def _note_frame(data: Any, start: int, imu: Any, frame: Any) -> bool:
 @compiled
 def _read_doubles(data: Any, place: int, first: int, stop: int, big_endian: bool, raw: Any) -> None:
     """Copy some of the doubles that begin at `place`, from `first` to `stop`, in our byte order."""
-    for k in range(first, stop):
-        for b in range(8):
-            byte = place + 8 * k + (7 - b if big_endian else b)
-            raw[8 * k + b] = data[np.uint64(byte)]
+    if big_endian:
+        for k in range(first, stop):
+            for b in range(8):
+                raw[8 * k + 7 - b] = data[place + 8 * k + b]
+    else:
+        # Unsigned, as places that might be negative keep compilers from copying words.
+        to, source = np.uint64(8 * first), np.uint64(place + 8 * first)
+        for i in range(8 * (stop - first)):
+            raw[to + np.uint64(i)] = data[source + np.uint64(i)]
 
 
 @compiled
@@ -226,11 +237,26 @@ def _note_marks(
 
 
 @compiled
-def patch(out: Any, begin: int, values: Any, big_endian: bool) -> None:
-    """Write the bytes of little-endian doubles (n,) in the byte order of a message."""
-    for n in range(len(values) // 8):
-        for b in range(8):
-            out[begin + 8 * n + b] = values[8 * n + (7 - b if big_endian else b)]
+def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool) -> None:
+    """Write rate and diagonal covariance of a RESULT into a message whose 37 doubles begin there.
+
+    `room` is as of `room_for_doubles`.
+    """
+    raw, numbers = room[0], room[1]
+    for k in range(PATCHED):
+        numbers[k] = 0.0
+    for axis in range(3):
+        numbers[axis] = result['angular_velocity'][axis]
+        numbers[3 + 4 * axis] = result['angular_velocity_variance'][axis]
+    begin = doubles + 8 * RATE
+    if big_endian:
+        for k in range(PATCHED):
+            for b in range(8):
+                out[begin + 8 * k + b] = raw[8 * k + 7 - b]
+    else:
+        to = np.uint64(begin)
+        for i in range(8 * PATCHED):
+            out[to + np.uint64(i)] = raw[np.uint64(i)]
 
 
 @compiled
@@ -249,7 +275,7 @@ def filter_message(
     Args:
         data: The message, bytes.
         out: Room for as many.
-        room: The same room for 37 doubles, as bytes and as numbers.
+        room: As of `room_for_doubles`.
         frame: (1,) FRAME, of the message before.
         imu: (1,) IMU, filled.
         settings: (1,) as for `step`, like
@@ -259,8 +285,7 @@ def filter_message(
     Returns:
         Flags; 0 for a malformed message.
     """
-    raw, numbers = room[0], room[1]
-    read_one(data, 0, len(data), raw, numbers, imu[0])
+    read_one(data, 0, len(data), room[0], room[1], imu[0])
     kind = imu[0]['kind']
     if kind == MALFORMED:
         return 0
@@ -277,11 +302,5 @@ def filter_message(
         return flags
     if result['at_rest'] > 0.0:
         flags |= AT_REST
-    for k in range(PATCHED):
-        numbers[k] = 0.0
-    for axis in range(3):
-        numbers[axis] = result['angular_velocity'][axis]
-        numbers[3 + 4 * axis] = result['angular_velocity_variance'][axis]
-    begin = imu[0]['doubles'] + 8 * RATE
-    patch(out, begin, raw[: 8 * PATCHED], imu[0]['big_endian'])
+    patch_rate(out, imu[0]['doubles'], result, room, imu[0]['big_endian'])
     return flags | PUBLISH

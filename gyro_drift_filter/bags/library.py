@@ -3,7 +3,7 @@
 from gyro_drift_filter.core.errors import GyroDriftFilterError
 
 try:
-    from rosbags.highlevel import AnyReader
+    from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.interfaces import (
         Connection,
         ConnectionExtRosbag2,
@@ -25,6 +25,7 @@ try:
     from rosbags.rosbag2.reader import DirectoryReader
     from rosbags.rosbag2.storage_mcap import McapReader
     from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+    from rosbags.typesys.store import Typestore
 except ImportError as error:
     raise GyroDriftFilterError(
         f'bags need the Python package rosbags ({error}): install it with '
@@ -33,6 +34,7 @@ except ImportError as error:
 
 __all__ = [
     'AnyReader',
+    'AnyReaderError',
     'CompressionFormat',
     'CompressionMode',
     'Connection',
@@ -48,6 +50,7 @@ __all__ = [
     'QosTime',
     'StoragePlugin',
     'Stores',
+    'Typestore',
     'TypesysError',
     'Writer',
     'WriterError',

@@ -27,6 +27,7 @@ from gyro_drift_filter.bags.imu_kernels import (
     filter_imus,
     filter_message,
     no_frame,
+    room_for_doubles,
 )
 from gyro_drift_filter.bags.vitals import TOLD, Told, Vitals, in_plain, tell_state
 from gyro_drift_filter.core import Filter, Parameters
@@ -84,8 +85,7 @@ class MessageFilter:
         self.output = b''
         self._frame_before: tuple[int, bytes] | None = None  # of `process_batch`
         self._last_frame = no_frame()
-        doubles = np.zeros(37)
-        self._room = doubles.view(np.uint8), doubles
+        self._room = room_for_doubles()
         self._imu = np.zeros(1, IMU)
         self._out = np.empty(1024, np.uint8)
 

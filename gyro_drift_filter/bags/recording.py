@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.library import (
     AnyReader,
+    AnyReaderError,
     CompressionFormat,
     CompressionMode,
     Connection,
@@ -34,11 +35,11 @@ from gyro_drift_filter.bags.library import (
 from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
 from gyro_drift_filter.bags.mcap_writer import McapStorage
+from gyro_drift_filter.bags.message_types import all_types, types_with
 from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
 
 _log = logging.getLogger(__name__)
 
-_JAZZY = get_typestore(Stores.ROS2_JAZZY)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
 
@@ -84,8 +85,12 @@ def _opened(path: Path, name: Path) -> AnyReader:
     # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
     # read. Errors of the caller's own pass, as the reader is open by then.
     try:
-        reader = AnyReader([path], default_typestore=_JAZZY)
-        reader.open()
+        reader = AnyReader([path])
+        try:
+            reader.open()
+        except AnyReaderError:  # as of a bag that holds no definitions
+            reader = AnyReader([path], default_typestore=all_types())
+            reader.open()
     except Exception as error:
         hint = ''
         cut = [file for file in path.glob('*.mcap') if is_cut_off(file)] if path.is_dir() else []
@@ -290,7 +295,7 @@ class BagWriter:
         """Add a topic of a type that Jazzy knows."""
         with self._reporting():
             return self._writer.add_connection(
-                topic, message_type, typestore=_JAZZY, offered_qos_profiles=qos
+                topic, message_type, typestore=types_with(message_type), offered_qos_profiles=qos
             )
 
     def write(self, connection: Connection, log_time: int, data: bytes) -> None:
@@ -333,8 +338,9 @@ def is_cdr(connection: Connection) -> bool:
 def _definition(connection: Connection, reader: AnyReader) -> tuple[str, str]:
     """Return message definition and hash of a type, for bags from before they stood in them."""
     name = connection.msgtype
-    for store in (reader.typestore, _JAZZY):
+    for in_bag in (True, False):
         with suppress(TypesysError, KeyError):
+            store = reader.typestore if in_bag else types_with(name)
             definition, _ = store.generate_msgdef(name, ros_version=2)
             return definition, store.hash_rihs01(name)
     # A type that nobody knows keeps its messages under an empty definition, and the hash of that:
@@ -342,13 +348,3 @@ def _definition(connection: Connection, reader: AnyReader) -> tuple[str, str]:
     unknown = get_typestore(Stores.EMPTY)
     unknown.register(get_types_from_msg('', name))
     return '', unknown.hash_rihs01(name)
-
-
-def message_type(name: str) -> Any:
-    """Return the class of a message type, such as 'sensor_msgs/msg/Imu'."""
-    return _JAZZY.types[name]
-
-
-def serialize(message: Any, name: str) -> bytes:
-    """Return a message of rosbags' classes in CDR."""
-    return bytes(_JAZZY.serialize_cdr(message, name))

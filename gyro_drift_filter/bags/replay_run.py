@@ -14,6 +14,7 @@ from gyro_drift_filter.bags.cdr import (
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out, place_in_result
 from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_array
 from gyro_drift_filter.bags.health import NODE_NAME, Health
+from gyro_drift_filter.bags.imu_kernels import room_for_doubles
 from gyro_drift_filter.bags.library import AnyReader, Connection
 from gyro_drift_filter.bags.message_filter import (
     SAMPLE_TOPICS,
@@ -21,14 +22,13 @@ from gyro_drift_filter.bags.message_filter import (
     Outcome,
     sample_message,
 )
+from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.moments import Moments, Statistics
 from gyro_drift_filter.bags.motion_hint import moves
 from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
     is_cdr,
-    message_type,
-    serialize,
 )
 from gyro_drift_filter.bags.vitals import Vitals
 from gyro_drift_filter.core import Parameters
@@ -195,6 +195,7 @@ class ReplayRun:
         self._at_rest = np.array([-1.0])
         self._health = Health()
         self._moments = Moments()
+        self._room = room_for_doubles()
         self._written = 0
         self._began = self._reported = self._now = -1  # log times in ns
         names = SAMPLE_TOPICS if diagnostics else ()
@@ -365,6 +366,7 @@ class ReplayRun:
             imus,
             results,
             results.view(np.uint8).reshape(len(imus), RESULT.itemsize),
+            self._room,
             self._output.id,
             self._vectors,
             0 if self._rest is None else self._rest.id,

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.cdr import IMU_TYPE
+from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
-    message_type,
-    serialize,
 )
 from gyro_drift_filter.core.errors import reason
 from gyro_drift_filter.core.simulation import Simulation

@@ -19,7 +19,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
 )
 from gyro_drift_filter.bags.diagnostics import diagnostic_array
 from gyro_drift_filter.bags.health import Health
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus
+from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.moments import Moments
 from gyro_drift_filter.cli.extension import build_extension
@@ -79,12 +79,12 @@ def compile_all() -> None:
     rescale_adaptive(messages.filter.state['adaptive'][0], 1.0)
     start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
     data = np.frombuffer(EXAMPLE, np.uint8)
-    rows, imus, doubles = np.zeros(1, ROW), np.zeros(1, IMU), np.zeros(37)
+    rows, imus = np.zeros(1, ROW), np.zeros(1, IMU)
     no, none = np.zeros(1, np.bool_), np.zeros(1, np.int64)
     list_messages(data[:0], no, rows)
     times_of(rows)
     end_batches(rows, 1, 1, np.zeros(1, BATCH), np.zeros(1, BATCH))
-    read_imus(data, rows, no, (doubles.view(np.uint8), doubles), no_frame(), imus, none)
+    read_imus(data, rows, no, room_for_doubles(), no_frame(), imus, none)
     index = np.zeros((0, 2), '<u8')
     group_index(none[:0], index, none, index, np.zeros(2, '<u8'))
     results = np.zeros(1, RESULT)
@@ -97,6 +97,7 @@ def compile_all() -> None:
         imus,
         results,
         np.zeros((1, 0), np.uint8),
+        room_for_doubles(),
         0,
         np.zeros((0, 2), np.int64),
         0,

@@ -91,6 +91,7 @@ def _build(folder: Path) -> Path:
 
         library = CC(EXTENSION)
         library.output_dir = str(folder)
+        library.use_nrt = False  # as in `compiled`
         library.target_cpu = 'host' if processor_features() else ''
         for kernel in _KERNELS:
             signature = kernel.nopython_signatures[0]

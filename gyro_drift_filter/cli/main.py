@@ -5,24 +5,25 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from gyro_drift_filter.bags.health import package_version
-from gyro_drift_filter.cli import compile, identify, replay, simulate
 from gyro_drift_filter.core import GyroDriftFilterError
 
-_SUBCOMMANDS = (replay, identify, simulate, compile)
+# Modules of this package.
+_SUBCOMMANDS = ('replay', 'identify', 'simulate', 'compile')
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command."""
+def parser(subcommand: str = '') -> argparse.ArgumentParser:
+    """Return the parser of the whole command, or of one subcommand: others are not loaded then."""
     command = argparse.ArgumentParser(
         prog='gyro_drift',
         description='Take the noise and the outliers out of a recorded gyroscope.',
     )
     command.add_argument('--version', action='version', version=package_version())
     subcommands = command.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for module in _SUBCOMMANDS:
-        module.add_parser(subcommands)
+    for name in (subcommand,) if subcommand in _SUBCOMMANDS else _SUBCOMMANDS:
+        import_module(f'{__package__}.{name}').add_parser(subcommands)
     return command
 
 
@@ -36,7 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.addLevelName(logging.WARNING, 'warning')
     # By force: each run has its own stderr, as in the tests.
     logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
-    options = parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    options = parser(*arguments[:1]).parse_args(arguments)
     try:
         options.run(options)
         sys.stdout.flush()

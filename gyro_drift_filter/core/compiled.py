@@ -168,9 +168,11 @@ def compiled(function: Function) -> Function:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _DIRECTORY or before
     try:
-        # Without the interpreter's lock, so that `replay` reads and packs chunks meanwhile.
         decorated: Function = numba.njit(
-            cache=_DIRECTORY is not None, error_model='numpy', nogil=True
+            cache=_DIRECTORY is not None,
+            error_model='numpy',
+            nogil=True,  # so that `replay` reads and packs chunks meanwhile
+            _nrt=False,  # no kernel makes arrays, so references to them need not be counted
         )(function)
     finally:
         numba.config.CACHE_DIR = before

@@ -1,0 +1,86 @@
+"""Message types, as ROS 2 defines them.
+
+rosbags' store of all types of Jazzy takes as long to load as a third of a minute of messages to
+filter: the few that are written each time stand here.
+"""
+
+from functools import cache
+from typing import Any
+
+from gyro_drift_filter.bags.library import Stores, Typestore, get_types_from_msg, get_typestore
+
+_DEFINITIONS = {
+    'builtin_interfaces/msg/Time': """
+        int32 sec
+        uint32 nanosec""",
+    'std_msgs/msg/Header': """
+        builtin_interfaces/Time stamp
+        string frame_id""",
+    'std_msgs/msg/Bool': """
+        bool data""",
+    'geometry_msgs/msg/Vector3': """
+        float64 x
+        float64 y
+        float64 z""",
+    'geometry_msgs/msg/Vector3Stamped': """
+        std_msgs/Header header
+        geometry_msgs/Vector3 vector""",
+    'geometry_msgs/msg/Quaternion': """
+        float64 x
+        float64 y
+        float64 z
+        float64 w""",
+    'sensor_msgs/msg/Imu': """
+        std_msgs/Header header
+        geometry_msgs/Quaternion orientation
+        float64[9] orientation_covariance
+        geometry_msgs/Vector3 angular_velocity
+        float64[9] angular_velocity_covariance
+        geometry_msgs/Vector3 linear_acceleration
+        float64[9] linear_acceleration_covariance""",
+    'diagnostic_msgs/msg/KeyValue': """
+        string key
+        string value""",
+    'diagnostic_msgs/msg/DiagnosticStatus': """
+        byte OK=0
+        byte WARN=1
+        byte ERROR=2
+        byte STALE=3
+        byte level
+        string name
+        string message
+        string hardware_id
+        diagnostic_msgs/KeyValue[] values""",
+    'diagnostic_msgs/msg/DiagnosticArray': """
+        std_msgs/Header header
+        diagnostic_msgs/DiagnosticStatus[] status""",
+}
+
+
+@cache
+def _few_types() -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    for name, definition in _DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+    return store
+
+
+@cache
+def all_types() -> Typestore:
+    """Return rosbags' store of all types of Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def types_with(name: str) -> Typestore:
+    """Return a store that has a type, such as 'sensor_msgs/msg/Imu', if Jazzy has it."""
+    return _few_types() if name in _DEFINITIONS else all_types()
+
+
+def message_type(name: str) -> Any:
+    """Return the class of a message type of Jazzy."""
+    return types_with(name).types[name]
+
+
+def serialize(message: Any, name: str) -> bytes:
+    """Return a message of such a class in CDR."""
+    return bytes(types_with(name).serialize_cdr(message, name))
