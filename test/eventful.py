@@ -168,7 +168,7 @@ def messages():
         'records': out[:size],
         'written': np.array(written),
         'counts': np.array(counts),
-        'samples': np.array([repr(v.state) for v in vitals]),
+        'told': np.nan_to_num([np.hstack(v.state) for v in vitals]),
         'counts_at_marks': np.array([v[:2] + v[3:5] for v in vitals]),
         'means': np.array([s.mean for s in moments.statistics()]),
         'deviations': np.array([s.deviation for s in moments.statistics()]),

@@ -45,8 +45,8 @@ def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
     joined = np.frombuffer(texts.encode(), np.uint8)
     numbers = np.array([(s.level, s.listed.count('\0') // 2) for s in statuses], np.int64)
-    # The shortest text, a zero byte, takes eight bytes.
-    out = np.zeros(8 * (len(joined) + 2 * len(statuses)), np.uint8)
+    # A length of four bytes is put before each text, and up to three that align it.
+    out = np.empty(len(joined) + 7 * texts.count('\0') + 8 * len(statuses), np.uint8)
     size = lay_out_statuses(numbers.reshape(-1, 2), joined, out)
     head = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
     return _ENCAPSULATION + head + out[:size].tobytes()
@@ -60,7 +60,7 @@ def lay_out_statuses(numbers: Any, texts: Any, out: Any) -> int:
         numbers: (n, 2) level and number of values of each.
         texts: Name, message, hardware_id, keys and values, one behind the other, each with a zero
             byte at its end.
-        out: Room for them, zeros.
+        out: Room for them.
 
     Returns:
         How many bytes they take.
@@ -94,7 +94,9 @@ def _put_string(texts: Any, begin: int, out: Any, place: int) -> tuple[int, int]
 @compiled
 def _put_number(number: int, out: Any, place: int) -> int:
     """Write a number of four bytes at the next multiple of four; return the place behind it."""
-    place = (place + 3) // 4 * 4
+    while place % 4 != 0:
+        out[place] = 0
+        place += 1
     for i in range(4):
         out[place + i] = (number >> (8 * i)) & 0xFF
     return place + 4

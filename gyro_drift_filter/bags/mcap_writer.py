@@ -1,6 +1,7 @@
 """Write MCAP files chunk by chunk, message by message or in bulk."""
 
 import struct
+from bisect import bisect_right
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -124,15 +125,14 @@ class McapWriter:
         """
         self._settle_entries()
         channels, index = np.ascontiguousarray(channels, np.int64), np.ascontiguousarray(index)
-        ends = np.append(index[1:, 1], len(records)).astype(np.int64)
-        done = written = 0
+        starts, done, written = index[:, 1], 0, 0
         while done < len(channels):
-            last = int(np.searchsorted(ends, CHUNK_BYTES - self._size + written, side='right'))
-            stop = min(last + 1, len(channels))
+            stop = bisect_right(starts, CHUNK_BYTES - self._size + written, done + 1)
+            end = int(starts[stop]) if stop < len(starts) else len(records)
             index[done:stop, 1] += self._size - written
             self._indexes.append((channels[done:stop], index[done:stop]))
-            self._append(records[written : ends[stop - 1]])
-            done, written = stop, int(ends[stop - 1])
+            self._append(records[written:end])
+            done, written = stop, end
             if self._size > CHUNK_BYTES:
                 self._close_chunk()
 
