@@ -16,7 +16,7 @@ from gyro_drift_filter.bags.cdr import (
     read_imus,
     vector3_stamped,
 )
-from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_array
+from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_arrays
 from gyro_drift_filter.bags.simulated import imu_message
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -164,39 +164,39 @@ def test_many_that_differ_in_form_are_left_to_be_read_one_by_one(place):
     assert read_imus([data[:40]]) is None
 
 
-@given(
-    st.integers(0, 2**31 * 10**9 - 1),
-    st.lists(
-        st.tuples(
-            st.integers(0, 3),
-            lines,
-            lines,
-            st.dictionaries(lines, lines, max_size=5),
-        ),
-        max_size=3,
-    ),
+statuses = st.lists(
+    st.tuples(st.integers(0, 3), lines, lines, st.dictionaries(lines, lines, max_size=5)),
+    max_size=3,
 )
-def test_diagnostics_are_what_rosbags_writes(stamp, statuses):
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**31 * 10**9 - 1), statuses), max_size=3))
+def test_diagnostics_are_what_rosbags_writes(reports):
     types = STORE.types
-    message = types['diagnostic_msgs/msg/DiagnosticArray'](
-        types['std_msgs/msg/Header'](
-            types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), ''
-        ),
-        [
-            types['diagnostic_msgs/msg/DiagnosticStatus'](
-                level,
-                name,
-                text,
-                '',
-                [types['diagnostic_msgs/msg/KeyValue'](*pair) for pair in values.items()],
-            )
-            for level, name, text, values in statuses
-        ],
-    )
-    wanted = bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray'))
-    found = [
-        DiagnosticStatus(*status, ''.join(f'{key}\0{value}\0' for key, value in values.items()))
-        for *status, values in statuses
-    ]
-    assert [status.values for status in found] == [values for *_, values in statuses]
-    assert diagnostic_array(stamp, found) == wanted
+    wanted, found = [], []
+    for stamp, of_report in reports:
+        message = types['diagnostic_msgs/msg/DiagnosticArray'](
+            types['std_msgs/msg/Header'](
+                types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), ''
+            ),
+            [
+                types['diagnostic_msgs/msg/DiagnosticStatus'](
+                    level,
+                    name,
+                    text,
+                    '',
+                    [types['diagnostic_msgs/msg/KeyValue'](*pair) for pair in values.items()],
+                )
+                for level, name, text, values in of_report
+            ],
+        )
+        wanted.append(bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray')))
+        listed = [
+            DiagnosticStatus(*status, ''.join(f'{key}\0{value}\0' for key, value in values.items()))
+            for *status, values in of_report
+        ]
+        assert [status.values for status in listed] == [values for *_, values in of_report]
+        found.append((stamp, listed))
+    data, ends = diagnostic_arrays(found)
+    assert data.tobytes() == b''.join(wanted)
+    assert ends.tolist() == np.cumsum([len(message) for message in wanted], dtype=int).tolist()

@@ -1,14 +1,12 @@
 """Serialize `diagnostic_msgs/msg/DiagnosticArray`: `replay` writes one for each second of a bag."""
 
-import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.core.compiled import compiled
-
-_ENCAPSULATION = b'\x00\x01\x00\x00'
 
 
 class DiagnosticStatus(NamedTuple):
@@ -34,67 +32,89 @@ class DiagnosticStatus(NamedTuple):
         return dict(zip(texts, texts, strict=True))
 
 
-def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
-    """Return a serialized `diagnostic_msgs/msg/DiagnosticArray`, little endian.
+def diagnostic_arrays(
+    reports: Sequence[tuple[int, Sequence[DiagnosticStatus]]],
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Serialize `diagnostic_msgs/msg/DiagnosticArray`s, little endian.
 
     Args:
-        stamp: header.stamp in ns; the frame_id is empty.
-        statuses: What it holds; there is no zero byte in its texts.
-    """
-    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
-    joined = np.frombuffer(texts.encode(), np.uint8)
-    numbers = np.array([(s.level, s.listed.count('\0') // 2) for s in statuses], np.int64)
-    # A length of four bytes is put before each text, and up to three that align it.
-    out = np.empty(len(joined) + 7 * texts.count('\0') + 8 * len(statuses), np.uint8)
-    size = lay_out_statuses(numbers.reshape(-1, 2), joined, out)
-    head = struct.pack('<iIIB3xI', seconds, nanoseconds, 1, 0, len(statuses))
-    return _ENCAPSULATION + head + out[:size].tobytes()
-
-
-@compiled
-def lay_out_statuses(numbers: Any, texts: Any, out: Any) -> int:
-    """Write DiagnosticStatuses in CDR, from a multiple of four bytes on.
-
-    Args:
-        numbers: (n, 2) level and number of values of each.
-        texts: Name, message, hardware_id, keys and values, one behind the other, each with a zero
-            byte at its end.
-        out: Room for them.
+        reports: (n,) header.stamp in ns and statuses of each; the frame_id is empty. There is no
+            zero byte in the texts.
 
     Returns:
-        How many bytes they take.
+        The messages, one behind the other, and (n,) where each ends.
     """
-    text = place = 0
-    for n in range(len(numbers)):
-        out[place] = numbers[n, 0]
-        text, place = _put_string(texts, text, out, place + 1)
-        text, place = _put_string(texts, text, out, place)
-        text, place = _put_string(texts, text, out, place)
-        place = _put_number(numbers[n, 1], out, place)
-        for _ in range(2 * numbers[n, 1]):
-            text, place = _put_string(texts, text, out, place)
-    return place
+    statuses = [status for _, of_report in reports for status in of_report]
+    texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
+    joined = np.frombuffer(texts.encode(), np.uint8)
+    heads = [(*divmod(stamp, 1_000_000_000), len(of_report)) for stamp, of_report in reports]
+    numbers = [(s.level, s.listed.count('\0') // 2) for s in statuses]
+    # A length of four bytes is put before each text, and up to three that align it.
+    room = len(joined) + 7 * texts.count('\0') + 8 * len(statuses) + 24 * len(reports)
+    out, ends = np.empty(room, np.uint8), np.empty(len(reports), np.int64)
+    lay_out_arrays(
+        np.array(heads, np.int64).reshape(-1, 3),
+        np.array(numbers, np.int64).reshape(-1, 2),
+        joined,
+        out,
+        ends,
+    )
+    return out[: ends[-1] if len(ends) else 0], ends
 
 
 @compiled
-def _put_string(texts: Any, begin: int, out: Any, place: int) -> tuple[int, int]:
+def lay_out_arrays(heads: Any, numbers: Any, texts: Any, out: Any, ends: Any) -> None:
+    """Write DiagnosticArrays in CDR.
+
+    Args:
+        heads: (n, 3) seconds, nanoseconds and number of statuses of each.
+        numbers: (m, 2) of all statuses: level, and how many values it has.
+        texts: Name, message, hardware_id, keys and values of each, one behind the other, bytes;
+            each ends with a zero byte.
+        out: Room for them.
+        ends: (n,) room for where each ends.
+    """
+    status = text = place = 0
+    for n in range(len(heads)):
+        # CDR, little endian; places are aligned as counted from behind that.
+        for i in range(4):
+            out[place + i] = 1 if i == 1 else 0
+        begin = place + 4
+        place = _put_number(heads[n, 0], out, begin, begin)
+        place = _put_number(heads[n, 1], out, begin, place)
+        place = _put_number(1, out, begin, place)  # an empty frame_id
+        out[place] = 0
+        place = _put_number(heads[n, 2], out, begin, place + 1)
+        for _ in range(heads[n, 2]):
+            out[place] = numbers[status, 0]
+            place += 1
+            for _ in range(3):
+                text, place = _put_string(texts, text, out, begin, place)
+            place = _put_number(numbers[status, 1], out, begin, place)
+            for _ in range(2 * numbers[status, 1]):
+                text, place = _put_string(texts, text, out, begin, place)
+            status += 1
+        ends[n] = place
+
+
+@compiled
+def _put_string(texts: Any, first: int, out: Any, begin: int, place: int) -> tuple[int, int]:
     """Write the text that begins there; return where the next one begins, and the place behind."""
-    end = begin
+    end = first
     while texts[end] != 0:
         end += 1
     end += 1
-    place = _put_number(end - begin, out, place)
-    for i in range(begin, end):
+    place = _put_number(end - first, out, begin, place)
+    for i in range(first, end):
         out[place] = texts[i]
         place += 1
     return end, place
 
 
 @compiled
-def _put_number(number: int, out: Any, place: int) -> int:
-    """Write a number of four bytes at the next multiple of four; return the place behind it."""
-    while place % 4 != 0:
+def _put_number(number: int, out: Any, begin: int, place: int) -> int:
+    """Write four bytes at the next multiple of four from `begin` on; return the place behind."""
+    while (place - begin) % 4 != 0:
         out[place] = 0
         place += 1
     for i in range(4):

@@ -12,7 +12,7 @@ from gyro_drift_filter.bags.cdr import (
     VECTOR_TYPE,
 )
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out, place_in_result
-from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_array
+from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_arrays
 from gyro_drift_filter.bags.health import NODE_NAME, Health
 from gyro_drift_filter.bags.imu_kernels import room_for_doubles
 from gyro_drift_filter.bags.library import AnyReader, Connection
@@ -347,16 +347,16 @@ class ReplayRun:
     ) -> None:
         """Write a piece that has been filtered, with the reports on it."""
         data, rows, imus, places, _ = piece
-        texts = [self._report(moment, vitals) for _, moment, vitals in reports]
-        told = np.zeros((len(reports), 3), np.int64)
+        texts, ends = diagnostic_arrays([self._report(when, of) for _, when, of in reports])
+        told = np.empty((len(reports), 3), np.int64)
         told[:, 0] = [row for row, _, _ in reports]
         told[:, 1] = [moment.time for _, moment, _ in reports]
-        told[:, 2] = np.cumsum([len(text) for text in texts])
+        told[:, 2] = ends
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
         made = 1 + len(self._samples) + 1
         count = len(rows) + made * len(imus) + len(reports)
         sizes = int(rows['size'].sum()) + made * int(rows['size'][places].sum())
-        out = np.empty(sizes + sum(map(len, texts)) + count * RECORD_BYTES, np.uint8)
+        out = np.empty(sizes + len(texts) + count * RECORD_BYTES, np.uint8)
         channels, index = np.empty(count, np.int64), np.empty((count, 2), np.int64)
         size, count, written = lay_out(
             data,
@@ -373,7 +373,7 @@ class ReplayRun:
             self._at_rest,
             self._reports.id,
             told,
-            np.frombuffer(b''.join(texts), np.uint8),
+            texts,
             out,
             channels,
             index,
@@ -402,13 +402,13 @@ class ReplayRun:
         return _Moment(self._now, seconds)
 
     def _write_report(self, moment: _Moment) -> None:
-        report = self._report(moment, self._filter.vitals())
-        self._writer.write(self._reports, moment.time, report)
+        report, _ = diagnostic_arrays([self._report(moment, self._filter.vitals())])
+        self._writer.write(self._reports, moment.time, report.tobytes())
 
-    def _report(self, moment: _Moment, vitals: Vitals) -> bytes:
-        """Return a report serialized; they are made in their order."""
+    def _report(self, moment: _Moment, vitals: Vitals) -> tuple[int, list[DiagnosticStatus]]:
+        """Return stamp (ns) and content of a report; they are made in their order."""
         statuses = self._health.report(vitals, moment.seconds)
-        return diagnostic_array(min(moment.time, _LATEST_STAMP), statuses)
+        return min(moment.time, _LATEST_STAMP), statuses
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
         rows = [o for o in outcomes if o.data is not None and o.result is not None]

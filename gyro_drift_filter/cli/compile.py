@@ -17,7 +17,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.diagnostics import diagnostic_array
+from gyro_drift_filter.bags.diagnostics import diagnostic_arrays
 from gyro_drift_filter.bags.health import Health
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.message_filter import MessageFilter
@@ -89,6 +89,7 @@ def compile_all() -> None:
     group_index(none[:0], index, none, index, np.zeros(2, '<u8'))
     results = np.zeros(1, RESULT)
     messages.process_imus(imus, range(1), bytes, results)
+    texts, _ = diagnostic_arrays([(0, Health().report(messages.vitals(), 1.0))])
     lay_out(
         data,
         rows,
@@ -104,12 +105,11 @@ def compile_all() -> None:
         np.zeros(1),
         0,
         np.zeros((0, 3), np.int64),
-        data[:0],
+        texts,
         np.zeros(0, np.uint8),
         np.zeros(0, np.int64),
         np.zeros((0, 2), np.int64),
     )
-    diagnostic_array(0, Health().report(messages.vitals(), 1.0))
     Moments().add(np.zeros((0, 3)), np.zeros((0, 3)))
     Moments().add_results(imus[:0], results[:0])
     note_all_compiled()

@@ -22,7 +22,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.diagnostics import lay_out_statuses
+from gyro_drift_filter.bags.diagnostics import lay_out_arrays
 from gyro_drift_filter.bags.imu_kernels import filter_imus, filter_message, read_imus
 from gyro_drift_filter.bags.moments import add_results, add_samples
 from gyro_drift_filter.core.compiled import (
@@ -43,7 +43,7 @@ _KERNELS: tuple[Any, ...] = (
     filter_message,
     group_index,
     lay_out,
-    lay_out_statuses,
+    lay_out_arrays,
     list_messages,
     read_imus,
     run_samples,
