@@ -46,6 +46,21 @@ def test_simulate_then_replay(tmp_path):
     assert (out / 'metadata.yaml').exists()
 
 
+def test_replay_loads_only_what_it_needs(tmp_path):
+    """Start-up is an eighth of the time of a million messages."""
+    write(tmp_path / 'bag', {(TOPIC, IMU_TYPE): simulated(300)})
+    arguments = ['replay', str(tmp_path / 'bag'), '-o', str(tmp_path / 'out')]
+    code = (
+        f'import sys; from gyro_drift_filter.cli.main import main; assert main({arguments}) == 0; '
+        'print(*sys.modules)'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert 'rosbags.highlevel' in loaded
+    assert 'gyro_drift_filter.cli.identify' not in loaded
+    assert 'rosbags.typesys.stores.ros2_jazzy' not in loaded
+
+
 def test_simulate_is_reproducible(tmp_path):
     for name in 'ab':
         output = tmp_path / name / 'bag'

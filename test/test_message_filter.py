@@ -284,6 +284,36 @@ def test_a_dead_band_and_coarse_steps_are_no_fault(random):
         assert k < 2 or (input_.message, status.message) == ('receiving', 'filtering')
 
 
+def test_vitals_are_those_of_the_state(random):
+    filter_ = MessageFilter(Parameters())
+    filter_.process_batch([*simulated(500), b'junk'])
+    state, told = filter_.filter.state, filter_.vitals().state
+    counts, clock, bias = state['counts'], state['clock'], state['bias']
+    expected = {
+        **{name: counts[name] for name in ('samples', 'repeats', 'refused', 'beyond_range')},
+        **{name: counts[name] for name in ('unusable', 'clipped', 'outliers')},
+        **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
+        'times_stuck': counts['stuck'],
+        **{name: clock[name] for name in ('period', 'blocks', 'gaps', 'missing_samples')},
+        **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
+        'backward_stamps': clock['backward_stamps'],
+        'divergences': state['paper']['divergences'],
+        'stuck': state['stuck'],
+        'all_zero': not state['measured'].any(),
+        'process_noise': state['result']['process_noise'],
+        'measurement_noise': state['result']['measurement_noise'],
+        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'packages')},
+        **{name: bias[name] for name in ('beyond_max', 'turning')},
+        'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
+        'at_rest': bias['rest']['at_rest'],
+    }
+    assert expected.keys() == told._asdict().keys()
+    for name, value in told._asdict().items():
+        np.testing.assert_array_equal(value, expected[name], err_msg=name)
+    assert told.samples == 500
+    assert told.packages > 0
+
+
 def test_health_survives_a_reset():
     filter_ = MessageFilter(Parameters())
     health = Health()
