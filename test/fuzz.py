@@ -147,7 +147,7 @@ def check_mcap(data, folder):
     if layout is None:
         return
     with in_one_line(McapError):
-        for chunk in read_chunks(path, layout, lambda place, data: data):
+        for _, chunk in read_chunks(path, layout):
             rows = np.empty(len(chunk) // RECORD_BYTES + 1, ROW)
             count = list_messages(chunk, np.ones(CHANNELS, np.bool_), rows)
             rows = rows[: max(count, 0)]

@@ -314,6 +314,20 @@ def test_vitals_are_those_of_the_state(random):
     assert told.packages > 0
 
 
+def test_counts_that_a_reset_clears_are_no_fault(random):
+    filter_, health = MessageFilter(Parameters()), Health()
+    messages = quiet(500, 5e-3, random)
+    for k in range(88, 100):
+        stamp = read_imu(messages[k]).stamp
+        messages[k] = imu_message(stamp, (8.7 if k < 97 else np.nan, 0.01, 0.02), (0, 0, 9.8))
+    filter_.process_batch(messages[:100])
+    assert 'end of the measuring range' in health.report(filter_.vitals(), 1.0)[0].message
+    assert any(filter_.vitals().state.unusable)
+    filter_.filter.reset()
+    filter_.process_batch(messages[100:300])
+    assert health.report(filter_.vitals(), 2.0)[0].message == 'receiving'
+
+
 def test_health_survives_a_reset():
     filter_ = MessageFilter(Parameters())
     health = Health()

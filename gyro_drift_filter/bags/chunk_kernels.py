@@ -217,14 +217,14 @@ def lay_out(
     Returns:
         How many bytes and records there are, and how many of these are of the filtered topic.
     """
-    place, count, following, written, told, told_to = 0, 0, 0, 0, 0, 0
+    place, count, following, written, reported, reported_to = 0, 0, 0, 0, 0, 0
     for i in range(len(rows)):
-        while told < len(reports) and reports[told, 0] == i:
-            time, end = reports[told, 1], reports[told, 2]
-            size = end - told_to
+        while reported < len(reports) and reports[reported, 0] == i:
+            time, end = reports[reported, 1], reports[reported, 2]
+            size = end - reported_to
             place = _begin_record(out, place, channels, index, count, report_channel, time, size)
-            place = _copy(out, place, texts, told_to, size)
-            told, told_to, count = told + 1, end, count + 1
+            place = _copy(out, place, texts, reported_to, size)
+            reported, reported_to, count = reported + 1, end, count + 1
         row = rows[i]
         source, time = row['channel'], row['log_time']
         start, size = row['start'], row['size']

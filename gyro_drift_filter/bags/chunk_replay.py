@@ -5,6 +5,7 @@ the kernels are compiled and the bag is one MCAP file whose chunks follow each o
 """
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,8 +36,8 @@ from gyro_drift_filter.bags.replay_run import (
 )
 from gyro_drift_filter.core.compiled import is_compiled
 
-# What is filtered and laid out at once is at most as much, in messages and log time (ns): in the
-# latter as the state of the filter is kept for each report.
+# What is filtered and laid out at once is at most as much, in messages and log time (ns): a report
+# may be due for each second.
 _PIECE = 8192
 _PIECE_SPAN = 100 * BATCH_SPAN
 
@@ -96,56 +97,62 @@ def replay_chunks(file: ChunkedFile, run: ReplayRun, progress: Callable[[int], N
     """
     pieces = _Pieces(file, run)
     done = 0
-    for of_chunk in _chunks(file, pieces):
-        for piece in of_chunk:
-            run.take_piece(piece)
-            done += len(piece.rows)
+    for piece in _ahead(iter(pieces)):
+        run.take_piece(piece)
+        done += len(piece.rows)
         progress(done)
     under_way = pieces.batch[0]
     if under_way['count'] > 0:
         run.end_batch(int(under_way['first']), int(under_way['last']))
 
 
-def _chunks(file: ChunkedFile, pieces: '_Pieces') -> Iterator[list[Piece]]:
-    try:
-        yield from read_chunks(file.path, file.layout, pieces.of_chunk)
-    except (McapError, OSError) as error:
-        raise BagError(f'{file.path} is damaged and can be read no further: {error}') from error
+def _ahead(pieces: Iterator[Piece]) -> Iterator[Piece]:
+    """Yield pieces; the next one is made meanwhile, in a thread of its own."""
+    with ThreadPoolExecutor(1) as worker:
+        coming = worker.submit(next, pieces, None)
+        while (piece := coming.result()) is not None:
+            coming = worker.submit(next, pieces, None)
+            yield piece
 
 
 class _Pieces:
-    """Make pieces of the chunks of a file, in their order.
+    """Pieces of the chunks of a file, in their order.
 
     Attributes:
         batch: (1,) BATCH, the one under way.
     """
 
     def __init__(self, file: ChunkedFile, run: ReplayRun) -> None:
-        self._connections = file.connections
-        self._known, self._ours, self._told = np.zeros((3, CHANNELS), np.bool_)
+        self._file = file
+        self._known, self._ours, self._words = np.zeros((3, CHANNELS), np.bool_)
         self._known[list(file.connections)] = True
         for channel, connection in file.connections.items():
             self._ours[channel] = run.is_ours(connection)
-            self._told[channel] = run.is_told_by(connection)
+            self._words[channel] = run.is_told_by(connection)
         run.map_channels(file.connections, self._ours)
         self.batch = np.zeros(1, BATCH)
         self._frame, self._room = no_frame(), room_for_doubles()
 
-    def of_chunk(self, place: ChunkPlace, data: NDArray[np.uint8]) -> list[Piece]:
-        """Return the messages of a chunk, its records, in the order of their log times.
+    def __iter__(self) -> Iterator[Piece]:
+        """Yield the messages of each chunk in the order of their log times.
 
         Raises:
-            McapError: The records are not sound.
+            BagError: A chunk is damaged, or the file can't be read.
         """
-        rows, done, pieces = self._rows(place, data), 0, []
-        while done < len(rows):
-            coming = rows[done : done + _PIECE]
-            limit = int(coming[0]['log_time']) + _PIECE_SPAN
-            if int(coming[-1]['log_time']) >= limit:
-                coming = coming[: np.searchsorted(coming['log_time'], limit)]
-            pieces.append(self._piece(data, coming))
-            done += len(coming)
-        return pieces
+        try:
+            for place, data in read_chunks(self._file.path, self._file.layout):
+                rows, done = self._rows(place, data), 0
+                while done < len(rows):
+                    coming = rows[done : done + _PIECE]
+                    limit = int(coming[0]['log_time']) + _PIECE_SPAN
+                    if int(coming[-1]['log_time']) >= limit:
+                        coming = coming[: np.searchsorted(coming['log_time'], limit)]
+                    yield self._piece(data, coming)
+                    done += len(coming)
+        except (McapError, OSError) as error:
+            raise BagError(
+                f'{self._file.path} is damaged and can be read no further: {error}'
+            ) from error
 
     def _rows(self, place: ChunkPlace, data: NDArray[np.uint8]) -> NDArray[Any]:
         """Return the ROWs of the messages of a chunk, in the order of their log times."""
@@ -163,10 +170,10 @@ class _Pieces:
         ends = np.empty(len(rows), BATCH)
         ended = end_batches(rows, LARGEST_BATCH, BATCH_SPAN, self.batch, ends)
         stops: list[Word | BatchEnd] = [BatchEnd(*end[:3]) for end in ends[:ended].tolist()]
-        if self._told.any():
+        if self._words.any():
             stops += [
-                Word(int(row), self._connections[int(rows[row]['channel'])])
-                for row in np.flatnonzero(self._told[rows['channel']])
+                Word(int(row), self._file.connections[int(rows[row]['channel'])])
+                for row in np.flatnonzero(self._words[rows['channel']])
             ]
             # Where a batch ends before a word, that comes first.
             stops.sort(key=_row)

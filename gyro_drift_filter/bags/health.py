@@ -113,14 +113,14 @@ class Health:
         self._silent = now.received == before.received
         span = _Span(first, before, now, last + seconds - began)
         # A partial second at either end is a small share of this.
-        paced = paced and last + seconds - self._window[0][0] >= _LEAST_SECONDS
-        return [self._input(span, paced), self._filter(span)]
+        judged = paced and last + seconds - self._window[0][0] >= _LEAST_SECONDS
+        return [self._input(span, judged), self._filter(span)]
 
-    def _input(self, span: _Span, paced: bool) -> DiagnosticStatus:
+    def _input(self, span: _Span, judged: bool) -> DiagnosticStatus:
         first, _, now, seconds = span
         rate = (now.received - first.received) / seconds if seconds > 0.0 else math.nan
         expected = _expected_rate(now)
-        off = abs(rate / expected - 1.0) if paced else math.nan
+        off = abs(rate / expected - 1.0) if judged else math.nan
         level, message = self._judge_input(span, off, rate < expected)
         state = now.state
         values = {
@@ -193,13 +193,13 @@ class Health:
                 f'rates stay above {RANGE:g} rad/s: the driver may publish degrees '
                 'per second where REP-103 asks for radians',
             )
-        if state.clipped != state_before.clipped:
+        if _grew(state.clipped, state_before.clipped):
             return (
                 WARN,
                 'a fast rate stays the same to the last bit: the end of the measuring range; choose'
                 ' a larger one in the driver',
             )
-        if state.unusable != state_before.unusable:
+        if _grew(state.unusable, state_before.unusable):
             return (
                 WARN,
                 'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by '
@@ -240,29 +240,35 @@ class Health:
         return OK, 'receiving'
 
     def _filter(self, span: _Span) -> DiagnosticStatus:
-        now, first = span.now.state, span.first.state
-        samples = now.samples - first.samples
-        pairs = zip(now.outliers, first.outliers, strict=True)
+        state, state_first = span.now.state, span.first.state
+        samples = state.samples - state_first.samples
+        pairs = zip(state.outliers, state_first.outliers, strict=True)
         shares = [_share(a - b, samples) for a, b in pairs]
-        sums = zip(now.nis_sum, first.nis_sum, now.nis_samples, first.nis_samples, strict=True)
+        sums = zip(
+            state.nis_sum,
+            state_first.nis_sum,
+            state.nis_samples,
+            state_first.nis_samples,
+            strict=True,
+        )
         surprise = [_share(a - b, c - d) for a, b, c, d in sums]
         level, message = self._judge_filter(span, shares, surprise)
         values = {
             'Method': span.now.parameters.method,
             'Version': package_version(),
-            'Outliers': now.outliers,
+            'Outliers': state.outliers,
             'Outliers of late (%)': [100.0 * share for share in shares],
             'Normalised innovation squared': surprise,
-            'Process noise Q ((rad/s)^2)': now.process_noise,
-            'Measurement noise R ((rad/s)^2)': now.measurement_noise,
-            'Bias (rad/s)': now.bias,
-            'Bias deviation (rad/s)': now.bias_deviation,
-            'At rest': now.at_rest,
-            'Time since rest (s)': now.rest_seconds,
-            'Rests the bias was learned from': now.packages,
-            'Rests with a rate beyond bias.max': now.beyond_max,
-            'Slow turns told from rest': now.turning,
-            'Divergences': now.divergences,
+            'Process noise Q ((rad/s)^2)': state.process_noise,
+            'Measurement noise R ((rad/s)^2)': state.measurement_noise,
+            'Bias (rad/s)': state.bias,
+            'Bias deviation (rad/s)': state.bias_deviation,
+            'At rest': state.at_rest,
+            'Time since rest (s)': state.rest_seconds,
+            'Rests the bias was learned from': state.packages,
+            'Rests with a rate beyond bias.max': state.beyond_max,
+            'Slow turns told from rest': state.turning,
+            'Divergences': state.divergences,
         }
         return DiagnosticStatus(level, self._name + FILTER, message, _listed(values))
 
@@ -280,7 +286,7 @@ class Health:
         tells = not learned and not state.stuck
         least = -_largest([-value for value in surprise])
         inert = self._inert.judge((1.0 / least if least else math.inf) if tells else 0.0)
-        if state.divergences != span.before.state.divergences:
+        if _grew(state.divergences, span.before.state.divergences):
             return WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
         if many:
             return WARN, f'many samples count as outliers: {_REMEDIES[method]}'
@@ -336,6 +342,10 @@ _INERT = {
     'sage_husa': _MODEL_TOO_LARGE,
     'adaptive': 'set model.noise_deviation lower, or to 0',
 }
+
+
+def _grew(counts: list[int], before: list[int]) -> bool:
+    return any(now > then for now, then in zip(counts, before, strict=True))
 
 
 def _share(part: float, whole: int) -> float:

@@ -60,12 +60,12 @@ def room_for_doubles() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
 
 ENCAPSULATION = 4
 HEADER = 12  # stamp and length of frame_id
-RATE = 13  # place among the 37 doubles
+_RATE = 13  # place among the 37 doubles
 _DOUBLES = 37
 _RATE_COVARIANCE = 16
 _ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
 # Rate and covariance, side by side.
-PATCHED = 12
+_PATCHED = 12
 
 # What `filter_message` tells: there is something to publish; it went through the filter; it is as
 # it came, for there is no rate in it; the sensor is at rest; the sample period is another one; so
@@ -161,7 +161,7 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     seconds = unsigned(data, header, 4, big_endian)
     if seconds >= 2**31:
         seconds -= 2**32
-    _read_doubles(data, start + doubles, RATE, _RATE_COVARIANCE + 1, big_endian, raw)
+    _read_doubles(data, start + doubles, _RATE, _RATE_COVARIANCE + 1, big_endian, raw)
     _read_doubles(
         data, start + doubles, _ACCELERATION, _ACCELERATION_COVARIANCE + 1, big_endian, raw
     )
@@ -169,7 +169,7 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     sample['stamp'] = seconds * 1_000_000_000 + nanoseconds
     reported = numbers[_ACCELERATION_COVARIANCE] != -1.0
     for axis in range(3):
-        sample['angular_velocity'][axis] = numbers[RATE + axis]
+        sample['angular_velocity'][axis] = numbers[_RATE + axis]
         acceleration = numbers[_ACCELERATION + axis]
         sample['linear_acceleration'][axis] = acceleration if reported else math.nan
     imu['frame'] = ENCAPSULATION + HEADER
@@ -203,18 +203,18 @@ def filter_imus(
     Returns:
         The place behind the last one done, and how many marks are done with.
     """
-    told = tally[0]
+    counted = tally[0]
     passed = _note_marks(first, marks, passed, state, tally, states, tallies)
     for i in range(first, stop):
         changed = False
         if imus[i]['new_frame']:
-            told['frame_changes'] += 1
-            told['last_frame'] = i
+            counted['frame_changes'] += 1
+            counted['last_frame'] = i
         if imus[i]['kind'] == MALFORMED:
-            told['malformed'] += 1
-            told['last_malformed'] = i
+            counted['malformed'] += 1
+            counted['last_malformed'] = i
         elif imus[i]['kind'] == NOT_REPORTED:
-            told['not_reported'] += 1
+            counted['not_reported'] += 1
         else:
             changed = step(imus[i]['sample'], settings[0], coefficients[0], state[0])
             results[i] = state[0]['result']
@@ -243,19 +243,19 @@ def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool)
     `room` is as of `room_for_doubles`.
     """
     raw, numbers = room[0], room[1]
-    for k in range(PATCHED):
+    for k in range(_PATCHED):
         numbers[k] = 0.0
     for axis in range(3):
         numbers[axis] = result['angular_velocity'][axis]
         numbers[3 + 4 * axis] = result['angular_velocity_variance'][axis]
-    begin = doubles + 8 * RATE
+    begin = doubles + 8 * _RATE
     if big_endian:
-        for k in range(PATCHED):
+        for k in range(_PATCHED):
             for b in range(8):
                 out[begin + 8 * k + b] = raw[8 * k + 7 - b]
     else:
         to = np.uint64(begin)
-        for i in range(8 * PATCHED):
+        for i in range(8 * _PATCHED):
             out[to + np.uint64(i)] = raw[np.uint64(i)]
 
 

@@ -4,11 +4,10 @@ What is not laid out as ROS 2 recorders do is left to rosbags, see `read_layout`
 """
 
 import struct
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, TypeVar
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -28,8 +27,6 @@ from gyro_drift_filter.bags.mcap_records import (
     records,
     unpack_chunk,
 )
-
-Prepared = TypeVar('Prepared')
 
 _LARGEST_SUMMARY = 2**26  # bytes: enough for 600,000 chunks
 _LATEST = 2**63  # ns: log times are unsigned in a file, and signed in all that counts with them
@@ -114,36 +111,18 @@ def _layout(summary: bytes, end: int) -> Layout | None:
     return Layout(channels, chunks)
 
 
-def read_chunks(
-    path: Path, layout: Layout, prepare: Callable[[ChunkPlace, NDArray[np.uint8]], Prepared]
-) -> Iterator[Prepared]:
-    """Yield each chunk; the next one is made ready meanwhile, in a thread of its own.
-
-    Args:
-        path: The file.
-        layout: Where its chunks stand.
-        prepare: Returns what is yielded, of the place of a chunk and of its records, decompressed;
-            it is called with one after the other.
+def read_chunks(path: Path, layout: Layout) -> Iterator[tuple[ChunkPlace, NDArray[np.uint8]]]:
+    """Yield the place of each chunk and its records, decompressed.
 
     Raises:
         McapError: A chunk is damaged.
         OSError: The file can't be read.
     """
-
-    def prepared(file: BinaryIO, place: ChunkPlace) -> Prepared:
-        file.seek(place.start)
-        data = _decompressed(file.read(place.length), place)
-        return prepare(place, np.frombuffer(data, np.uint8))
-
-    with path.open('rb') as file, ThreadPoolExecutor(1) as worker:
-        ready: Future[Prepared] | None = None
+    with path.open('rb') as file:
         for place in layout.chunks:
-            coming = worker.submit(prepared, file, place)
-            if ready is not None:
-                yield ready.result()
-            ready = coming
-        if ready is not None:
-            yield ready.result()
+            file.seek(place.start)
+            data = _decompressed(file.read(place.length), place)
+            yield place, np.frombuffer(data, np.uint8)
 
 
 def _decompressed(record: bytes, place: ChunkPlace) -> bytes:

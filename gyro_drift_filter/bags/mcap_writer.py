@@ -146,7 +146,9 @@ class McapWriter:
 
     def _close_chunk(self) -> None:
         self._settle_entries()
-        writing = self._worker.submit(self._write_chunk, self._pieces, self._indexes)
+        channels = np.concatenate([np.empty(0, np.int64), *(c for c, _ in self._indexes)])
+        index = np.concatenate([np.empty((0, 2), np.int64), *(i for _, i in self._indexes)])
+        writing = self._worker.submit(self._write_chunk, self._pieces, channels, index)
         self._pending.append(writing)
         self._start_chunk()
         if len(self._pending) > _PENDING:
@@ -157,21 +159,14 @@ class McapWriter:
         del self._pending[0]
 
     def _write_chunk(
-        self, pieces: list[Any], indexes: list[tuple[NDArray[Any], NDArray[Any]]]
+        self, pieces: list[Any], channels: NDArray[np.int64], index: NDArray[np.int64]
     ) -> None:
-        """Pack and write a chunk, and the index of its messages: one after the other, in a thread.
-
-        `indexes` has channels and index of the messages, piece by piece.
-        """
+        """Pack and write a chunk with the index of its messages, one after the other, in a thread."""
         data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
-        numbers = np.zeros(max(self.counts, default=0) + 1, np.int64)
-        for channels, _ in indexes:
-            numbers += np.bincount(channels, minlength=len(numbers))
+        numbers = np.bincount(channels)
         ends = np.cumsum(numbers)
-        grouped, places = np.empty((ends[-1], 2), '<u8'), ends - numbers
-        times = np.array([2**64 - 1, 0], '<u8')
-        for channels, index in indexes:
-            group_index(channels, index.view('<u8'), places, grouped, times)
+        grouped, times = np.empty((len(index), 2), '<u8'), np.array([2**64 - 1, 0], '<u8')
+        group_index(channels, index.view('<u8'), ends - numbers, grouped, times)
         first, last = times.tolist() if len(grouped) else (0, 0)
         compression = self._compression
         packed = zstd.compress(data, ZSTD_LEVEL) if compression else data

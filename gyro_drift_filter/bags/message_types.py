@@ -1,7 +1,7 @@
 """Message types, as ROS 2 defines them.
 
-rosbags' store of all types of Jazzy takes as long to load as a third of a minute of messages to
-filter: the few that are written each time stand here.
+rosbags' store of all types of Jazzy takes 50 ms to load, an eighth of the start of `replay`: the
+few that are written each time stand here.
 """
 
 from functools import cache

@@ -26,6 +26,7 @@ from gyro_drift_filter.bags.library import (
     QosTime,
     StoragePlugin,
     Stores,
+    Typestore,
     TypesysError,
     Writer,
     WriterError,
@@ -335,14 +336,18 @@ def is_cdr(connection: Connection) -> bool:
     return isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format == 'cdr'
 
 
+def _generated(store: Typestore, name: str) -> tuple[str, str]:
+    definition, _ = store.generate_msgdef(name, ros_version=2)
+    return definition, store.hash_rihs01(name)
+
+
 def _definition(connection: Connection, reader: AnyReader) -> tuple[str, str]:
     """Return message definition and hash of a type, for bags from before they stood in them."""
     name = connection.msgtype
-    for in_bag in (True, False):
-        with suppress(TypesysError, KeyError):
-            store = reader.typestore if in_bag else types_with(name)
-            definition, _ = store.generate_msgdef(name, ros_version=2)
-            return definition, store.hash_rihs01(name)
+    with suppress(TypesysError, KeyError):
+        return _generated(reader.typestore, name)
+    with suppress(TypesysError, KeyError):
+        return _generated(types_with(name), name)
     # A type that nobody knows keeps its messages under an empty definition, and the hash of that:
     # readers compare the two.
     unknown = get_typestore(Stores.EMPTY)

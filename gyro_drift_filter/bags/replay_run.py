@@ -286,8 +286,8 @@ class ReplayRun:
             self._writer.write(connection, log_time, message)
         if self._rest is not None and outcome.result['at_rest'] != self._at_rest[0]:
             self._at_rest[0] = outcome.result['at_rest']
-            told = message_type(BOOL_TYPE)(bool(self._at_rest[0] > 0.0))
-            self._writer.write(self._rest, log_time, serialize(told, BOOL_TYPE))
+            message = message_type(BOOL_TYPE)(bool(self._at_rest[0] > 0.0))
+            self._writer.write(self._rest, log_time, serialize(message, BOOL_TYPE))
 
     def map_channels(self, connections: dict[int, Connection], ours: NDArray[np.bool_]) -> None:
         """Say which connection each channel of the MCAP file is, before the first piece.
@@ -348,10 +348,10 @@ class ReplayRun:
         """Write a piece that has been filtered, with the reports on it."""
         data, rows, imus, places, _ = piece
         texts, ends = diagnostic_arrays([self._report(when, of) for _, when, of in reports])
-        told = np.empty((len(reports), 3), np.int64)
-        told[:, 0] = [row for row, _, _ in reports]
-        told[:, 1] = [moment.time for _, moment, _ in reports]
-        told[:, 2] = ends
+        reported = np.empty((len(reports), 3), np.int64)
+        reported[:, 0] = [row for row, _, _ in reports]
+        reported[:, 1] = [moment.time for _, moment, _ in reports]
+        reported[:, 2] = ends
         # One record for each message, and for an Imu what the filter makes of it: each no longer.
         made = 1 + len(self._samples) + 1
         count = len(rows) + made * len(imus) + len(reports)
@@ -372,7 +372,7 @@ class ReplayRun:
             0 if self._rest is None else self._rest.id,
             self._at_rest,
             self._reports.id,
-            told,
+            reported,
             texts,
             out,
             channels,

@@ -18,8 +18,9 @@ Values = list[float]
 class Told(NamedTuple):
     """What the state tells: `tell_state` says of which part of it.
 
-    Counts are since the start or the last reset; rates, noise (its variance) and bias are in rad/s,
-    periods in s. Bias and deviation are those of now, the deviation NaN before there is one.
+    Counts are since the start or the last reset, which packages, beyond_max and turning outlive as
+    the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
+    a variance in (rad/s)^2, of the last sample; period and rest_seconds are in s.
     """
 
     samples: int

@@ -18,7 +18,6 @@ from gyro_drift_filter.bags.chunk_kernels import (
     times_of,
 )
 from gyro_drift_filter.bags.diagnostics import diagnostic_arrays
-from gyro_drift_filter.bags.health import Health
 from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.moments import Moments
@@ -80,21 +79,22 @@ def compile_all() -> None:
     start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
     data = np.frombuffer(EXAMPLE, np.uint8)
     rows, imus = np.zeros(1, ROW), np.zeros(1, IMU)
-    no, none = np.zeros(1, np.bool_), np.zeros(1, np.int64)
-    list_messages(data[:0], no, rows)
+    no_channels, zeros = np.zeros(1, np.bool_), np.zeros(1, np.int64)
+    list_messages(data[:0], no_channels, rows)
     times_of(rows)
     end_batches(rows, 1, 1, np.zeros(1, BATCH), np.zeros(1, BATCH))
-    read_imus(data, rows, no, room_for_doubles(), no_frame(), imus, none)
+    read_imus(data, rows, no_channels, room_for_doubles(), no_frame(), imus, zeros)
     index = np.zeros((0, 2), '<u8')
-    group_index(none[:0], index, none, index, np.zeros(2, '<u8'))
+    group_index(zeros[:0], index, zeros, index, np.zeros(2, '<u8'))
     results = np.zeros(1, RESULT)
     messages.process_imus(imus, range(1), bytes, results)
-    texts, _ = diagnostic_arrays([(0, Health().report(messages.vitals(), 1.0))])
+    messages.vitals()
+    texts, _ = diagnostic_arrays([])
     lay_out(
         data,
         rows,
-        none,
-        no,
+        zeros,
+        no_channels,
         imus,
         results,
         np.zeros((1, 0), np.uint8),

@@ -153,6 +153,15 @@ def extension_name(function: Callable[..., Any]) -> str:
     return f'{function.__module__}.{function.__name__}'.replace('.', '_')
 
 
+def _uncounted() -> dict[str, bool]:
+    """Return the option not to count references to arrays, of which no kernel makes any.
+
+    Its name has an underscore: a numba without it goes on counting.
+    """
+    options = getattr(import_module('numba.core.options'), 'DefaultOptions', None)
+    return {'_nrt': False} if hasattr(options, '_nrt') else {}
+
+
 def compiled(function: Function) -> Function:
     """Return `function` compiled and cached on disk, or as it is where that can't be done.
 
@@ -172,7 +181,7 @@ def compiled(function: Function) -> Function:
             cache=_DIRECTORY is not None,
             error_model='numpy',
             nogil=True,  # so that `replay` reads and packs chunks meanwhile
-            _nrt=False,  # no kernel makes arrays, so references to them need not be counted
+            **_uncounted(),
         )(function)
     finally:
         numba.config.CACHE_DIR = before
