@@ -161,7 +161,7 @@ class McapWriter:
     def _write_chunk(
         self, pieces: list[Any], channels: NDArray[np.int64], index: NDArray[np.int64]
     ) -> None:
-        """Pack and write a chunk with the index of its messages, one after the other, in a thread."""
+        """Pack and write a chunk with the index of its messages: in a thread, one by one."""
         data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
         numbers = np.bincount(channels)
         ends = np.cumsum(numbers)
