@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.stats import norm
 
 from benchmark.bias import warm_up
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
+from gyro_drift_filter.core import bias as bias_module
 from gyro_drift_filter.core.simulation import autoregressive
 
 START = 10**18
@@ -207,6 +209,147 @@ def test_warm_up_is_followed_from_rest_to_rest(random):
     assert np.abs(errors).max() < 0.1 * DEGREE
 
 
+def standing(random, seconds, warms_from):
+    """Return a filter and its errors in rad/s; the bias moves from a time on, a degree in 600 s."""
+    rates, accelerations = at_rest(random, seconds)
+    truth = DEGREE / 600.0 * np.maximum(np.arange(len(rates)) / 100.0 - warms_from, 0.0)
+    filter_ = Filter()
+    results = run(filter_, rates + truth[:, None], accelerations)
+    return filter_, results['bias'] - truth[:, None]
+
+
+def test_warm_up_is_followed_standing(random):
+    """It was a steady bias for long."""
+    steady, wandering = [], []
+    for _ in range(3):
+        filter_, errors = standing(random, 1200, warms_from=600)
+        steady.append(errors[10000:60000])
+        wandering.append(errors[60000:])
+        assert filter_.state['bias']['wandering'] > 0.05  # steady for ten minutes: 0.0001
+    assert np.sqrt(np.mean(np.square(steady))) < 0.008 * DEGREE
+    assert np.sqrt(np.mean(np.square(wandering))) < 0.03 * DEGREE
+    assert np.abs(wandering).max() < 0.09 * DEGREE
+
+
+def test_a_steady_bias_is_an_average_of_many_packages(random):
+    """So what a rest after motion tells is weighed against all that was known before."""
+    spells = [(10, False), (20, True)] * 8
+    errors, deviations = [], []
+    for _ in range(3):
+        filter_ = Filter()
+        run(filter_, *moving_and_resting(random, spells, lambda time: 0.0))
+        assert filter_.state['bias']['wandering'] < 0.01
+        errors.append(filter_.state['bias']['bias'].copy())
+        deviations.append(filter_.bias_deviation)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.012 * DEGREE  # 0.012 of a mean of 10 s alone
+    assert np.mean(np.square(errors) / np.square(deviations)) < 2.0
+
+
+@pytest.mark.parametrize('slow', [0.0, 2.0, 3.0])
+def test_slow_noise_is_seen_from_package_to_package(slow, random):
+    """It is as large as so many times the white noise of a package."""
+    seconds, blocks, package = 600, 12, 192
+    rates, accelerations = at_rest(random, seconds)
+    drift = autoregressive(random, len(rates), np.exp(-0.01 / 3.0), 1.0)
+    scale = NOISE * np.sqrt((1 + PHI) / (1 - PHI) / package)
+    rates += slow * scale * drift / drift.std()
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    ratio = filter_.state['bias']['rest']['variance_ratio']
+
+    def allan_variance(length):
+        means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
+        return 0.5 * np.square(np.diff(means, axis=0)).mean(axis=0)
+
+    expected = np.mean(allan_variance(package) / allan_variance(blocks)) * package / blocks
+    assert ratio == pytest.approx(max(expected, 1.0), rel=0.35)
+    assert (ratio > 1.5) == (slow > 0.0)
+
+
+class Rival:
+    """Bias of one axis: a wandering and a steady filter, mixed as scipy's densities say."""
+
+    def __init__(self, mean, variance):
+        self.mean, self.variance = mean, variance
+
+    def update(self, measurement, noise, walks, weights):
+        means, variances = [], []
+        for walk in walks:
+            prior = self.variance + walk
+            variances.append(1.0 / (1.0 / prior + 1.0 / noise))
+            means.append(variances[-1] * (self.mean / prior + measurement / noise))
+        self.mean = np.average(means, weights=weights)
+        spread = np.square(np.array(means) - self.mean)
+        self.variance = np.average(variances + spread, weights=weights)
+
+
+def set_package(state, means, noises):
+    """Make a package of 16 blocks of a BIAS."""
+    rest = state['rest']
+    rest['blocks'], rest['variance_ratio'] = 16, 1.0
+    for axis in range(3):
+        rest['signals'][axis]['first'] = means[axis]
+        rest['signals'][axis]['scatter'] = 16 * noises[axis]
+
+
+def test_the_bias_is_the_mixture_that_bayes_rule_gives(random):
+    """Packages of known mean and noise, against two filters in information form."""
+    state = np.zeros(1, bias_module.BIAS)[0]
+    bias_module.start_bias(state, np.zeros(3), np.full(3, 1e-6))
+    axes = [Rival(0.0, 1e-6) for _ in range(3)]
+    wandering = bias_module.WANDERING
+    seen = []
+    for number in range(60):
+        means = random.standard_normal(3) * (3e-4 if number < 30 else 3e-3)
+        noises = random.uniform(1e-8, 4e-7, 3)
+        walked = random.choice([1e-8, 1e-6, 3e-6])
+        set_package(state, means, noises)
+        state['walked'] = walked
+        bias_module._learn(state)
+
+        walks = walked, bias_module.STEADY_SHARE * walked
+        spreads = [
+            [axis.variance + walk + noise for axis, noise in zip(axes, noises, strict=True)]
+            for walk in walks
+        ]
+        likelihoods = [
+            norm.pdf(means, [axis.mean for axis in axes], np.sqrt(spread)).prod()
+            for spread in spreads
+        ]
+        far = np.mean(walked / np.array(spreads[0]))
+        wandering += bias_module.FORGOTTEN * far * (bias_module.WANDERING - wandering)
+        weights = np.array([wandering, 1.0 - wandering]) * likelihoods
+        wandering = weights[0] / weights.sum()
+        for axis in range(3):
+            axes[axis].update(means[axis], noises[axis], walks, [wandering, 1.0 - wandering])
+        seen.append(wandering)
+        assert state['wandering'] == pytest.approx(wandering, rel=1e-9)
+        np.testing.assert_allclose(state['bias'], [axis.mean for axis in axes], rtol=1e-9)
+        np.testing.assert_allclose(state['variance'], [axis.variance for axis in axes], rtol=1e-9)
+    assert min(seen) < 0.01
+    assert max(seen) > 0.99
+
+
+def test_what_is_taken_back_leaves_no_trace():
+    state = np.zeros(1, bias_module.BIAS)[0]
+    bias_module.start_bias(state, np.zeros(3), np.full(3, 1e-6))
+    known = 'bias', 'variance', 'wandering'
+    before = []
+    for step in (0.0, 2e-3, 4e-3):
+        set_package(state, np.full(3, step), np.full(3, 1e-7))
+        state['walked'], state['jumped'] = 1e-6, 1e-7
+        before.append({name: np.copy(state[name]) for name in known})
+        bias_module._note_package(state)
+        bias_module._learn(state)
+        assert state['wandering'] != before[-1]['wandering']
+    bias_module._note_package(state)
+    bias_module._take_back(state, 3)  # the one that has been noted, and two that were learned
+    for name in known:
+        assert (state[name] == before[1][name]).all()
+    assert state['walked'] == pytest.approx(2e-6)
+    assert state['jumped'] == pytest.approx(2e-7)
+
+
 @pytest.mark.parametrize('nothing', [0.0, np.nan])
 def test_without_an_accelerometer(nothing, random):
     truth = np.array([0.3, -0.2, 0.5]) * DEGREE
@@ -234,17 +377,13 @@ def test_a_change_of_temperature_widens_the_bias(random):
     filter_ = Filter()
     run(filter_, *at_rest(random, 30))
 
-    def variance():
-        bias = filter_.state['bias']
-        return bias['variance'][0] + bias['growth']
-
     filter_.note_temperature(25.0)
-    before = variance()
+    before = filter_.bias_deviation
     filter_.note_temperature(26.0)
     filter_.note_temperature(float('nan'))
-    assert variance() == before
+    assert (filter_.bias_deviation == before).all()
     filter_.note_temperature(35.0)
-    assert variance() == pytest.approx(before + (10 * 5e-4) ** 2)
+    np.testing.assert_allclose(filter_.bias_deviation**2, before**2 + (10 * 5e-4) ** 2)
 
 
 def test_a_known_bias_is_taken_off_the_first_sample(random):

@@ -15,7 +15,9 @@ one: rest may begin with a turn, and of a thousand packages of plain rest one or
 What the noise is on each signal, within blocks and from block to block, is learned from packages
 that hold together: from the first one on, whose values must be rough and whose means must scatter
 as the values say. The motion of a body is smooth, and its means scatter more. A vibration that
-lasts counts as noise after some minutes. Nothing here is a limit in rad/s.
+lasts counts as noise after some minutes. Nothing here is a limit in rad/s. How much more the means
+of packages vary than the blocks within them say, as slow noise makes them, is learned from one
+package to the next.
 """
 
 import math
@@ -52,6 +54,9 @@ LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows
 # The noise is learned with this weight per package. After so long without rest it is learned anew,
 # as vibration may have come to stay.
 LEARNING = 0.1
+# So is the ratio of variances of packages and blocks, but slower, as there are fewer packages. It
+# begins at one as if so many packages had said so, and one step tells of so large a ratio at most.
+RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 FORGOTTEN_SECONDS = 300.0
 
 SIGNALS = 6
@@ -94,6 +99,8 @@ REST = np.dtype(
         ('signals', SIGNAL, (SIGNALS,)),
         ('known', np.bool_),  # what the noise is
         ('learned', np.int64),  # packages that it was learned from
+        # of the means of the gyroscope's packages, to what the scatter of their blocks says
+        ('variance_ratio', np.float64),
         ('restless', np.int64),  # blocks since the last rest
         ('at_rest', np.bool_),
         ('samples', np.int64),  # since the begin of the value, missing ones among them
@@ -365,9 +372,15 @@ def package_mean(rest: Any, index: int) -> float:
 
 
 @compiled
-def package_variance(rest: Any, index: int) -> float:
-    """Return the variance of `package_mean`."""
-    return float(rest['signals'][index]['scatter'] / rest['blocks'])
+def package_variance(rest: Any, axis: int) -> float:
+    """Return the variance of `package_mean` of an axis of the gyroscope."""
+    return mean_variance(rest, axis, rest['blocks'])
+
+
+@compiled
+def mean_variance(rest: Any, axis: int, blocks: float) -> float:
+    """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
+    return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
 
 
 @compiled
@@ -376,11 +389,28 @@ def next_package(rest: Any, moved: bool) -> None:
     if moved:
         _forget_before(rest)
     else:
+        _learn_variance_ratio(rest)
         rest['at_rest'] = True
         for i in range(SIGNALS):
             rest['signals'][i]['before'] = package_mean(rest, i)
             rest['signals'][i]['before_blocks'] = rest['blocks']
     _start_package(rest)
+
+
+@compiled
+def _learn_variance_ratio(rest: Any) -> None:
+    """Learn from how far the means of the package and the one before lie apart."""
+    ratio = 0.0
+    for i in range(3):
+        signal = rest['signals'][i]
+        if signal['before_blocks'] == 0:
+            return
+        step = package_mean(rest, i) - signal['before']
+        spread = signal['scatter'] * (1.0 / rest['blocks'] + 1.0 / signal['before_blocks'])
+        ratio += step * step / spread / 3.0
+    share = max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
+    change = min(ratio, LARGEST_RATIO) - rest['variance_ratio']
+    rest['variance_ratio'] = max(rest['variance_ratio'] + share * change, 1.0)
 
 
 @compiled
@@ -444,6 +474,8 @@ def _learn(rest: Any, length: int) -> None:
     blocks = 1.0 * rest['blocks']
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = max(LEARNING, 1.0 / rest['learned'])
+    if rest['learned'] == 1:
+        rest['variance_ratio'] = 1.0
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
