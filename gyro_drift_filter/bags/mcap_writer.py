@@ -124,7 +124,6 @@ class McapWriter:
             index: (n, 2) log time in ns and place of each, as in a MESSAGE_INDEX; it is changed.
         """
         self._settle_entries()
-        channels, index = np.ascontiguousarray(channels, np.int64), np.ascontiguousarray(index)
         starts, done, written = index[:, 1], 0, 0
         while done < len(channels):
             stop = bisect_right(starts, CHUNK_BYTES - self._size + written, done + 1)
@@ -140,8 +139,7 @@ class McapWriter:
         """Keep single messages and bulks in their order."""
         if self._entries:
             entries = np.array(self._entries, np.uint64).astype(np.int64)
-            channels, index = entries[:, 0], entries[:, 1:]
-            self._indexes.append((np.ascontiguousarray(channels), np.ascontiguousarray(index)))
+            self._indexes.append((entries[:, 0], entries[:, 1:]))
             self._entries = []
 
     def _close_chunk(self) -> None:

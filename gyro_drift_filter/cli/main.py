@@ -6,12 +6,7 @@ from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Returns:
-        0 done, 1 a known error told in one line on stderr, 130 interrupted. Bad usage exits with
-        2 from within argparse.
-    """
+    """Run the command and return its exit status, see `command.run`."""
     # Before numpy is loaded: it starts a thread for each processor, which waits busily for products
     # of matrices, and takes 70 ms for that. None is large enough here to gain by them.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -56,7 +56,7 @@ LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows
 LEARNING = 0.1
 # So is the ratio of variances of packages and blocks, but slower, as there are fewer packages. It
 # begins at one as if so many packages had said so, and one step tells of so large a ratio at most.
-RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
+RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 10.0, 16.0
 FORGOTTEN_SECONDS = 300.0
 
 SIGNALS = 6
@@ -109,12 +109,14 @@ REST = np.dtype(
         ('count', np.int64),  # values in it
         ('run', np.int64),  # still blocks in a row
         ('blocks', np.int64),  # in the package
-        # after a package that did not hold together: 2 where this one begins with its later half, 1
-        # where that has been left behind, 0 from the next package on
-        ('kept', np.int64),
+        ('halves', np.int64),  # what became of the halves of a package that did not hold together
     ],
     align=True,
 )
+
+# Of `halves`: there was no such package; this one begins with the later half of it; that has been
+# left behind, up to the end of this package.
+WHOLE, LATE, LEFT = 0, 1, 2
 
 LENGTHS = np.dtype(
     [
@@ -168,7 +170,7 @@ def _start_value(rest: Any) -> None:
 @compiled
 def _start_package(rest: Any) -> None:
     rest['blocks'] = 0
-    rest['kept'] = 0
+    rest['halves'] = WHOLE
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         signal['means'] = 0.0
@@ -256,17 +258,17 @@ def close_block(rest: Any, lengths: Any) -> int:
     _start_block(rest)
     if rest['blocks'] < PACKAGE:
         return NOTHING
-    if rest['kept'] == 2:
+    if rest['halves'] == LATE:
         _drop_early_half(rest)
-        rest['kept'] = 1
+        rest['halves'] = LEFT
         return NOTHING
-    rest['kept'] = 0
+    rest['halves'] = WHOLE
     if not _holds_together(rest, length):
         rest['at_rest'] = False
         _forget_before(rest)
         if rest['known']:
             _drop_early_half(rest)
-            rest['kept'] = 2
+            rest['halves'] = LATE
             rest['run'] = 2
         else:
             rest['run'] = 0
@@ -281,7 +283,8 @@ def _lasted(rest: Any) -> bool:
     """Tell whether the package that a motion has ended is long enough to tell of rest."""
     if rest['at_rest']:
         return bool(rest['blocks'] >= LEAST_PACKAGE)
-    return bool(rest['known'] and rest['kept'] > 0 and rest['blocks'] >= HALF + LEAST_PACKAGE)
+    begun = rest['halves'] != WHOLE and rest['blocks'] >= HALF + LEAST_PACKAGE
+    return bool(rest['known'] and begun)
 
 
 @compiled
