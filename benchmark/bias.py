@@ -84,6 +84,19 @@ def warm_up(random: np.random.Generator, rate: float) -> Array:
     return np.asarray(bias[ends] - truth[ends, None]) / _DEGREE
 
 
+def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, Array]:
+    """Return the errors in deg/s, (n, 3), of a sensor that stands all the time.
+
+    First while its bias is steady, the first minute left out, then while it moves 1 deg/s.
+    """
+    rates, accelerations = at_rest(random, 2 * WARM_UP, rate)
+    begin = round(WARM_UP * rate)
+    truth = _DEGREE * np.maximum(np.arange(len(rates)) - begin, 0) / begin
+    bias = _biases(rates + truth[:, None], accelerations, rate, False)
+    errors = (bias - truth[:, None]) / _DEGREE
+    return errors[round(CYCLE * rate) : begin], errors[begin:]
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
@@ -104,9 +117,18 @@ def main() -> None:
     print(f'share of a turn of {TURN} s after {REST} s of rest that is bias at its end\n')
     print(table(rows), end='\n\n')
     errors = np.array([warm_up(np.random.default_rng(seed), options.rate) for seed in seeds])
-    print(f'bias that moves 1 deg/s in {WARM_UP} s, a rest of {PAUSE} s every {CYCLE} s\n')
+    print(
+        f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
+        f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
+    )
     rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
-    print(table([['error after a rest (deg/s), rms', 'worst'], [f'{rms:.3f}', f'{worst:.3f}']]))
+    rows = [['error (deg/s)', 'rms', 'worst'], ['after a rest', f'{rms:.3f}', f'{worst:.3f}']]
+    runs = [warm_up_standing(np.random.default_rng(seed), options.rate) for seed in seeds]
+    for name, parts in zip(('steady', 'standing'), zip(*runs, strict=True), strict=True):
+        errors = np.array(parts)
+        rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
+        rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
+    print(table(rows))
 
 
 if __name__ == '__main__':

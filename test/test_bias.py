@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 from scipy.stats import norm
 
-from benchmark.bias import warm_up
+from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
 from gyro_drift_filter.core.simulation import autoregressive
@@ -209,26 +209,12 @@ def test_warm_up_is_followed_from_rest_to_rest(random):
     assert np.abs(errors).max() < 0.1 * DEGREE
 
 
-def standing(random, seconds, warms_from):
-    """Return a filter and its errors in rad/s; the bias moves from a time on, a degree in 600 s."""
-    rates, accelerations = at_rest(random, seconds)
-    truth = DEGREE / 600.0 * np.maximum(np.arange(len(rates)) / 100.0 - warms_from, 0.0)
-    filter_ = Filter()
-    results = run(filter_, rates + truth[:, None], accelerations)
-    return filter_, results['bias'] - truth[:, None]
-
-
 def test_warm_up_is_followed_standing(random):
     """It was a steady bias for long."""
-    steady, wandering = [], []
-    for _ in range(3):
-        filter_, errors = standing(random, 1200, warms_from=600)
-        steady.append(errors[10000:60000])
-        wandering.append(errors[60000:])
-        assert filter_.state['bias']['wandering'] > 0.05  # steady for ten minutes: 0.0001
-    assert np.sqrt(np.mean(np.square(steady))) < 0.008 * DEGREE
-    assert np.sqrt(np.mean(np.square(wandering))) < 0.03 * DEGREE
-    assert np.abs(wandering).max() < 0.09 * DEGREE
+    steady, moving = zip(*(warm_up_standing(random, 100.0) for _ in range(3)), strict=True)
+    assert np.sqrt(np.mean(np.square(steady))) < 0.008
+    assert np.sqrt(np.mean(np.square(moving))) < 0.03
+    assert np.abs(moving).max() < 0.1
 
 
 def test_a_steady_bias_is_an_average_of_many_packages(random):

@@ -56,7 +56,7 @@ LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows
 LEARNING = 0.1
 # So is the ratio of variances of packages and blocks, but slower, as there are fewer packages. It
 # begins at one as if so many packages had said so, and one step tells of so large a ratio at most.
-RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 10.0, 16.0
+RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 FORGOTTEN_SECONDS = 300.0
 
 SIGNALS = 6
