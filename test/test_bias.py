@@ -332,6 +332,8 @@ def test_what_is_taken_back_leaves_no_trace():
     bias_module._take_back(state, 3)  # the one that has been noted, and two that were learned
     for name in known:
         assert (state[name] == before[1][name]).all()
+        # Nor in what the packages say of the time before them: they may be taken back with others.
+        assert (state['recent'][:3][name] == before[1][name]).all()
     assert state['walked'] == pytest.approx(2e-6)
     assert state['jumped'] == pytest.approx(2e-7)
 
