@@ -1,12 +1,8 @@
 """The bias of the gyroscope, tracked at rest: one small Kalman filter per axis.
 
 The measurement is the mean rate of a package of rest (`rest.py`), its noise what such means scatter
-by. In between the bias walks at random. It either wanders, as fast as `bias.random_walk` allows, or
-is steady and walks a tenth as fast; how likely either is each package tells before it is learned
-from. So one that is steady is an average over many packages, and one that begins to wander, as a
-sensor that warms up, is followed at once.
-
-A constant slow turn can't be told from a bias by an IMU alone, so a package is believed only where
+by. Between rests the bias walks at random. A constant slow turn can't be told from a bias by an IMU
+alone, so a package is believed only where
 
 - its mean is within `bias.max` on all axes, and
 - it lies where the bias can have come since the last one, by the deviation of the bias, and so do
@@ -43,13 +39,12 @@ _AXES = (3,)
 GATE = 3.5
 # Several packages in a row, up to so many, have to lie closer: they tell a turn of the bias's size.
 RECENT_GATE, RECENT = 3.0, 8
-# The variance of the random walk of a steady bias, as a share of that of one that wanders.
-STEADY_SHARE = 0.01
-# A bias wanders with this probability before anything is known. Of what is known this share is
-# forgotten with a package before which it may have wandered far, as it may have begun to.
-WANDERING, FORGOTTEN = 0.02, 0.05
-# Logarithm of a ratio of likelihoods: more tells no more, and overflows.
-LARGEST_EVIDENCE = 50.0
+# At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
+# With more a quiet sensor's bias follows the slow part of its noise.
+REST_SHARE = 0.003
+# How fast the bias walks is learned from how well it was foretold: this share per package, down to
+# this share of the variance that the parameter allows.
+LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # A rate of rest that is not believed is the bias after all if it stays for so long.
 LONGEST_TURN = 90.0  # s
 # After a slow turn so many packages of rest in a row have to agree before they are believed: a turn
@@ -57,6 +52,8 @@ LONGEST_TURN = 90.0  # s
 DOUBTED = 2
 # It stays where a package lies within so many deviations of those before.
 SAME = 4.0
+
+LARGEST_STEP = 1.0  # rad/s: no change of temperature moves the bias by more
 
 # What the robot says of itself: nothing, that it moves, that it stands; good for so long.
 SILENT, MOVES, STANDS = 0, 1, 2
@@ -69,10 +66,9 @@ PACKAGE = np.dtype(
         # of the bias before it was taken in
         ('bias', np.float64, _AXES),
         ('variance', np.float64, _AXES),
-        ('wandering', np.float64),
         # of the state, that ended as it was taken in; 0 where it was not
-        ('walked', np.float64),
-        ('jumped', np.float64),
+        ('growth', np.float64),
+        ('reach', np.float64),
     ],
     align=True,
 )
@@ -83,10 +79,9 @@ BIAS = np.dtype(
         ('known', np.bool_),
         ('bias', np.float64, _AXES),  # rad/s
         ('variance', np.float64, _AXES),  # (rad/s)^2
-        ('wandering', np.float64),  # probability that the bias wanders
-        # (rad/s)^2, since the last package
-        ('walked', np.float64),  # variance that a random walk has added, where the bias wanders
-        ('jumped', np.float64),  # and what else may have moved it
+        ('walk', np.float64),  # share of the random walk's variance that the bias takes
+        ('growth', np.float64),  # (rad/s)^2, of the variance since the last package
+        ('reach', np.float64),  # (rad/s)^2, the same with all of the random walk
         ('recent', PACKAGE, (RECENT,)),  # packages of this rest, the last one first
         ('recent_count', np.int64),
         ('hint', np.int64),
@@ -121,11 +116,11 @@ def start_bias(state: Any, bias: Any, variance: Any) -> None:
         if not variance[axis] < np.inf:
             state['known'] = False
             state['variance'][axis] = 0.0
-    state['wandering'] = WANDERING
+    state['walk'] = 1.0
     state['doubt'] = 0
     state['temperature'] = np.nan
-    state['walked'] = 0.0
-    state['jumped'] = 0.0
+    state['growth'] = 0.0
+    state['reach'] = 0.0
     state['turn_seconds'] = 0.0
 
 
@@ -149,13 +144,7 @@ def _forget_stillness(state: Any) -> None:
 @compiled
 def bias_variance(state: Any, axis: int) -> float:
     """Return the variance of the bias at present, in (rad/s)^2."""
-    return _variance(state, axis, STEADY_SHARE + (1.0 - STEADY_SHARE) * state['wandering'])
-
-
-@compiled
-def _variance(state: Any, axis: int, share: float) -> float:
-    """Return the variance of a bias whose random walk has this share of the variance allowed."""
-    return float(state['variance'][axis] + share * state['walked'] + state['jumped'])
+    return float(state['variance'][axis] + state['growth'])
 
 
 @compiled
@@ -180,7 +169,9 @@ def track_bias(
     if state['hint_seconds'] <= 0.0:
         state['hint'] = SILENT
     state['rest_seconds'] = 0.0 if rest['at_rest'] else state['rest_seconds'] + elapsed
-    state['walked'] += random_walk * random_walk * elapsed
+    walked = random_walk * random_walk * elapsed
+    state['reach'] += walked
+    state['growth'] += walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     believed = believed and state['hint'] != MOVES
     if not note_sample(rest, sample, believed, missing, lengths):
         return
@@ -232,11 +223,7 @@ def _note_stillness(state: Any, block_seconds: float, calibration_time: float) -
 
 def bias_deviation(state: Any) -> NDArray[np.float64]:
     """Return the standard deviation of a BIAS at present, (3,) in rad/s."""
-    # As `bias_variance`, for all axes at once.
-    share = STEADY_SHARE + (1.0 - STEADY_SHARE) * state['wandering']
-    deviation: NDArray[np.float64] = np.sqrt(
-        state['variance'] + share * state['walked'] + state['jumped']
-    )
+    deviation: NDArray[np.float64] = np.sqrt(state['variance'] + state['growth'])
     return deviation
 
 
@@ -265,7 +252,9 @@ def warm_bias(state: Any, temperature: float, step: float, coefficient: float) -
     if abs(change) <= step:
         return
     if abs(change) < np.inf:
-        state['jumped'] += coefficient * change * coefficient * change
+        moved = min(coefficient * abs(change), LARGEST_STEP)
+        state['growth'] += moved * moved
+        state['reach'] += moved * moved
     state['temperature'] = temperature
 
 
@@ -287,9 +276,9 @@ def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> b
         # It stands there by the robot's own word, so that is how far the bias has come.
         for axis in range(3):
             distance = package_mean(rest, axis) - state['bias'][axis]
-            spread = _variance(state, axis, 1.0) + package_variance(rest, axis)
+            spread = state['variance'][axis] + state['reach'] + package_variance(rest, axis)
             if distance * distance > GATE * GATE * spread:
-                state['jumped'] = max(state['jumped'], distance * distance)
+                state['growth'] = max(state['growth'], distance * distance)
         state['recent_count'] = 0
         return True
     _note_package(state)
@@ -320,9 +309,8 @@ def _note_package(state: Any) -> None:
         last['noise'][axis] = package_variance(state['rest'], axis)
         last['bias'][axis] = state['bias'][axis]
         last['variance'][axis] = state['variance'][axis]
-    last['wandering'] = state['wandering']
-    last['walked'] = 0.0
-    last['jumped'] = 0.0
+    last['growth'] = 0.0
+    last['reach'] = 0.0
 
 
 @compiled
@@ -331,12 +319,12 @@ def _turned(state: Any) -> int:
     recent = state['recent']
     for axis in range(3):
         total = noise = 0.0
-        reach = state['walked'] + state['jumped']
+        reach = state['reach']
         for i in range(state['recent_count']):
             package, count = recent[i], i + 1.0
             total += package['mean'][axis]
             noise += package['noise'][axis]
-            reach += package['walked'] + package['jumped']
+            reach += package['reach']
             distance = total / count - package['bias'][axis]
             spread = package['variance'][axis] + reach + noise / (count * count)
             gate = GATE if i == 0 else RECENT_GATE
@@ -356,14 +344,12 @@ def _take_back(state: Any, count: int) -> None:
     for axis in range(3):
         state['bias'][axis] = before['bias'][axis]
         state['variance'][axis] = before['variance'][axis]
-    state['wandering'] = before['wandering']
     for i in range(count):
         package = recent[i]
-        state['walked'] += package['walked']
-        state['jumped'] += package['jumped']
-        package['walked'] = 0.0
-        package['jumped'] = 0.0
-        package['wandering'] = before['wandering']
+        state['growth'] += package['growth']
+        state['reach'] += package['reach']
+        package['growth'] = 0.0
+        package['reach'] = 0.0
         for axis in range(3):
             package['bias'][axis] = before['bias'][axis]
             package['variance'][axis] = before['variance'][axis]
@@ -390,57 +376,28 @@ def _stays(state: Any, seconds: float) -> bool:
 
 @compiled
 def _learn(state: Any) -> None:
-    """Take the package into the bias."""
+    """Take the package into the bias, and how well it was foretold into the random walk."""
     rest = state['rest']
+    surprise = share = 0.0
+    for axis in range(3):
+        mean, noise = package_mean(rest, axis), package_variance(rest, axis)
+        if state['known']:
+            variance = state['variance'][axis] + state['growth']
+            innovation, spread = mean - state['bias'][axis], variance + noise
+            surprise += innovation * innovation / spread / 3.0
+            share += state['growth'] / spread / 3.0
+            gain = variance / spread
+            state['bias'][axis] += gain * innovation
+            state['variance'][axis] = (1.0 - gain) * variance
+        else:
+            state['bias'][axis] = mean
+            state['variance'][axis] = noise
     if state['known']:
-        _judge_wandering(state)
-        _update(state)
-        state['recent'][0]['walked'] = state['walked']
-        state['recent'][0]['jumped'] = state['jumped']
-    else:
-        for axis in range(3):
-            state['bias'][axis] = package_mean(rest, axis)
-            state['variance'][axis] = package_variance(rest, axis)
+        exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
+        state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
+        state['recent'][0]['growth'] = state['growth']
+        state['recent'][0]['reach'] = state['reach']
     _settle(state)
-
-
-@compiled
-def _judge_wandering(state: Any) -> None:
-    """Learn whether the bias wanders from how well the package was foretold: Bayes' rule."""
-    rest = state['rest']
-    evidence = far = 0.0
-    for axis in range(3):
-        noise = package_variance(rest, axis)
-        innovation = package_mean(rest, axis) - state['bias'][axis]
-        wandering = _variance(state, axis, 1.0) + noise
-        steady = _variance(state, axis, STEADY_SHARE) + noise
-        evidence += 0.5 * innovation * innovation * (1.0 / steady - 1.0 / wandering)
-        evidence += 0.5 * math.log(steady / wandering)
-        far += state['walked'] / wandering / 3.0
-    prior = state['wandering'] + FORGOTTEN * far * (WANDERING - state['wandering'])
-    likelihood = math.exp(min(max(evidence, -LARGEST_EVIDENCE), LARGEST_EVIDENCE))
-    state['wandering'] = prior * likelihood / (prior * likelihood + 1.0 - prior)
-
-
-@compiled
-def _update(state: Any) -> None:
-    """Update the bias as one that wanders and as a steady one, and take the mean of the two.
-
-    This is the generalised pseudo-Bayesian estimator of first order.
-    """
-    rest, probability = state['rest'], state['wandering']
-    for axis in range(3):
-        noise = package_variance(rest, axis)
-        innovation = package_mean(rest, axis) - state['bias'][axis]
-        wandering, steady = _variance(state, axis, 1.0), _variance(state, axis, STEADY_SHARE)
-        gain, steady_gain = wandering / (wandering + noise), steady / (steady + noise)
-        apart = (gain - steady_gain) * innovation
-        state['bias'][axis] += steady_gain * innovation + probability * apart
-        state['variance'][axis] = (
-            probability * (1.0 - gain) * wandering
-            + (1.0 - probability) * (1.0 - steady_gain) * steady
-            + probability * (1.0 - probability) * apart * apart
-        )
 
 
 @compiled
@@ -449,6 +406,6 @@ def _settle(state: Any) -> None:
     state['known'] = True
     state['beyond'] = False
     state['packages'] += 1
-    state['walked'] = 0.0
-    state['jumped'] = 0.0
+    state['growth'] = 0.0
+    state['reach'] = 0.0
     state['turn_seconds'] = 0.0

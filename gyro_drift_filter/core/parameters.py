@@ -220,8 +220,8 @@ class Parameters:
         'bias.random_walk',
         'double',
         'How fast the bias may wander at most, in rad/s per square root of a second (1.6e-4: 0.07 '
-        'deg/s in a minute). Whether it does, or is steady, is learned. Lower it if slow turns are '
-        'taken for bias, raise it if a bias that warms up is not followed.',
+        'deg/s in a minute). How fast it does is learned. Lower it if slow turns are taken for '
+        'bias, raise it if a bias that warms up is not followed.',
         low=1.0e-8,
         high=0.1,
     )

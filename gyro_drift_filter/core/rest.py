@@ -51,12 +51,12 @@ GRAVITY_DEVIATIONS = 6.0
 LARGEST_SCATTER = 4.0
 LEAST_ROUGHNESS = 0.3
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
-# The noise is learned with this weight per package. After so long without rest it is learned anew,
-# as vibration may have come to stay.
+# The noise is learned with this weight per package.
 LEARNING = 0.1
-# So is the ratio of variances of packages and blocks, but slower, as there are fewer packages. It
-# begins at one as if so many packages had said so, and one step tells of so large a ratio at most.
+# The ratio of variances is learned slower, as a package tells less of it. It begins at one, which
+# weighs as much as the first packages do, and one step tells of so large a ratio at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
+# After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
 
 SIGNALS = 6
