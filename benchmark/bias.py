@@ -116,17 +116,22 @@ def main() -> None:
         rows.append(row)
     print(f'share of a turn of {TURN} s after {REST} s of rest that is bias at its end\n')
     print(table(rows), end='\n\n')
-    errors = np.array([warm_up(np.random.default_rng(seed), options.rate) for seed in seeds])
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
         f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
     )
-    rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
-    rows = [['error (deg/s)', 'rms', 'worst'], ['after a rest', f'{rms:.3f}', f'{worst:.3f}']]
-    runs = [warm_up_standing(np.random.default_rng(seed), options.rate) for seed in seeds]
-    for name, parts in zip(('steady', 'standing'), zip(*runs, strict=True), strict=True):
-        errors = np.array(parts)
-        rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
+    runs = [
+        (
+            warm_up(np.random.default_rng(seed), options.rate),
+            *warm_up_standing(np.random.default_rng(seed), options.rate),
+        )
+        for seed in seeds
+    ]
+    rows = [['error (deg/s)', 'rms', 'worst']]
+    for name, errors in zip(
+        ('after a rest', 'steady', 'standing'), zip(*runs, strict=True), strict=True
+    ):
+        rms, worst = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
         rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
     print(table(rows))
 

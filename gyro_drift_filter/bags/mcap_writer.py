@@ -95,7 +95,7 @@ class McapWriter:
         self._pieces: list[Any] = []
         self._size = 0
         self._entries: list[tuple[int, int, int]] = []
-        self._indexes: list[tuple[NDArray[Any], NDArray[Any]]] = []
+        self._indexes: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
 
     def _append(self, piece: Any) -> None:
         self._pieces.append(piece)
@@ -112,7 +112,7 @@ class McapWriter:
             self._close_chunk()
 
     def write_bulk(
-        self, records: NDArray[np.uint8], channels: NDArray[Any], index: NDArray[Any]
+        self, records: NDArray[np.uint8], channels: NDArray[np.int64], index: NDArray[np.int64]
     ) -> None:
         """Write message records that lie behind each other, without copying them.
 

@@ -25,12 +25,12 @@ from gyro_drift_filter.core.rest import (
     REST,
     WHOLE,
     close_block,
-    mean_variance,
     next_package,
     note_sample,
     package_mean,
     package_variance,
     start_rest,
+    variance_of_mean,
 )
 
 _AXES = (3,)
@@ -233,7 +233,7 @@ def calibrate_bias(state: Any) -> None:
     for axis in range(3):
         blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
-        state['variance'][axis] = mean_variance(state['rest'], axis, blocks)
+        state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
     # What came before tells nothing against it.
     state['recent_count'] = 0
     state['doubt'] = 0

@@ -53,8 +53,8 @@ LEAST_ROUGHNESS = 0.3
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per package.
 LEARNING = 0.1
-# The ratio of variances is learned slower, as a package tells less of it. It begins at one, which
-# weighs as much as the first packages do, and one step tells of so large a ratio at most.
+# The ratio of variances is learned slower, as a package tells less of it. It begins at one, as if
+# the first packages and so many more had said so, and one step tells of so large a ratio at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
@@ -377,11 +377,11 @@ def package_mean(rest: Any, index: int) -> float:
 @compiled
 def package_variance(rest: Any, axis: int) -> float:
     """Return the variance of `package_mean` of an axis of the gyroscope."""
-    return mean_variance(rest, axis, rest['blocks'])
+    return variance_of_mean(rest, axis, rest['blocks'])
 
 
 @compiled
-def mean_variance(rest: Any, axis: int, blocks: float) -> float:
+def variance_of_mean(rest: Any, axis: int, blocks: float) -> float:
     """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
     return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
 
