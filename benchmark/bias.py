@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.simulation import autoregressive
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 NOISE, PHI, GRAVITY = 6.1e-3, 0.167, 9.81
 SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s

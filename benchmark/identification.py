@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core.simulation import autoregressive
 from gyro_drift_filter.identify.models import choose, fit_arma, fit_drift_and_white
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 SAMPLES, CHOICE_SAMPLES = 20_000, 50_000
 RATIOS = (4.0, 2.0, 1.0, 0.5, 0.25)

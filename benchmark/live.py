@@ -26,8 +26,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
 from demo.live import LOSSLESS, NODE, environment, own_domain
-from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS
-from gyro_drift_filter.bags.simulated import imu_message
+from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.simulation.bag import imu_message
 
 RELAY = [sys.executable, '-m', 'benchmark.relay']
 NODE_COMMAND = [str(NODE), '--ros-args']

@@ -14,10 +14,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE, VECTOR_TYPE
-from gyro_drift_filter.bags.mcap_records import ZSTD_LEVEL, zstd
-from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS
 from gyro_drift_filter.core import Filter
+from gyro_drift_filter.mcap.records import ZSTD_LEVEL, zstd
+from gyro_drift_filter.messages.cdr import IMU_TYPE, VECTOR_TYPE
+from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 

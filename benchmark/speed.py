@@ -24,10 +24,10 @@ import numpy as np
 from benchmark import live
 from benchmark.measure import ROOT, cost_of, median_costs
 from benchmark.tiled import short_one, write_tiled
+from gyro_drift_filter.accelerate.kernels import is_extension
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.compiled import is_extension
-from gyro_drift_filter.core.simulation import autoregressive
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 PIECE = 4096  # samples that go through the core at once
 _AGAIN = 'GYRO_DRIFT_FILTER_BENCHMARK_AGAIN'

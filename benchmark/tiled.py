@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 RECORDING = Path(__file__).parents[2] / 'shared' / 'bags' / 'static_adis16405'
 _PIECE = 100_000  # messages

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.simulation import Simulation
+from gyro_drift_filter.simulation.experiments import Simulation
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt

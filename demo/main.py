@@ -18,14 +18,14 @@ from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_static
 from demo.live import LOSSLESS, LiveNode
-from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
 from gyro_drift_filter.bags.replay import Topics, replay
-from gyro_drift_filter.bags.simulated import TOPIC, truth_path, write_simulation
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, METHODS
-from gyro_drift_filter.core.simulation import Simulation, SimulationSettings, simulate
+from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
+from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate
 
 SHIPPED = Path(__file__).parent.parent / 'config' / 'gyro_drift_filter.yaml'
 _TOPICS = Topics.of(TOPIC)

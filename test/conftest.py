@@ -48,8 +48,8 @@ def random():
 @pytest.fixture(scope='session')
 def real():
     """Return a function of a recording's name to stamps (n,), rates, accelerations (n, 3)."""
-    from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
     from gyro_drift_filter.bags.recording import messages, open_bag
+    from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 
     known = {}
 

@@ -94,13 +94,13 @@ def messages():
         place_in_result,
         times_of,
     )
-    from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
-    from gyro_drift_filter.bags.mcap_records import MESSAGE, PREFIX
-    from gyro_drift_filter.bags.message_filter import MessageFilter
-    from gyro_drift_filter.bags.moments import Moments
     from gyro_drift_filter.bags.replay_run import payload
+    from gyro_drift_filter.bags.statistics import Moments
     from gyro_drift_filter.core import Parameters
     from gyro_drift_filter.core.filter import RESULT
+    from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
+    from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
+    from gyro_drift_filter.messages.message_filter import MessageFilter
     from test.test_chunk_replay import mixed
 
     rows = mixed(np.random.default_rng(3), 2)
@@ -188,8 +188,8 @@ def main(out, way):
     if way == 'plain':
         os.environ['NUMBA_DISABLE_JIT'] = '1'
         sys.modules['numba'] = None
+    from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
     from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-    from gyro_drift_filter.core.compiled import is_compiled, is_extension
     from gyro_drift_filter.core.parameters import METHODS
 
     assert is_extension() == (way == 'extension')

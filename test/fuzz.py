@@ -22,17 +22,17 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 
-from gyro_drift_filter.bags.cdr import EXAMPLE, IMU_TYPE, MalformedMessageError, read_imu
 from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
-from gyro_drift_filter.bags.imu_kernels import PUBLISH
-from gyro_drift_filter.bags.mcap_reader import read_chunks, read_layout
-from gyro_drift_filter.bags.mcap_records import McapError
-from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
-from gyro_drift_filter.bags.message_filter import MessageFilter
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
+from gyro_drift_filter.mcap.reader import read_chunks, read_layout
+from gyro_drift_filter.mcap.records import McapError
+from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+from gyro_drift_filter.messages.cdr import EXAMPLE, IMU_TYPE, MalformedMessageError, read_imu
+from gyro_drift_filter.messages.imu_kernels import PUBLISH
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from test.conftest import REPOSITORY
 from test.test_chunk_replay import START, read_all, write_mcap
 from test.test_replay import TEXT, text

@@ -18,12 +18,12 @@ from std_srvs.srv import Trigger
 
 from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
-from gyro_drift_filter.bags.simulated import imu_message
 from gyro_drift_filter.cli.main import main as gyro_drift
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
-from gyro_drift_filter.core.noise import LEAST_NOISE
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.core.methods.noise import LEAST_NOISE
+from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from test.conftest import NAMES, RECORDINGS
 
 RATE = 200.0

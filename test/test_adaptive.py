@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.adaptive import LARGEST_DEBT, MAKE_UP_SECONDS
-from gyro_drift_filter.core.ladder import LADDER, LEVELS, derive_ladder
-from gyro_drift_filter.core.simulation import autoregressive
+from gyro_drift_filter.core.methods.adaptive import LARGEST_DEBT, MAKE_UP_SECONDS
+from gyro_drift_filter.core.methods.mode_set import LADDER, LEVELS, derive_ladder
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 START = 10**18
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)

@@ -7,7 +7,7 @@ from scipy import signal
 from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
-from gyro_drift_filter.core.simulation import autoregressive
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 START = 10**18
 # As of the ADIS16405 at 100 Hz, in rad/s.

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from gyro_drift_filter.bags.cdr import (
+from gyro_drift_filter.messages.cdr import (
     IMU_TYPE,
     VECTOR_TYPE,
     MalformedMessageError,
@@ -16,8 +16,8 @@ from gyro_drift_filter.bags.cdr import (
     read_imus,
     vector3_stamped,
 )
-from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_arrays
-from gyro_drift_filter.bags.simulated import imu_message
+from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
+from gyro_drift_filter.simulation.bag import imu_message
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HEADER = STORE.types['std_msgs/msg/Header']

@@ -12,19 +12,25 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
 import gyro_drift_filter.bags.replay as replay_module
-from gyro_drift_filter.bags.cdr import GOOD, IMU_TYPE, MALFORMED, MalformedMessageError, read_imu
 from gyro_drift_filter.bags.chunk_kernels import CHANNELS, ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
-from gyro_drift_filter.bags.mcap_reader import read_layout
-from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import ReplayRun
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.filter import RESULT
+from gyro_drift_filter.mcap.reader import read_layout
+from gyro_drift_filter.messages.cdr import (
+    GOOD,
+    IMU_TYPE,
+    MALFORMED,
+    MalformedMessageError,
+    read_imu,
+)
+from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from test.test_replay import STORE, TEXT, text, write
 
 START = 10**18

@@ -126,7 +126,7 @@ def test_bad_usage_is_status_2(arguments, capsys):
 
 
 def test_warns_of_rates_in_degrees(tmp_path, capsys):
-    from gyro_drift_filter.bags.simulated import imu_message
+    from gyro_drift_filter.simulation.bag import imu_message
 
     imu = [
         (10**18 + k * 10**7, imu_message(10**18 + k * 10**7, (90.0 + k, 0, 0), (0, 0, 9.8)))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gyro_drift_filter.bags.cdr import read_imu
 from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import FILTERED, REPEATED
+from gyro_drift_filter.messages.cdr import read_imu
 from test.conftest import RECORDINGS
 
 MS = 1_000_000

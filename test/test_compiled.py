@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from gyro_drift_filter.core.compiled import is_compiled
+from gyro_drift_filter.accelerate.kernels import is_compiled
 from test.conftest import REPOSITORY
 
 WAY = """
-from gyro_drift_filter.core.compiled import is_compiled, is_extension
+from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
 from gyro_drift_filter.core import Filter
 Filter().step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
 print('extension' if is_extension() else 'numba' if is_compiled() else 'plain')
@@ -110,7 +110,7 @@ def test_the_extension_module_is_found_where_nothing_can_be_written(extension):
 
 
 MISSING = """
-from gyro_drift_filter.core.compiled import is_cache_cold, is_extension_missing
+from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_extension_missing
 print(is_cache_cold(), is_extension_missing())
 """
 

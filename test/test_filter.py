@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.filter import FILTERED, REFUSED, RESULT
 from gyro_drift_filter.core.parameters import METHODS
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 ZERO = (0.0, 0.0, 0.0)
 

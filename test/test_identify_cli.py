@@ -8,10 +8,10 @@ import pytest
 from matplotlib import image
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from test.test_replay import IMU_TYPE, write
 
 START = 10**18

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gyro_drift_filter.core.simulation import autoregressive
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.identification import identify
 from gyro_drift_filter.identify.quiet import Span, find_quiet
 from gyro_drift_filter.identify.timing import Timing, learn_timing
+from gyro_drift_filter.simulation.experiments import autoregressive
 
 PERIOD = 0.01
 START = 10**18

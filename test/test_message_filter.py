@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gyro_drift_filter.bags.cdr import read_imu
-from gyro_drift_filter.bags.health import ERROR, OK, STALE, WARN, Health
-from gyro_drift_filter.bags.message_filter import MessageFilter
-from gyro_drift_filter.bags.simulated import imu_message
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.messages.cdr import read_imu
+from gyro_drift_filter.messages.health import ERROR, OK, STALE, WARN, Health
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyro_drift_filter.bags.moments import Moments
+from gyro_drift_filter.bags.statistics import Moments
 
 RATES = st.one_of(
     st.floats(-1e3, 1e3), st.just(np.nan), st.just(np.inf), st.just(-np.inf), st.just(2e6)

@@ -20,12 +20,12 @@ from sensor_msgs.msg import Imu, MagneticField
 from std_srvs.srv import Trigger
 
 from demo.live import LOSSLESS, NODE, LiveNode, environment, own_domain
-from gyro_drift_filter.bags.cdr import read_imu
-from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.bags.recording import messages, open_bag
-from gyro_drift_filter.bags.simulated import imu_message
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, METHODS
+from gyro_drift_filter.messages.cdr import read_imu
+from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.simulation.bag import imu_message
 from test.conftest import REPOSITORY
 from test.test_message_filter import simulated
 

@@ -11,9 +11,9 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from demo.live import LOSSLESS, LiveNode
-from gyro_drift_filter.bags.cdr import read_imu
-from gyro_drift_filter.bags.simulated import FRAME, imu_message
+from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.ros.memory_file import file_of, recall
+from gyro_drift_filter.simulation.bag import FRAME, imu_message
 from test.test_bias import DEGREE, START, at_rest, by_hand
 from test.test_node import call, diagnostics, set_parameters, values
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from demo.live import LOSSLESS, LiveNode
-from gyro_drift_filter.bags.message_filter import MessageFilter
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from test.conftest import REPOSITORY
 from test.test_message_filter import simulated
 

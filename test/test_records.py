@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from gyro_drift_filter.accelerate.records import CACHE_LINE, in_lines, zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import COEFFICIENTS, STATE
-from gyro_drift_filter.core.records import LINE, in_lines, zeroed
 
 FIELDS = [
     ('flag', np.bool_),
@@ -20,12 +20,14 @@ FIELDS = [
 def test_fields_of_whole_lines_begin_with_one_and_none_overlap():
     record = in_lines(FIELDS)
     assert set(record.names) == {name for name, *_ in FIELDS}
-    assert record.itemsize % LINE == 0
+    assert record.itemsize % CACHE_LINE == 0
     taken = np.zeros(record.itemsize, int)
     for name, kind, *shape in FIELDS:
         field, offset = record.fields[name]
         assert field == np.dtype((kind, *shape)) if shape else field == np.dtype(kind)
-        assert offset % (LINE if field.itemsize % LINE == 0 else field.base.itemsize) == 0
+        assert (
+            offset % (CACHE_LINE if field.itemsize % CACHE_LINE == 0 else field.base.itemsize) == 0
+        )
         taken[offset : offset + field.itemsize] += 1
     assert taken.max() == 1
 
@@ -36,7 +38,7 @@ def test_a_record_begins_with_a_line(kind):
         record = zeroed(kind)
         assert record.shape == (1,)
         assert record.dtype == kind
-        assert record.ctypes.data % LINE == 0
+        assert record.ctypes.data % CACHE_LINE == 0
         assert not record.view(np.uint8).any()
 
 

@@ -5,15 +5,15 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE
-from gyro_drift_filter.bags.mcap_reader import read_layout
-from gyro_drift_filter.bags.mcap_records import MAGIC, PREFIX
-from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
 from gyro_drift_filter.bags.recording import BagError, messages, open_bag
 from gyro_drift_filter.bags.replay import replay
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.mcap.reader import read_layout
+from gyro_drift_filter.mcap.records import MAGIC, PREFIX
+from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from test.test_chunk_replay import START, mixed, write_mcap
 from test.test_replay import TEXT, read, text
 

@@ -22,13 +22,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags import mcap_writer
-from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
-from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter
 from gyro_drift_filter.bags.recording import BagError, BagWriter
 from gyro_drift_filter.bags.replay import Topics, replay
-from gyro_drift_filter.bags.simulated import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TEXT = 'std_msgs/msg/String'

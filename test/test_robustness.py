@@ -8,12 +8,12 @@ import pytest
 from rosgraph_msgs.msg import Clock
 
 from demo.live import LOSSLESS, LiveNode
-from gyro_drift_filter.bags.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
-from gyro_drift_filter.bags.simulated import FRAME, TOPIC, imu_message
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.ros.memory_file import file_of
+from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from test.test_bias import at_rest
 from test.test_chunk_replay import mixed, write_mcap
 from test.test_message_filter import simulated

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import GOOD, NOT_REPORTED
-from gyro_drift_filter.bags.imu_kernels import ENCAPSULATION, HEADER, patch_rate, unsigned
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.core.filter import REFUSED, RESULT
+from gyro_drift_filter.messages.cdr import GOOD, NOT_REPORTED
+from gyro_drift_filter.messages.imu_kernels import ENCAPSULATION, HEADER, patch_rate, unsigned
 
 # Of a message in a chunk.
 ROW = np.dtype(
@@ -49,7 +49,7 @@ _VECTOR_BYTES = 24
 RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
 
 
-@compiled
+@kernel
 def list_messages(data: Any, known: Any, rows: Any) -> int:
     """Fill ROWs for the message records of a chunk; return their number, -1 for a broken chunk.
 
@@ -78,7 +78,7 @@ def list_messages(data: Any, known: Any, rows: Any) -> int:
     return count
 
 
-@compiled
+@kernel
 def times_of(rows: Any) -> tuple[int, int, bool]:
     """Return the earliest and latest log time of ROWs (n >= 1), and whether they ascend."""
     first = last = before = rows[0]['log_time']
@@ -91,7 +91,7 @@ def times_of(rows: Any) -> tuple[int, int, bool]:
     return first, last, ascend
 
 
-@compiled
+@kernel
 def end_batches(rows: Any, largest: int, span: int, batch: Any, ends: Any) -> int:
     """Cut ROWs in the order of their log times into batches.
 
@@ -117,7 +117,7 @@ def end_batches(rows: Any, largest: int, span: int, batch: Any, ends: Any) -> in
     return ended
 
 
-@compiled
+@kernel
 def group_index(channels: Any, index: Any, places: Any, grouped: Any, times: Any) -> None:
     """Sort the index of messages by their channels, each in its order.
 
@@ -137,7 +137,7 @@ def group_index(channels: Any, index: Any, places: Any, grouped: Any, times: Any
         times[1] = max(times[1], index[i, 0])
 
 
-@compiled
+@kernel
 def _put(out: Any, place: int, value: int, size: int) -> int:
     """Write a little-endian integer; return the place behind it."""
     to = np.uint64(place)
@@ -146,7 +146,7 @@ def _put(out: Any, place: int, value: int, size: int) -> int:
     return place + size
 
 
-@compiled
+@kernel
 def _begin_record(
     out: Any, place: int, channels: Any, index: Any, count: int, channel: int, time: int, size: int
 ) -> int:
@@ -162,7 +162,7 @@ def _begin_record(
     return _put(out, place, time, 8)
 
 
-@compiled
+@kernel
 def _copy(out: Any, place: int, data: Any, start: int, size: int) -> int:
     # Unsigned, as places that might be negative keep compilers from copying words.
     to, source = np.uint64(place), np.uint64(start)
@@ -171,7 +171,7 @@ def _copy(out: Any, place: int, data: Any, start: int, size: int) -> int:
     return place + size
 
 
-@compiled
+@kernel
 def lay_out(
     data: Any,
     rows: Any,
@@ -274,7 +274,7 @@ def lay_out(
     return place, count, written
 
 
-@compiled
+@kernel
 def _is_written(imu: Any, result: Any) -> bool:
     """Tell whether a message has one on the filtered topic."""
     if imu['kind'] == GOOD:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.accelerate.kernels import is_compiled
 from gyro_drift_filter.bags.chunk_kernels import (
     BATCH,
     CHANNELS,
@@ -21,10 +22,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader, McapReader
-from gyro_drift_filter.bags.mcap_reader import ChunkPlace, Layout, read_chunks, read_layout
-from gyro_drift_filter.bags.mcap_records import McapError
 from gyro_drift_filter.bags.recording import BagError, kind
 from gyro_drift_filter.bags.replay_run import (
     BATCH_SPAN,
@@ -34,7 +32,9 @@ from gyro_drift_filter.bags.replay_run import (
     ReplayRun,
     Word,
 )
-from gyro_drift_filter.core.compiled import is_compiled
+from gyro_drift_filter.mcap.reader import ChunkPlace, Layout, read_chunks, read_layout
+from gyro_drift_filter.mcap.records import McapError
+from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 
 # What is filtered and laid out at once is at most as much, in messages and log time (ns): a report
 # may be due for each second.

@@ -9,10 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import IMUS, MalformedMessageError, frame_id, read_imu, read_imus
 from gyro_drift_filter.bags.library import Connection
 from gyro_drift_filter.bags.recording import BagError, messages, open_bag
 from gyro_drift_filter.bags.replay import choose_topic
+from gyro_drift_filter.messages.cdr import (
+    IMUS,
+    MalformedMessageError,
+    frame_id,
+    read_imu,
+    read_imus,
+)
 
 Message = tuple[Connection, int, bytes]
 

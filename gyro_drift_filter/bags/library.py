@@ -1,6 +1,6 @@
 """What is used of rosbags, or one sentence on how to get it."""
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 try:
     from rosbags.highlevel import AnyReader, AnyReaderError

@@ -33,11 +33,11 @@ from gyro_drift_filter.bags.library import (
     get_types_from_msg,
     get_typestore,
 )
-from gyro_drift_filter.bags.mcap_records import McapError
-from gyro_drift_filter.bags.mcap_recovery import is_cut_off, recover
-from gyro_drift_filter.bags.mcap_writer import McapStorage
 from gyro_drift_filter.bags.message_types import all_types, types_with
-from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.mcap.records import McapError
+from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+from gyro_drift_filter.mcap.writer import McapStorage
 
 _log = logging.getLogger(__name__)
 

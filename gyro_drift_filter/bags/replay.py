@@ -4,10 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE
 from gyro_drift_filter.bags.chunk_replay import chunked_file, replay_chunks
 from gyro_drift_filter.bags.library import AnyReader
-from gyro_drift_filter.bags.motion_hint import HINT_TYPES
 from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
@@ -23,6 +21,8 @@ from gyro_drift_filter.bags.replay_run import (
     Topics,
 )
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 
 Progress = Callable[[int, int], None]
 

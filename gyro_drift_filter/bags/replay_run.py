@@ -7,32 +7,32 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import (
-    IMU_TYPE,
-    VECTOR_TYPE,
-)
 from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES, lay_out, place_in_result
-from gyro_drift_filter.bags.diagnostics import DiagnosticStatus, diagnostic_arrays
-from gyro_drift_filter.bags.health import NODE_NAME, Health
-from gyro_drift_filter.bags.imu_kernels import room_for_doubles
 from gyro_drift_filter.bags.library import AnyReader, Connection
-from gyro_drift_filter.bags.message_filter import (
-    SAMPLE_TOPICS,
-    MessageFilter,
-    Outcome,
-    sample_message,
-)
 from gyro_drift_filter.bags.message_types import message_type, serialize
-from gyro_drift_filter.bags.moments import Moments, Statistics
-from gyro_drift_filter.bags.motion_hint import moves
 from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
     is_cdr,
 )
-from gyro_drift_filter.bags.vitals import Vitals
+from gyro_drift_filter.bags.statistics import Moments, Statistics
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.filter import RESULT
+from gyro_drift_filter.messages.cdr import (
+    IMU_TYPE,
+    VECTOR_TYPE,
+)
+from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
+from gyro_drift_filter.messages.health import NODE_NAME, Health
+from gyro_drift_filter.messages.imu_kernels import room_for_doubles
+from gyro_drift_filter.messages.message_filter import (
+    SAMPLE_TOPICS,
+    MessageFilter,
+    Outcome,
+    sample_message,
+)
+from gyro_drift_filter.messages.motion_hint import moves
+from gyro_drift_filter.messages.telemetry import Vitals
 
 DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'

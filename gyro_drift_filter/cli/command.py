@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from gyro_drift_filter.bags.health import package_version
 from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.messages.health import package_version
 
 # Modules of this package.
 _SUBCOMMANDS = ('replay', 'identify', 'simulate', 'compile')

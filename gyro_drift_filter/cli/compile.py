@@ -7,7 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import EXAMPLE
+from gyro_drift_filter.accelerate.ahead import build_extension
+from gyro_drift_filter.accelerate.kernels import (
+    is_compiled,
+    is_extension,
+    note_all_compiled,
+    note_no_extension,
+)
 from gyro_drift_filter.bags.chunk_kernels import (
     BATCH,
     ROW,
@@ -17,23 +23,17 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.diagnostics import diagnostic_arrays
-from gyro_drift_filter.bags.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
-from gyro_drift_filter.bags.message_filter import MessageFilter
-from gyro_drift_filter.bags.moments import Moments
-from gyro_drift_filter.cli.extension import build_extension
+from gyro_drift_filter.bags.statistics import Moments
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.adaptive import rescale_adaptive
 from gyro_drift_filter.core.bias import calibrate_bias
-from gyro_drift_filter.core.compiled import (
-    is_compiled,
-    is_extension,
-    note_all_compiled,
-    note_no_extension,
-)
 from gyro_drift_filter.core.filter import RESULT
-from gyro_drift_filter.core.noise import start_noise
+from gyro_drift_filter.core.methods.adaptive import rescale_adaptive
+from gyro_drift_filter.core.methods.noise import start_noise
 from gyro_drift_filter.core.parameters import METHODS
+from gyro_drift_filter.messages.cdr import EXAMPLE
+from gyro_drift_filter.messages.diagnostics import diagnostic_arrays
+from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
+from gyro_drift_filter.messages.message_filter import MessageFilter
 
 
 def add_parser(subcommands: Any) -> None:

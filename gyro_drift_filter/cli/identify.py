@@ -9,7 +9,7 @@ from typing import Any
 from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import GyroDriftFilterError
-from gyro_drift_filter.core.errors import printable
+from gyro_drift_filter.errors import printable
 
 _NEEDED = (
     'identification needs the Python packages scipy, statsmodels and allantools ({}): install them '

@@ -5,9 +5,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.bags.health import NODE_NAME
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE, unknown_name
+from gyro_drift_filter.messages.health import NODE_NAME
 
 _log = logging.getLogger(__name__)
 

@@ -5,13 +5,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.compiled import spare_linear_algebra
-from gyro_drift_filter.core.errors import printable
 from gyro_drift_filter.core.parameters import AXES, METHODS
+from gyro_drift_filter.errors import printable
 
 
 def add_parser(subcommands: Any) -> None:

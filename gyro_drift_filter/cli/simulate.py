@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.core import GyroDriftFilterError
-from gyro_drift_filter.core.simulation import SimulationSettings, simulate
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 _FEWEST_SAMPLES = 10
 
@@ -35,7 +35,7 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    from gyro_drift_filter.bags.simulated import write_simulation
+    from gyro_drift_filter.simulation.bag import write_simulation
 
     if not 1.0 <= options.rate <= 10_000.0:
         raise GyroDriftFilterError(f'--rate must be 1 to 10000 Hz, not {options.rate:g}')

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.core.rest import (
     MOVED,
     NOTHING,
@@ -105,7 +105,7 @@ BIAS = np.dtype(
 )
 
 
-@compiled
+@kernel
 def start_bias(state: Any, bias: Any, variance: Any) -> None:
     """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known."""
     leave_rest(state)
@@ -124,14 +124,14 @@ def start_bias(state: Any, bias: Any, variance: Any) -> None:
     state['turn_seconds'] = 0.0
 
 
-@compiled
+@kernel
 def leave_rest(state: Any) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])
     _forget_stillness(state)
 
 
-@compiled
+@kernel
 def _forget_stillness(state: Any) -> None:
     state['recent_count'] = 0
     state['beyond'] = False
@@ -141,13 +141,13 @@ def _forget_stillness(state: Any) -> None:
         state['still_sum'][axis] = 0.0
 
 
-@compiled
+@kernel
 def bias_variance(state: Any, axis: int) -> float:
     """Return the variance of the bias at present, in (rad/s)^2."""
     return float(state['variance'][axis] + state['growth'])
 
 
-@compiled
+@kernel
 def track_bias(
     state: Any,
     sample: Any,
@@ -183,7 +183,7 @@ def track_bias(
         _forget_stillness(state)
 
 
-@compiled
+@kernel
 def _take_package(
     state: Any, moved: bool, largest: float, block_seconds: float, calibration_time: float
 ) -> None:
@@ -206,7 +206,7 @@ def _take_package(
         rest['at_rest'] = False
 
 
-@compiled
+@kernel
 def _note_stillness(state: Any, block_seconds: float, calibration_time: float) -> None:
     """Keep the mean rate of the last stillness, of one to two times `calibration_time` s."""
     rest = state['rest']
@@ -227,7 +227,7 @@ def bias_deviation(state: Any) -> NDArray[np.float64]:
     return deviation
 
 
-@compiled
+@kernel
 def calibrate_bias(state: Any) -> None:
     """Take the mean of the stillness under way for the bias, whatever the bias was."""
     for axis in range(3):
@@ -240,7 +240,7 @@ def calibrate_bias(state: Any) -> None:
     _settle(state)
 
 
-@compiled
+@kernel
 def warm_bias(state: Any, temperature: float, step: float, coefficient: float) -> None:
     """Widen the bias for a change of temperature (deg C) of more than `step` since the last one.
 
@@ -258,7 +258,7 @@ def warm_bias(state: Any, temperature: float, step: float, coefficient: float) -
     state['temperature'] = temperature
 
 
-@compiled
+@kernel
 def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> bool:
     """Tell whether the package is rest: its rate is one that the bias can have.
 
@@ -295,7 +295,7 @@ def _is_bias(state: Any, moved: bool, largest: float, block_seconds: float) -> b
     return bool(state['doubt'] == 0)
 
 
-@compiled
+@kernel
 def _note_package(state: Any) -> None:
     """Put the package before the others of this rest."""
     recent = state['recent']
@@ -313,7 +313,7 @@ def _note_package(state: Any) -> None:
     last['reach'] = 0.0
 
 
-@compiled
+@kernel
 def _turned(state: Any) -> int:
     """Return how many of the last packages lie together where no bias can have come, 0 for none."""
     recent = state['recent']
@@ -333,7 +333,7 @@ def _turned(state: Any) -> int:
     return 0
 
 
-@compiled
+@kernel
 def _take_back(state: Any, count: int) -> None:
     """Unlearn the last `count` packages."""
     if count == 1:
@@ -355,7 +355,7 @@ def _take_back(state: Any, count: int) -> None:
             package['variance'][axis] = before['variance'][axis]
 
 
-@compiled
+@kernel
 def _stays(state: Any, seconds: float) -> bool:
     """Tell whether rest has had this rate, which is not the bias, for too long to be a turn."""
     rest = state['rest']
@@ -374,7 +374,7 @@ def _stays(state: Any, seconds: float) -> bool:
     return True
 
 
-@compiled
+@kernel
 def _learn(state: Any) -> None:
     """Take the package into the bias, and how well it was foretold into the random walk."""
     rest = state['rest']
@@ -400,7 +400,7 @@ def _learn(state: Any) -> None:
     _settle(state)
 
 
-@compiled
+@kernel
 def _settle(state: Any) -> None:
     """Begin to count anew what the bias may have done since it was learned."""
     state['known'] = True

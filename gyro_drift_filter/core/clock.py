@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 BLOCKS = 5
 BLOCK_SECONDS = 2.0
@@ -75,14 +75,14 @@ CLOCK = np.dtype(
 )
 
 
-@compiled
+@kernel
 def start_clock(clock: Any, sample_rate: float) -> None:
     """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
     clock['period'] = period_of(sample_rate)
     clock['irregularity'] = 1.0
 
 
-@compiled
+@kernel
 def period_of(sample_rate: float) -> float:
     """Return the sample period in s of a rate in Hz, 0 where the rate is to be learned."""
     if sample_rate <= 0.0:
@@ -90,13 +90,13 @@ def period_of(sample_rate: float) -> float:
     return min(max(1.0 / max(sample_rate, 1.0 / LONGEST_PERIOD), SHORTEST_PERIOD), LONGEST_PERIOD)
 
 
-@compiled
+@kernel
 def is_regular(clock: Any) -> bool:
     """Tell whether the stamps come at even steps, so that a long step means missing samples."""
     return bool(clock['irregularity'] < REGULAR)
 
 
-@compiled
+@kernel
 def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) -> int:
     """Move the clock to `stamp` (ns) and return the number of samples missing before it.
 
@@ -139,7 +139,7 @@ def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) 
     return missing
 
 
-@compiled
+@kernel
 def _begin_block(clock: Any) -> None:
     clock['block_stamp'] = clock['stamp']
     clock['block_samples'] = 0
@@ -147,7 +147,7 @@ def _begin_block(clock: Any) -> None:
     clock['block_gaps'] = 0
 
 
-@compiled
+@kernel
 def _learn_regularity(clock: Any, deviation: float) -> None:
     weight = 1.0 / MEMORY_STEPS
     if clock['steps'] < MEMORY_STEPS - PRIOR_STEPS:
@@ -157,7 +157,7 @@ def _learn_regularity(clock: Any, deviation: float) -> None:
     clock['irregularity'] += weight * (limited - clock['irregularity'])
 
 
-@compiled
+@kernel
 def _learn_period(clock: Any, sample_rate: float) -> None:
     """Take the period from the block where it is full, or from its begin while it is the first."""
     samples = clock['block_samples']
@@ -186,7 +186,7 @@ def _learn_period(clock: Any, sample_rate: float) -> None:
     clock['period'] = period
 
 
-@compiled
+@kernel
 def _median(values: Any, count: int) -> float:
     """Return the median of the first `count` values; numba's own takes two seconds to compile."""
     middle = (count - 1) // 2

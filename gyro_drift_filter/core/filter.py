@@ -8,21 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.adaptive import (
-    ADAPTIVE_COEFFICIENTS,
-    ADAPTIVE_STATE,
-    believe_all_levels,
-    derive_adaptive,
-    estimate_adaptive,
-    jolts,
-    make_up,
-    miss_adaptive,
-    predict_adaptive,
-    rescale_adaptive,
-    start_adaptive,
-    surprises,
-    update_adaptive,
-)
+from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate.records import in_lines, zeroed
 from gyro_drift_filter.core.bias import (
     BIAS,
     HINT_SECONDS,
@@ -37,10 +24,23 @@ from gyro_drift_filter.core.bias import (
     warm_bias,
 )
 from gyro_drift_filter.core.clock import CLOCK, RESTART, advance_clock, period_of, start_clock
-from gyro_drift_filter.core.compiled import compiled
-from gyro_drift_filter.core.errors import GyroDriftFilterError
-from gyro_drift_filter.core.noise import start_noise
-from gyro_drift_filter.core.paper import (
+from gyro_drift_filter.core.methods.adaptive import (
+    ADAPTIVE_COEFFICIENTS,
+    ADAPTIVE_STATE,
+    believe_all_levels,
+    derive_adaptive,
+    estimate_adaptive,
+    jolts,
+    make_up,
+    miss_adaptive,
+    predict_adaptive,
+    rescale_adaptive,
+    start_adaptive,
+    surprises,
+    update_adaptive,
+)
+from gyro_drift_filter.core.methods.noise import start_noise
+from gyro_drift_filter.core.methods.paper import (
     PAPER_COEFFICIENTS,
     PAPER_STATE,
     bridge_paper,
@@ -52,8 +52,8 @@ from gyro_drift_filter.core.paper import (
     update_paper,
 )
 from gyro_drift_filter.core.parameters import METHODS, Parameters
-from gyro_drift_filter.core.records import in_lines, zeroed
 from gyro_drift_filter.core.rest import LENGTHS, derive_lengths
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 SAGE_HUSA = METHODS.index('sage_husa')
 ADAPTIVE = METHODS.index('adaptive')
@@ -196,7 +196,7 @@ STATE = in_lines(
 _LAYOUT = hashlib.sha256(repr(STATE).encode()).digest()
 
 
-@compiled
+@kernel
 def step(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
     """Take one sample in and leave its result in `state`.
 
@@ -238,7 +238,7 @@ def step(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
     return True
 
 
-@compiled
+@kernel
 def _count_unlikely(rate: Any, counts: Any) -> None:
     """Count rates (3,) of which one is NaN or beyond what gyroscopes measure."""
     beyond = False
@@ -251,7 +251,7 @@ def _count_unlikely(rate: Any, counts: Any) -> None:
         counts['beyond_range'] += 1
 
 
-@compiled
+@kernel
 def _count_result(adaptive: bool, state: Any) -> None:
     counts, result = state['counts'], state['result']
     for axis in range(3):
@@ -266,7 +266,7 @@ def _count_result(adaptive: bool, state: Any) -> None:
         counts['nis_samples'][axis] += 1
 
 
-@compiled
+@kernel
 def _note_equal(sample: Any, state: Any) -> None:
     """Count how often values have stayed the same to the last bit, and what that tells."""
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
@@ -303,7 +303,7 @@ def _note_equal(sample: Any, state: Any) -> None:
     state['stuck'] = stuck
 
 
-@compiled
+@kernel
 def _elapsed(clock: Any, stamp: int) -> float:
     """Return the time in s since the last sample, as far as the stamps tell."""
     if stamp == 0 or not clock['started']:
@@ -311,7 +311,7 @@ def _elapsed(clock: Any, stamp: int) -> float:
     return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
 
 
-@compiled
+@kernel
 def _take_bias_off(
     sample: Any,
     elapsed: float,
@@ -348,7 +348,7 @@ def _take_bias_off(
             result['angular_velocity_variance'][axis] += bias_variance(bias, axis)
 
 
-@compiled
+@kernel
 def _stop_bridging(rate: Any, missing: int, gap_limit: float, state: Any) -> None:
     """Let go of the axes that time has jumped on, or that had no usable rate for `gap_limit` s."""
     for axis in range(3):
@@ -359,12 +359,12 @@ def _stop_bridging(rate: Any, missing: int, gap_limit: float, state: Any) -> Non
             state['adaptive'][axis]['tracking'] = False
 
 
-@compiled
+@kernel
 def _usable(rate: float) -> bool:
     return abs(rate) <= LARGEST_RATE  # False for NaN
 
 
-@compiled
+@kernel
 def _is_repeat(stamp: int, rate: Any, state: Any) -> bool:
     clock, measured = state['clock'], state['measured']
     return bool(
@@ -377,7 +377,7 @@ def _is_repeat(stamp: int, rate: Any, state: Any) -> bool:
     )
 
 
-@compiled
+@kernel
 def _step_paper(sample: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
     """Filter with `kalman` or `sage_husa`; a rate that is no usable number is bridged."""
     rate = sample['angular_velocity']
@@ -413,7 +413,7 @@ def _step_paper(sample: Any, missing: int, settings: Any, coefficients: Any, sta
         result['angular_velocity_variance'][axis] = paper['rate_variance']
 
 
-@compiled
+@kernel
 def _step_adaptive(sample: Any, missing: int, settings: Any, coefficients: Any, state: Any) -> None:
     """Filter with `adaptive`: predict all axes, then take in what the sample is on all of them."""
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
@@ -464,13 +464,13 @@ def _step_adaptive(sample: Any, missing: int, settings: Any, coefficients: Any, 
 # numba takes arrays from Python faster than their records.
 
 
-@compiled
+@kernel
 def step_sample(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
     """Take one sample in: `step` for arrays (1,) of its records."""
     return step(sample[0], settings[0], coefficients[0], state[0])
 
 
-@compiled
+@kernel
 def run_samples(
     first: int,
     stamps: Any,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gyro_drift_filter.core.errors import ParameterError
+from gyro_drift_filter.errors import ParameterError
 
 # Parameters that every ROS 2 node has.
 OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 VALUE_SECONDS = 0.01
 BLOCK_SECONDS = 0.125
@@ -138,7 +138,7 @@ def derive_lengths(period: float, lengths: Any) -> None:
     lengths['block_seconds'] = lengths['block'] * seconds
 
 
-@compiled
+@kernel
 def start_rest(rest: Any) -> None:
     """Forget the rest under way; what is known of the noise is kept."""
     rest['at_rest'] = False
@@ -148,7 +148,7 @@ def start_rest(rest: Any) -> None:
     _start_package(rest)
 
 
-@compiled
+@kernel
 def _start_block(rest: Any) -> None:
     rest['place'] = 0
     rest['count'] = 0
@@ -159,7 +159,7 @@ def _start_block(rest: Any) -> None:
         signal['differences'] = 0.0
 
 
-@compiled
+@kernel
 def _start_value(rest: Any) -> None:
     rest['samples'] = 0
     rest['believed'] = 0
@@ -167,7 +167,7 @@ def _start_value(rest: Any) -> None:
         rest['signals'][i]['value'] = 0.0
 
 
-@compiled
+@kernel
 def _start_package(rest: Any) -> None:
     rest['blocks'] = 0
     rest['halves'] = WHOLE
@@ -180,7 +180,7 @@ def _start_package(rest: Any) -> None:
         signal['roughness'] = 0.0
 
 
-@compiled
+@kernel
 def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: Any) -> bool:
     """Take a record of SAMPLE and `missing` ones before it; the latter only take their place.
 
@@ -206,7 +206,7 @@ def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: A
     return bool(rest['place'] >= lengths['block'])
 
 
-@compiled
+@kernel
 def _note_value(rest: Any) -> None:
     rest['count'] += 1
     share = 1.0 / rest['believed']
@@ -224,7 +224,7 @@ def _note_value(rest: Any) -> None:
         signal['previous'] = value
 
 
-@compiled
+@kernel
 def close_block(rest: Any, lengths: Any) -> int:
     """Judge a full block.
 
@@ -278,7 +278,7 @@ def close_block(rest: Any, lengths: Any) -> int:
     return PACKED
 
 
-@compiled
+@kernel
 def _lasted(rest: Any) -> bool:
     """Tell whether the package that a motion has ended is long enough to tell of rest."""
     if rest['at_rest']:
@@ -287,7 +287,7 @@ def _lasted(rest: Any) -> bool:
     return bool(rest['known'] and begun)
 
 
-@compiled
+@kernel
 def _drop_early_half(rest: Any) -> None:
     """Make the later half of the package the first one of the next."""
     rest['blocks'] -= HALF
@@ -300,7 +300,7 @@ def _drop_early_half(rest: Any) -> None:
     _note_half(rest)
 
 
-@compiled
+@kernel
 def _is_still(rest: Any, signal: Any) -> bool:
     """Tell whether the block is noise, as far as the noise is known."""
     if not rest['known']:
@@ -318,7 +318,7 @@ def _is_still(rest: Any, signal: Any) -> bool:
     return bool(distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread)
 
 
-@compiled
+@kernel
 def _block(rest: Any, signal: Any) -> tuple[float, float]:
     """Return mean and variance of the block."""
     count = 1.0 * rest['count']
@@ -327,7 +327,7 @@ def _block(rest: Any, signal: Any) -> tuple[float, float]:
     return signal['origin'] + mean, variance
 
 
-@compiled
+@kernel
 def _let_wait(rest: Any) -> None:
     for i in range(SIGNALS):
         signal = rest['signals'][i]
@@ -337,7 +337,7 @@ def _let_wait(rest: Any) -> None:
         signal['waiting_roughness'] = signal['differences'] / (2.0 * rest['count'] - 2.0)
 
 
-@compiled
+@kernel
 def _pack(rest: Any) -> None:
     """Take the waiting block into the package."""
     for i in range(SIGNALS):
@@ -356,7 +356,7 @@ def _pack(rest: Any) -> None:
         _note_half(rest)
 
 
-@compiled
+@kernel
 def _note_half(rest: Any) -> None:
     """Keep the sums of the package, which has its first half."""
     for i in range(SIGNALS):
@@ -367,26 +367,26 @@ def _note_half(rest: Any) -> None:
         signal['early_roughness'] = signal['roughness']
 
 
-@compiled
+@kernel
 def package_mean(rest: Any, index: int) -> float:
     """Return the mean of signal `index` over the package."""
     signal = rest['signals'][index]
     return float(signal['first'] + signal['means'] / rest['blocks'])
 
 
-@compiled
+@kernel
 def package_variance(rest: Any, axis: int) -> float:
     """Return the variance of `package_mean` of an axis of the gyroscope."""
     return variance_of_mean(rest, axis, rest['blocks'])
 
 
-@compiled
+@kernel
 def variance_of_mean(rest: Any, axis: int, blocks: float) -> float:
     """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
     return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
 
 
-@compiled
+@kernel
 def next_package(rest: Any, moved: bool) -> None:
     """Begin the next package; `moved` where the rest is over."""
     if moved:
@@ -400,7 +400,7 @@ def next_package(rest: Any, moved: bool) -> None:
     _start_package(rest)
 
 
-@compiled
+@kernel
 def _learn_variance_ratio(rest: Any) -> None:
     """Learn from how far the means of the package and the one before lie apart."""
     ratio = 0.0
@@ -416,13 +416,13 @@ def _learn_variance_ratio(rest: Any) -> None:
     rest['variance_ratio'] = max(rest['variance_ratio'] + share * change, 1.0)
 
 
-@compiled
+@kernel
 def _forget_before(rest: Any) -> None:
     for i in range(SIGNALS):
         rest['signals'][i]['before_blocks'] = 0
 
 
-@compiled
+@kernel
 def _scatter(rest: Any, signal: Any) -> float:
     """Return the variance of the means in the package."""
     blocks = 1.0 * rest['blocks']
@@ -430,7 +430,7 @@ def _scatter(rest: Any, signal: Any) -> float:
     return float(max(squares, 0.0) / (blocks - 1.0))
 
 
-@compiled
+@kernel
 def _holds_together(rest: Any, length: int) -> bool:
     """Tell whether the means of the package scatter as noise does, and gravity stands."""
     blocks = 1.0 * rest['blocks']
@@ -460,7 +460,7 @@ def _holds_together(rest: Any, length: int) -> bool:
     return True
 
 
-@compiled
+@kernel
 def _has_halves(rest: Any, signal: Any) -> bool:
     """Tell whether the mean of the package moves from its first half to its second."""
     late = rest['blocks'] - HALF
@@ -471,7 +471,7 @@ def _has_halves(rest: Any, signal: Any) -> bool:
     return bool(step * step > HALVES_DEVIATIONS * HALVES_DEVIATIONS * spread)
 
 
-@compiled
+@kernel
 def _learn(rest: Any, length: int) -> None:
     """Learn the noise from a package that holds together."""
     blocks = 1.0 * rest['blocks']

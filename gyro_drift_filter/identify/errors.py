@@ -1,6 +1,6 @@
 """The errors of identification."""
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 
 class IdentificationError(GyroDriftFilterError):

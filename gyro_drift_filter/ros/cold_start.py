@@ -21,7 +21,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from gyro_drift_filter.core.compiled import is_cache_cold, is_extension_missing
+from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_extension_missing
 
 # A minute at 1 kHz, about 25 MB; beyond that the oldest messages go, and are counted.
 LARGEST_QUEUE = 60_000

@@ -9,8 +9,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.core import GyroDriftFilterError
-from gyro_drift_filter.core.compiled import spare_linear_algebra
 
 try:
     from rclpy.experimental import EventsExecutor

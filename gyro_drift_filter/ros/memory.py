@@ -5,8 +5,8 @@ import time
 import numpy as np
 from rclpy.node import Node
 
-from gyro_drift_filter.bags.cdr import MalformedMessageError, frame_id, read_imu
 from gyro_drift_filter.core import Filter
+from gyro_drift_filter.messages.cdr import MalformedMessageError, frame_id, read_imu
 from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.

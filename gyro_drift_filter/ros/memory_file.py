@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
 FORMAT = 1
 # Older than this it is not taken any more, in s: 30 days.

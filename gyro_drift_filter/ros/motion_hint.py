@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from gyro_drift_filter.bags.motion_hint import HINT_TYPES, moves
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 
 _CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
 assert set(_CLASSES) == set(HINT_TYPES)

@@ -23,13 +23,13 @@ from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.bags import diagnostics
-from gyro_drift_filter.bags.cdr import EXAMPLE, read_imu
-from gyro_drift_filter.bags.health import INPUT, NODE_NAME, OK, STALE, WARN, Health
-from gyro_drift_filter.bags.imu_kernels import AT_REST, PASSED_ON, PUBLISH
-from gyro_drift_filter.bags.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
-from gyro_drift_filter.core.compiled import is_cache_cold, is_compiled
+from gyro_drift_filter.messages import diagnostics
+from gyro_drift_filter.messages.cdr import EXAMPLE, read_imu
+from gyro_drift_filter.messages.health import INPUT, NODE_NAME, OK, STALE, WARN, Health
+from gyro_drift_filter.messages.imu_kernels import AT_REST, PASSED_ON, PUBLISH
+from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint

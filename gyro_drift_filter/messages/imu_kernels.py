@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
-from gyro_drift_filter.bags.vitals import tell_state
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.core.filter import REFUSED, SAMPLE, step
+from gyro_drift_filter.messages.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
+from gyro_drift_filter.messages.telemetry import tell_state
 
 IMU = np.dtype(
     [
@@ -73,7 +73,7 @@ _PATCHED = 12
 PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED, NEW_FRAME = 1, 2, 4, 8, 16, 32
 
 
-@compiled
+@kernel
 def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
     """Return an unsigned integer of up to seven bytes; of eight, from 2**63 on, it is negative."""
     value = np.int64(0)
@@ -83,7 +83,7 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
     return value  # type: ignore[return-value]
 
 
-@compiled
+@kernel
 def read_imus(
     data: Any, rows: Any, ours: Any, room: Any, frame: Any, imus: Any, places: Any
 ) -> int:
@@ -110,7 +110,7 @@ def read_imus(
     return count
 
 
-@compiled
+@kernel
 def _note_frame(data: Any, start: int, imu: Any, frame: Any) -> bool:
     """Keep the frame_id of a message; return whether it is another one than before."""
     if imu['kind'] == MALFORMED:
@@ -126,7 +126,7 @@ def _note_frame(data: Any, start: int, imu: Any, frame: Any) -> bool:
     return bool(known and changed)
 
 
-@compiled
+@kernel
 def _read_doubles(data: Any, place: int, first: int, stop: int, big_endian: bool, raw: Any) -> None:
     """Copy some of the doubles that begin at `place`, from `first` to `stop`, in our byte order."""
     if big_endian:
@@ -140,7 +140,7 @@ def _read_doubles(data: Any, place: int, first: int, stop: int, big_endian: bool
             raw[to + np.uint64(i)] = data[source + np.uint64(i)]
 
 
-@compiled
+@kernel
 def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any) -> None:
     """Read one, as `cdr.read_imu` does."""
     imu['kind'] = MALFORMED
@@ -179,7 +179,7 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
 
 
-@compiled
+@kernel
 def filter_imus(
     first: int,
     stop: int,
@@ -224,7 +224,7 @@ def filter_imus(
     return stop, passed
 
 
-@compiled
+@kernel
 def _note_marks(
     place: int, marks: Any, passed: int, state: Any, tally: Any, states: Any, tallies: Any
 ) -> int:
@@ -236,7 +236,7 @@ def _note_marks(
     return passed
 
 
-@compiled
+@kernel
 def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool) -> None:
     """Write rate and diagonal covariance of a RESULT into a message whose 37 doubles begin there.
 
@@ -259,7 +259,7 @@ def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool)
             out[to + np.uint64(i)] = raw[np.uint64(i)]
 
 
-@compiled
+@kernel
 def filter_message(
     data: Any,
     out: Any,

@@ -6,7 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import (
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.filter import REFUSED
+from gyro_drift_filter.errors import printable
+from gyro_drift_filter.messages.cdr import (
     Imu,
     MalformedMessageError,
     frame_id,
@@ -14,7 +17,7 @@ from gyro_drift_filter.bags.cdr import (
     read_imu,
     vector3_stamped,
 )
-from gyro_drift_filter.bags.imu_kernels import (
+from gyro_drift_filter.messages.imu_kernels import (
     FILTERED,
     IMU,
     LONGEST_FRAME,
@@ -29,10 +32,7 @@ from gyro_drift_filter.bags.imu_kernels import (
     no_frame,
     room_for_doubles,
 )
-from gyro_drift_filter.bags.vitals import TOLD, Told, Vitals, in_plain, tell_state
-from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.errors import printable
-from gyro_drift_filter.core.filter import REFUSED
+from gyro_drift_filter.messages.telemetry import TOLD, Told, Vitals, in_plain, tell_state
 
 # Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
 SAMPLE_TOPICS = (

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
-from gyro_drift_filter.core.compiled import compiled
 
 # One for each axis.
 Counts = list[int]
@@ -97,7 +97,7 @@ def in_plain(records: NDArray[Any]) -> list[Told]:
     return list(map(Told._make, zip(*columns, strict=True)))
 
 
-@compiled
+@kernel
 def tell_state(state: Any, out: Any) -> None:
     """Write what a record of STATE tells into one of TOLD."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']

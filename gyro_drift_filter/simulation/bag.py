@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.cdr import IMU_TYPE
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import (
     BagError,
     BagWriter,
 )
-from gyro_drift_filter.core.errors import reason
-from gyro_drift_filter.core.simulation import Simulation
+from gyro_drift_filter.errors import reason
+from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.simulation.experiments import Simulation
 
 TOPIC = '/imu/data_raw'
 FRAME = 'imu_link'

@@ -35,8 +35,8 @@ def _cache_place() -> Path | None:
     """
     content = hashlib.sha256()
     package = Path(__file__).parent.parent
-    kernels = *package.glob('core/*.py'), *package.glob('bags/*.py')
-    for path in sorted([*kernels, *package.glob('cli/extension.py')]):
+    layers = ('accelerate', 'core', 'core/methods', 'messages', 'mcap', 'bags')
+    for path in sorted(path for layer in layers for path in package.glob(f'{layer}/*.py')):
         content.update(path.read_bytes())
     try:
         user_cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
@@ -162,7 +162,7 @@ def _uncounted() -> dict[str, bool]:
     return {'_nrt': False} if hasattr(options, '_nrt') else {}
 
 
-def compiled(function: Function) -> Function:
+def kernel(function: Function) -> Function:
     """Return `function` compiled and cached on disk, or as it is where that can't be done.
 
     In the extension module are the kernels that Python calls often, with those that they call.
@@ -186,6 +186,17 @@ def compiled(function: Function) -> Function:
     finally:
         numba.config.CACHE_DIR = before
     return decorated
+
+
+def entry_kernel(*types: Any) -> Callable[[Function], Function]:
+    """Return a decorator for a kernel that Python calls: it is compiled ahead for these types.
+
+    Args:
+        types: One for each argument: int, float or bool for a number; a numpy type for a
+            contiguous array (n,) of it, as np.uint8 or a record; a pair of a numpy type and a
+            number of dimensions for others, as (np.int64, 2).
+    """
+    return kernel
 
 
 def is_extension() -> bool:

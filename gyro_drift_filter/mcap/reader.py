@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.mcap_records import (
+from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
     CHUNK_INDEX,

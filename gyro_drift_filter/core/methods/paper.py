@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 NOISE_FLOOR = 1e-3
 DIVERGED = 10.0
@@ -89,7 +89,7 @@ def derive_paper(model: Any, sample_rate: float, period: float, coefficients: An
     coefficients['measurement_noise'] = model['measurement_noise']
 
 
-@compiled
+@kernel
 def start_paper(state: Any, coefficients: Any, sample: float) -> None:
     """Begin at a sample (rad/s). Q and R, if learned before, are kept."""
     state['tracking'] = True
@@ -109,7 +109,7 @@ def start_paper(state: Any, coefficients: Any, sample: float) -> None:
     state['largest'] = max(abs(sample), np.sqrt(coefficients['measurement_noise']))
 
 
-@compiled
+@kernel
 def paper_noise(state: Any, coefficients: Any, adaptive: bool) -> tuple[float, float]:
     """Return Q and R in (rad/s)^2: the adapted ones, or the identified ones."""
     if adaptive:
@@ -117,14 +117,14 @@ def paper_noise(state: Any, coefficients: Any, adaptive: bool) -> tuple[float, f
     return coefficients['process_noise'], coefficients['measurement_noise']
 
 
-@compiled
+@kernel
 def paper_rate(state: Any, adaptive: bool) -> float:
     """Return the rate to report, in rad/s (safeguard: offset)."""
     rate: float = state['rate'] + (state['measurement_mean'] if adaptive else 0.0)
     return rate
 
 
-@compiled
+@kernel
 def predict_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
     """One sample period ahead: equations (7), without q for the conventional filter, and (8)."""
     phi = coefficients['phi']
@@ -136,7 +136,7 @@ def predict_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
     _predict_covariance(state, coefficients, adaptive)
 
 
-@compiled
+@kernel
 def bridge_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
     """One sample period ahead where the sample is missing (safeguard: bridging)."""
     furthest = DIVERGED * state['largest']
@@ -145,7 +145,7 @@ def bridge_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
     _predict_covariance(state, coefficients, adaptive)
 
 
-@compiled
+@kernel
 def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
     """Equation (8). Rounding may leave a difference of equals below zero."""
     phi = coefficients['phi']
@@ -157,7 +157,7 @@ def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
     state['covariance'] = _bounded_covariance(state, phi * (p01 + p11))
 
 
-@compiled
+@kernel
 def _bounded_covariance(state: Any, covariance: float) -> float:
     """Return a covariance that the variances allow, whatever rounding has made of it."""
     square = state['rate_variance'] * state['drift_variance']
@@ -166,7 +166,7 @@ def _bounded_covariance(state: Any, covariance: float) -> float:
     return math.copysign(math.sqrt(square), covariance)
 
 
-@compiled
+@kernel
 def update_paper(
     state: Any,
     coefficients: Any,
@@ -217,7 +217,7 @@ def update_paper(
     return innovation, outlier
 
 
-@compiled
+@kernel
 def _adapt(
     state: Any,
     coefficients: Any,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 IMU_TYPE = 'sensor_msgs/msg/Imu'
 VECTOR_TYPE = 'geometry_msgs/msg/Vector3Stamped'

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 RETURN = 0.5  # back by half the jump: the jump was an outlier
 SPREAD_POWER = 1.5  # what an extrapolation over n samples may miss grows as n to this power
@@ -97,7 +97,7 @@ def derive_limits(
     limits['longest_hold'] = 2 * run + 2
 
 
-@compiled
+@kernel
 def feel_jolt(jolt: Any, acceleration: float) -> bool:
     """Note the acceleration along one axis (m/s^2); tell whether it has just jumped.
 
@@ -117,7 +117,7 @@ def feel_jolt(jolt: Any, acceleration: float) -> bool:
     return bool(jolt['counts'] > 0)
 
 
-@compiled
+@kernel
 def start_doubt(doubt: Any, sample: float) -> None:
     """Begin at a sample (rad/s)."""
     doubt['held'] = 0
@@ -127,7 +127,7 @@ def start_doubt(doubt: Any, sample: float) -> None:
     doubt['sample'] = sample
 
 
-@compiled
+@kernel
 def judge(
     doubt: Any,
     sample: float,
@@ -176,7 +176,7 @@ def judge(
     return HOLD
 
 
-@compiled
+@kernel
 def note_held(
     doubt: Any, sample: float, prediction: float, spread: float, dropout: bool, limits: Any
 ) -> None:
@@ -192,7 +192,7 @@ def note_held(
     doubt['offset'] = 0.0 if dropout else sample - prediction
 
 
-@compiled
+@kernel
 def note_missing(doubt: Any, spread: float) -> None:
     """Note a sample that is missing: as much may have happened as in one that is held back."""
     if doubt['held'] == 0:
@@ -202,14 +202,14 @@ def note_missing(doubt: Any, spread: float) -> None:
     doubt['offset'] = 0.0
 
 
-@compiled
+@kernel
 def note_verdict(doubt: Any, held: bool) -> None:
     """Keep count of how many samples are held: a vibration must not be held for ever."""
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
 
-@compiled
+@kernel
 def _continues(doubt: Any, change: float, dropout: bool, limits: Any) -> bool:
     """Tell whether a sample belongs to the same run as the one held before it."""
     after_dropout = doubt['offset'] == 0.0
@@ -218,14 +218,14 @@ def _continues(doubt: Any, change: float, dropout: bool, limits: Any) -> bool:
     return change <= _agreement(doubt['offset'], limits['threshold'] * doubt['spread'], limits)
 
 
-@compiled
+@kernel
 def _agreement(offset: float, jump: float, limits: Any) -> float:
     """Return the difference in rad/s up to which two held samples tell the same tale."""
     agreement: float = max(min(AGREEMENT * abs(offset), limits['agreement_limit']), jump)
     return agreement
 
 
-@compiled
+@kernel
 def is_constant(doubt: Any, sample: float, variance: float) -> bool:
     """Tell whether the same value has come so often that it must be the rate.
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 
 class DiagnosticStatus(NamedTuple):
@@ -62,7 +62,7 @@ def diagnostic_arrays(
     return out[: ends[-1] if len(ends) else 0], ends
 
 
-@compiled
+@kernel
 def lay_out_arrays(heads: Any, numbers: Any, texts: Any, out: Any, ends: Any) -> None:
     """Write DiagnosticArrays in CDR.
 
@@ -97,7 +97,7 @@ def lay_out_arrays(heads: Any, numbers: Any, texts: Any, out: Any, ends: Any) ->
         ends[n] = place
 
 
-@compiled
+@kernel
 def _put_string(texts: Any, first: int, out: Any, begin: int, place: int) -> tuple[int, int]:
     """Write the text that begins there; return where the next one begins, and the place behind."""
     end = first
@@ -111,7 +111,7 @@ def _put_string(texts: Any, first: int, out: Any, begin: int, place: int) -> tup
     return end, place
 
 
-@compiled
+@kernel
 def _put_number(number: int, out: Any, begin: int, place: int) -> int:
     """Write four bytes at the next multiple of four from `begin` on; return the place behind."""
     while (place - begin) % 4 != 0:

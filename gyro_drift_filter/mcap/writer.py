@@ -17,7 +17,7 @@ from gyro_drift_filter.bags.library import (
     ConnectionExtRosbag2,
     MessageDefinitionFormat,
 )
-from gyro_drift_filter.bags.mcap_records import (
+from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
     CHUNK_HEAD,

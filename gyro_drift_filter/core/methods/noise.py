@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 
 BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s.
@@ -65,7 +65,7 @@ NOISE = np.dtype(
 )
 
 
-@compiled
+@kernel
 def start_noise(noise: Any, deviation: float, phi: float) -> None:
     """Begin with a standard deviation in rad/s, 0 where it is to be learned.
 
@@ -85,7 +85,7 @@ def start_noise(noise: Any, deviation: float, phi: float) -> None:
     restart_block(noise)
 
 
-@compiled
+@kernel
 def restart_block(noise: Any) -> None:
     """Forget the block under way."""
     noise['count'] = 0
@@ -102,7 +102,7 @@ def restart_block(noise: Any) -> None:
     noise['third_differences'] = 0.0
 
 
-@compiled
+@kernel
 def interrupt_block(noise: Any) -> None:
     """Pass over a sample that is missing or not believed; the block goes on after it."""
     noise['run'] = 0
@@ -110,7 +110,7 @@ def interrupt_block(noise: Any) -> None:
         noise['place'] += 1
 
 
-@compiled
+@kernel
 def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting: float) -> None:
     """Take a believed sample (rad/s) into the block, and the block into R when it is full.
 
@@ -148,7 +148,7 @@ def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting:
         _next_block(noise)
 
 
-@compiled
+@kernel
 def _next_block(noise: Any) -> None:
     """Begin the next block; differences go on across its border."""
     run = noise['run']
@@ -156,7 +156,7 @@ def _next_block(noise: Any) -> None:
     noise['run'] = run
 
 
-@compiled
+@kernel
 def _judge_block(noise: Any, block_forgetting: float) -> None:
     """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
     n = 1.0 * noise['count']
@@ -182,7 +182,7 @@ def _judge_block(noise: Any, block_forgetting: float) -> None:
         noise['variance'] = max(noise['variance'], rounding)
 
 
-@compiled
+@kernel
 def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgetting: float) -> None:
     noise['seen'] = True
     if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyro_drift_filter.bags.diagnostics import DiagnosticStatus
-from gyro_drift_filter.bags.vitals import TOLD, Vitals, in_plain
 from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.parameters import AXES, Parameters
+from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
+from gyro_drift_filter.messages.telemetry import TOLD, Vitals, in_plain
 
 OK, WARN, ERROR, STALE = range(4)
 

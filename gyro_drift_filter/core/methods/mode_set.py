@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.records import in_lines
+from gyro_drift_filter.accelerate.records import in_lines
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from gyro_drift_filter.accelerate.kernels import (
+    EXTENSION,
+    cache_directory,
+    extension_name,
+    keep_extension,
+    processor_features,
+)
 from gyro_drift_filter.bags.chunk_kernels import (
     end_batches,
     group_index,
@@ -22,18 +29,11 @@ from gyro_drift_filter.bags.chunk_kernels import (
     list_messages,
     times_of,
 )
-from gyro_drift_filter.bags.diagnostics import lay_out_arrays
-from gyro_drift_filter.bags.imu_kernels import filter_imus, filter_message, read_imus
-from gyro_drift_filter.bags.moments import add_results, add_samples
-from gyro_drift_filter.core.compiled import (
-    EXTENSION,
-    cache_directory,
-    extension_name,
-    keep_extension,
-    processor_features,
-)
-from gyro_drift_filter.core.errors import GyroDriftFilterError, printable, reason
+from gyro_drift_filter.bags.statistics import add_results, add_samples
 from gyro_drift_filter.core.filter import run_samples, step_sample
+from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
+from gyro_drift_filter.messages.diagnostics import lay_out_arrays
+from gyro_drift_filter.messages.imu_kernels import filter_imus, filter_message, read_imus
 
 _KERNELS: tuple[Any, ...] = (
     add_results,

@@ -6,23 +6,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.cdr import GOOD
-from gyro_drift_filter.core.compiled import compiled
+from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
+from gyro_drift_filter.messages.cdr import GOOD
 
 _SUMS = np.dtype(
     [('count', np.int64), ('mean', np.float64, (3,)), ('squares', np.float64, (3,))], align=True
 )
 
 
-@compiled
+@kernel
 def add_samples(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
     """Add rates (n, 3) as they came and filtered, where the former are usable."""
     for i in range(len(raw)):
         _add(raw[i], filtered[i], raw_sums[0], filtered_sums[0])
 
 
-@compiled
+@kernel
 def add_results(imus: Any, results: Any, raw_sums: Any, filtered_sums: Any) -> None:
     """Add the rates of IMUs (n,) and of their RESULTs (n,), where there is one."""
     for i in range(len(imus)):
@@ -35,7 +35,7 @@ def add_results(imus: Any, results: Any, raw_sums: Any, filtered_sums: Any) -> N
             )
 
 
-@compiled
+@kernel
 def _add(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
     if not (
         abs(raw[0]) <= LARGEST_RATE and abs(raw[1]) <= LARGEST_RATE and abs(raw[2]) <= LARGEST_RATE
@@ -45,7 +45,7 @@ def _add(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
     _add_values(filtered, filtered_sums)
 
 
-@compiled
+@kernel
 def _add_values(values: Any, sums: Any) -> None:
     """Add values (3,), by Welford's formulas."""
     sums['count'] += 1

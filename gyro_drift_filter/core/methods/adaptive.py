@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.compiled import compiled
-from gyro_drift_filter.core.ladder import FALLS, LADDER, LANES, LEVELS, derive_ladder
-from gyro_drift_filter.core.noise import (
+from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate.records import in_lines
+from gyro_drift_filter.core.methods.mode_set import FALLS, LADDER, LANES, LEVELS, derive_ladder
+from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
     LEAST_BLOCK,
@@ -26,7 +27,7 @@ from gyro_drift_filter.core.noise import (
     restart_block,
     start_noise,
 )
-from gyro_drift_filter.core.outliers import (
+from gyro_drift_filter.core.methods.outliers import (
     BELIEVE,
     DOUBT,
     FIRST_CHANGE,
@@ -43,7 +44,6 @@ from gyro_drift_filter.core.outliers import (
     note_verdict,
     start_doubt,
 )
-from gyro_drift_filter.core.records import in_lines
 
 # A probability below this is none.
 SMALLEST = 1e-300
@@ -133,7 +133,7 @@ def derive_adaptive(
     coefficients['block_forgetting'] = forgetting_factor ** (samples * period / FORGETTING_SECONDS)
 
 
-@compiled
+@kernel
 def start_adaptive(axis: Any, sample: float, deviation: float, phi: float) -> None:
     """Begin at a sample: nothing known but that the rate is near it.
 
@@ -155,7 +155,7 @@ def start_adaptive(axis: Any, sample: float, deviation: float, phi: float) -> No
     start_doubt(axis['doubt'], sample)
 
 
-@compiled
+@kernel
 def _restart(axis: Any, sample: float) -> None:
     """Put all levels on a sample."""
     rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
@@ -167,7 +167,7 @@ def _restart(axis: Any, sample: float) -> None:
     axis['doubt']['agreeing'] = 0
 
 
-@compiled
+@kernel
 def _believe_level(axis: Any, level: int) -> None:
     """Put one level on top of the others."""
     probability = axis['probability']
@@ -176,7 +176,7 @@ def _believe_level(axis: Any, level: int) -> None:
     probability[level] = 1.0
 
 
-@compiled
+@kernel
 def believe_all_levels(axis: Any) -> None:
     """Leave it to the next sample which level holds, after `start_adaptive` at a rate."""
     probability = axis['probability']
@@ -184,7 +184,7 @@ def believe_all_levels(axis: Any) -> None:
         probability[j] = 1.0 / LEVELS
 
 
-@compiled
+@kernel
 def rescale_adaptive(axis: Any, periods: float) -> None:
     """Carry slope and bend, which are per sample, over to another period, `periods` old ones."""
     slope, bend = axis['slope'], axis['bend']
@@ -194,14 +194,14 @@ def rescale_adaptive(axis: Any, periods: float) -> None:
     axis['of_noise'][0] = 0.0
 
 
-@compiled
+@kernel
 def predict_adaptive(axis: Any, ladder: Any) -> None:
     """Predict the next sample: its mean and variance are in the state then."""
     _mix(axis, ladder)
     _predict(axis, ladder)
 
 
-@compiled
+@kernel
 def coast_adaptive(axis: Any) -> None:
     """Take the prediction for the state: the sample is missing or not believed."""
     probability, prior = axis['probability'], axis['prior']
@@ -215,7 +215,7 @@ def coast_adaptive(axis: Any) -> None:
         bend[j] = predicted_bend[j]
 
 
-@compiled
+@kernel
 def miss_adaptive(axis: Any) -> None:
     """Pass over a sample that is missing or no number, after its prediction."""
     coast_adaptive(axis)
@@ -224,13 +224,13 @@ def miss_adaptive(axis: Any) -> None:
     interrupt_block(axis['noise'])
 
 
-@compiled
+@kernel
 def jolts(axis: Any, acceleration: float) -> bool:
     """Tell whether the acceleration along the axis (m/s^2) has just jumped; call once a sample."""
     return feel_jolt(axis['jolt'], acceleration)
 
 
-@compiled
+@kernel
 def surprises(axis: Any, sample: float) -> bool:
     """Tell whether a sample is far from its prediction and the last one, measured by the noise."""
     noise = axis['noise']
@@ -239,7 +239,7 @@ def surprises(axis: Any, sample: float) -> bool:
     return bool(noise['blocks'] > 0 and surprise > max(usual, axis['spread']))
 
 
-@compiled
+@kernel
 def update_adaptive(
     axis: Any,
     sample: float,
@@ -284,7 +284,7 @@ def update_adaptive(
     return False
 
 
-@compiled
+@kernel
 def make_up(axis: Any, sample: float, rate: float, jolted: bool, period: float) -> float:
     """Return what to add to `rate`, the output in rad/s, for motion that was held back before.
 
@@ -307,7 +307,7 @@ def make_up(axis: Any, sample: float, rate: float, jolted: bool, period: float) 
     return float(payment / period)
 
 
-@compiled
+@kernel
 def _stay_within_reach(axis: Any, reach: float) -> None:
     """Keep an extrapolation within `reach` (rad/s) of the last sample that was believed."""
     rate, believed = axis['rate'], axis['believed']
@@ -315,7 +315,7 @@ def _stay_within_reach(axis: Any, reach: float) -> None:
         rate[j] = min(max(rate[j], believed - reach), believed + reach)
 
 
-@compiled
+@kernel
 def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     """Return what the levels say together: rate, its variance, and Q, in place of (17)."""
     probability, rate = axis['probability'], axis['rate']
@@ -342,7 +342,7 @@ def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
 # what is beyond LEVELS stays zero.
 
 
-@compiled
+@kernel
 def _sum(values: Any) -> float:
     """Return the sum over the levels: four sums side by side, as each waits for its last term."""
     a = b = c = d = 0.0
@@ -354,7 +354,7 @@ def _sum(values: Any) -> float:
     return (a + b) + (c + d)
 
 
-@compiled
+@kernel
 def _largest(values: Any) -> float:
     """Return the largest value over the levels, as `_sum` does."""
     a = b = c = d = values[0]
@@ -369,7 +369,7 @@ def _largest(values: Any) -> float:
     return largest
 
 
-@compiled
+@kernel
 def _mix(axis: Any, ladder: Any) -> None:
     """Move probability, and the states with it, along the chain: interacting models.
 
@@ -432,7 +432,7 @@ def _mix(axis: Any, ladder: Any) -> None:
         mixed_bend[j] = (mixed_bend[j] * stay[j] + climbed[3, j] + fallen[3, j]) * share
 
 
-@compiled
+@kernel
 def _predict(axis: Any, ladder: Any) -> None:
     """Predict the sample with each level, equation (7), and all together: mean and variance.
 
@@ -473,7 +473,7 @@ def _predict(axis: Any, ladder: Any) -> None:
     axis['spread'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
 
 
-@compiled
+@kernel
 def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
     """Tell how far a sample may be from what each level expects of it.
 
@@ -496,7 +496,7 @@ def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
         density[j] = math.sqrt(half_precision[j])
 
 
-@compiled
+@kernel
 def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
     """Correct each level, equations (10) and (11), and weigh the levels by their likelihood.
 
@@ -527,7 +527,7 @@ def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
         probability[j] = max(probability[j] * whole, least[j])
 
 
-@compiled
+@kernel
 def _decay(exponent: float) -> float:
     """Return exp(exponent), or that of the nearest of -80 to 0, within 1e-7 of it from -10 on.
 
@@ -547,7 +547,7 @@ def _decay(exponent: float) -> float:
     return root * root
 
 
-@compiled
+@kernel
 def _level_of(size: float, variance: float, ladder: Any) -> int:
     """Return the lowest level to which a jump of this size (rad/s) is nothing special."""
     ratio = ladder['innovation_ratio']

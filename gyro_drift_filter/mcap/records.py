@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from gyro_drift_filter.core.errors import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 if sys.version_info >= (3, 14):
     from compression import zstd as zstd

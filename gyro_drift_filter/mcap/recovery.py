@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
-from gyro_drift_filter.bags.mcap_records import (
+from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
     DATA_END,
@@ -26,7 +26,7 @@ from gyro_drift_filter.bags.mcap_records import (
     McapError,
     unpack_chunk,
 )
-from gyro_drift_filter.bags.mcap_writer import McapWriter
+from gyro_drift_filter.mcap.writer import McapWriter
 
 _KEY = struct.Struct('<H')
 

@@ -1,0 +1,23 @@
+"""Compiled kernels: the decorators, their cache on disk, the module made ahead of time.
+
+`kernel` marks a function that other kernels call, `entry_kernel` one that Python calls.
+"""
+
+from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
+from gyro_drift_filter.accelerate.records import (
+    CountPerAxis,
+    FlagPerAxis,
+    PerAxis,
+    record,
+    zeroed,
+)
+
+__all__ = [
+    'CountPerAxis',
+    'FlagPerAxis',
+    'PerAxis',
+    'entry_kernel',
+    'kernel',
+    'record',
+    'zeroed',
+]

@@ -1,0 +1,1 @@
+"""The filter methods, one module each."""

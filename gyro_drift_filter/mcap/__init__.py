@@ -1,0 +1,1 @@
+"""MCAP files: records, reader, writer, recovery. No rosbags, no filter."""
