@@ -27,7 +27,6 @@ CACHE_LINE = 64  # bytes
 # One value for each axis of the sensor.
 PerAxis = Annotated[NDArray[np.float64], np.float64, (3,)]
 CountPerAxis = Annotated[NDArray[np.int64], np.int64, (3,)]
-FlagPerAxis = Annotated[NDArray[np.bool_], np.bool_, (3,)]
 
 _SCALARS: dict[Any, Any] = {float: np.float64, int: np.int64, bool: np.bool_}
 _RECORDS: dict[Any, np.dtype[Any]] = {}
