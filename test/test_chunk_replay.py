@@ -147,7 +147,7 @@ def test_a_message_filter_tells_what_it_was_like(random):
     told = at_once.process_imus(imus, range(40, 500), messages.__getitem__, results, marks[1:])
     expected = []
     for k in range(501):
-        expected += [step_by_step.vitals()] * marks[1:].count(k)
+        expected += [step_by_step.report()] * marks[1:].count(k)
         if k < 500:
             step_by_step.step(messages[k])
     assert repr(told) == repr(expected)  # where NaN is like NaN

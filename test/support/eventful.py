@@ -127,7 +127,7 @@ def messages():
     ended = end_batches(listed, 7, 10**8, batch, ends)
     results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
     marks = [0, n // 3, n // 3, n]
-    vitals = filtered.process_imus(
+    marked = filtered.process_imus(
         imus, range(n), lambda k: payload(chunk, mine[k]), results, marks
     )
     out, index = np.zeros(8 * len(chunk), np.uint8), np.zeros((9 * len(rows), 2), np.int64)
@@ -168,8 +168,8 @@ def messages():
         'records': out[:size],
         'written': np.array(written),
         'counts': np.array(counts),
-        'told': np.nan_to_num([np.hstack(v.state) for v in vitals]),
-        'counts_at_marks': np.array([v[:2] + v[3:5] for v in vitals]),
+        'told': np.nan_to_num([np.hstack(r.telemetry) for r in marked]),
+        'counts_at_marks': np.array([r[:2] + r[3:5] for r in marked]),
         'means': np.array([s.mean for s in moments.statistics()]),
         'deviations': np.array([s.deviation for s in moments.statistics()]),
         'batches': np.concatenate((ends[:ended], batch)).view(np.int64),
