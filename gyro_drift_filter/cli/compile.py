@@ -88,7 +88,7 @@ def compile_all() -> None:
     group_index(zeros[:0], index, zeros, index, np.zeros(2, '<u8'))
     results = np.zeros(1, RESULT)
     messages.process_imus(imus, range(1), bytes, results)
-    messages.vitals()
+    messages.report()
     texts, _ = diagnostic_arrays([])
     lay_out(
         data,
