@@ -79,11 +79,3 @@ def zeroed(kind: DTypeLike) -> NDArray[Any]:
     buffer = np.zeros(size + CACHE_LINE, np.uint8)
     offset = -buffer.ctypes.data % CACHE_LINE
     return buffer[offset : offset + size].view(kind)
-
-
-# The old way to declare a record.
-def in_lines(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
-    """Return a record with these fields, laid out by cache lines."""
-    return _in_cache_lines(
-        {name: np.dtype((kind, *(shape or [()]))) for name, kind, *shape in fields}
-    )

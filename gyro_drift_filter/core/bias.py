@@ -232,6 +232,7 @@ def _note_stillness(state: Bias, block_seconds: float, calibration_time: float) 
         state['still_sum'][axis] += rest['blocks'] * segment_mean(rest, axis)
 
 
+@kernel
 def calibrate_bias(state: Bias) -> None:
     """Take the mean of the stillness under way for the bias, whatever the bias was."""
     for axis in range(3):
