@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 
 # A segment is accepted within so many deviations of where the bias can be.
 GATE = 3.5
-# Several segments in a row, up to so many, have to lie closer: they reveal a turn of the bias's size.
+# Several segments in a row, up to so many, have to lie closer, as they reveal a turn of the bias's
+# size.
 RECENT_GATE, RECENT = 3.0, 8
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.

@@ -15,7 +15,7 @@ assert set(_CLASSES) == set(HINT_TYPES)
 
 
 class MotionHint:
-    """Subscribe to `motion_hint` with the type that the parameter names, and pass on what it says."""
+    """Subscribe to `motion_hint` with the type that the parameter names, and pass on hints."""
 
     def __init__(self, node: Node, hint: Callable[[bool], None], kind: str) -> None:
         self._node = node
