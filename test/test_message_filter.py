@@ -7,7 +7,8 @@ import pytest
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.cdr import read_imu
-from gyro_drift_filter.messages.health import ERROR, OK, STALE, WARN, Health
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -84,7 +85,7 @@ def report(messages, seconds=1.0):
 
 def test_health_of_a_sound_input():
     input_, filter_ = report(simulated(600), seconds=6.0)
-    assert (input_.level, filter_.level) == (OK, OK)
+    assert (input_.level, filter_.level) == (Level.OK, Level.OK)
     assert input_.values['Actual frequency (Hz)'] == '100'
     assert input_.values['Events since startup'] == '600'
     assert filter_.values['Method'] == Parameters().method
@@ -96,16 +97,16 @@ def test_health_of_a_sound_input():
 @pytest.mark.parametrize(
     ('messages', 'level', 'text'),
     [
-        ([], STALE, 'no message: is the driver running'),
-        ([b'junk'], ERROR, 'messages refused, the last because 4 bytes are too few'),
+        ([], Level.STALE, 'no message: is the driver running'),
+        ([b'junk'], Level.ERROR, 'messages refused, the last because 4 bytes are too few'),
         (
             [imu_message(10**18, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)],
-            WARN,
+            Level.WARN,
             'no angular velocity reported',
         ),
         (
             [imu_message(10**18 + k * 10**7, (90.0, 1, 1), (0, 0, 9.8)) for k in range(50)],
-            WARN,
+            Level.WARN,
             'the driver may publish degrees per second',
         ),
     ],
@@ -119,14 +120,14 @@ def test_health_says_what_is_wrong(messages, level, text):
 def test_a_single_spike_is_no_sign_of_degrees():
     messages = simulated(100)
     messages[50] = imu_message(read_imu(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
-    assert report(messages)[0].level == OK
+    assert report(messages)[0].level == Level.OK
 
 
 def test_health_tells_of_unusable_rates():
     messages = simulated(100)
     messages[50] = imu_message(read_imu(messages[50]).stamp, (np.nan, 1, 1), (0, 0, 9.8))
     input_, _ = report(messages)
-    assert input_.level == WARN
+    assert input_.level == Level.WARN
     assert 'no usable number' in input_.message
 
 
@@ -140,7 +141,7 @@ def test_health_tells_of_a_band_that_is_too_tight():
     health = Health()
     filter_.process_batch(messages)
     _, status = health.judge(filter_.report(), 4.0)
-    assert status.level == WARN
+    assert status.level == Level.WARN
     assert 'set method to adaptive' in status.message
 
 
@@ -163,14 +164,14 @@ def test_health_tells_of_a_filter_that_is_inert(random):
     health = Health()
     filter_.process_batch(messages[:500])
     _, status = health.judge(filter_.report(), 5.0)
-    assert status.level == WARN
+    assert status.level == Level.WARN
     assert 'far smaller than the filter expects' in status.message
     assert float(status.values['Normalised innovation squared x']) < 0.1
     filter_.filter.configure(Parameters(method='adaptive'))
     for k in range(5, 15):
         filter_.process_batch(messages[100 * k : 100 * k + 100])
         _, status = health.judge(filter_.report(), 1.0)
-    assert (status.level, status.message) == (OK, 'filtering')
+    assert (status.level, status.message) == (Level.OK, 'filtering')
 
 
 def test_levels_do_not_flicker(random):
@@ -187,9 +188,9 @@ def test_levels_do_not_flicker(random):
         state['counts']['outliers'][0] += round(1000 * share)
         _, status = health.judge(filter_.report(), 1.0)
         levels.append(status.level)
-    assert levels[23] == OK
-    assert levels[35] == levels[47] == WARN
-    assert levels[59] == OK
+    assert levels[23] == Level.OK
+    assert levels[35] == levels[47] == Level.WARN
+    assert levels[59] == Level.OK
     assert sum(a != b for a, b in pairwise(levels)) == 2
 
 
@@ -207,7 +208,7 @@ def test_a_rate_that_is_off_is_told(random):
             filter_.process_batch(messages[part * k : part * (k + 1)])
             status, _ = health.judge(filter_.report(), 1.0)
         assert status.message.startswith(message)
-        assert status.level == (OK if message == 'receiving' else WARN)
+        assert status.level == (Level.OK if message == 'receiving' else Level.WARN)
 
 
 def levels(health, parts, filter_):
@@ -336,7 +337,7 @@ def test_health_survives_a_reset():
     filter_.filter.reset()
     filter_.process_batch(simulated(100))
     input_, status = health.judge(filter_.report(), 1.0)
-    assert (input_.level, status.level) == (OK, OK)
+    assert (input_.level, status.level) == (Level.OK, Level.OK)
     assert status.values['Outliers of late (%) x'] == 'nan'  # too few to tell
     filter_.process_batch(simulated(400)[100:])
     _, status = health.judge(filter_.report(), 3.0)

@@ -1,6 +1,7 @@
 """Serialize `diagnostic_msgs/msg/DiagnosticArray`: `replay` writes one for each second of a bag."""
 
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,18 +10,27 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate.kernels import kernel
 
 
+class Level(IntEnum):
+    """Levels of a status, of `diagnostic_msgs/msg/DiagnosticStatus`."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
 class DiagnosticStatus(NamedTuple):
     """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id.
 
     Attributes:
-        level: OK, WARN, ERROR or STALE.
+        level: How bad it is.
         name: Of the part that it is on.
         message: What is the matter.
         listed: Its values: key and value in turn, each with a zero byte behind it; to make them
             one by one takes much longer.
     """
 
-    level: int
+    level: Level
     name: str
     message: str
     listed: str

@@ -1,22 +1,23 @@
-"""What a message filter is like at one moment, as reports tell it: few numbers of a large state."""
+"""What a message filter is like at one moment, for reports: few numbers of a large state."""
 
 import math
-from typing import Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
 
 # One for each axis.
-Counts = list[int]
-Values = list[float]
+Counts = Annotated[list[int], np.int64, (3,)]
+Values = Annotated[list[float], np.float64, (3,)]
 
 
 class Telemetry(NamedTuple):
-    """What the state tells: `read_telemetry` says of which part of it.
+    """Values of the filter's state: `read_telemetry` says of which part of it.
 
     Counts are since the start or the last reset, which packages, beyond_max and turning outlive as
     the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
@@ -56,17 +57,7 @@ class Telemetry(NamedTuple):
     turning: int
 
 
-_KINDS: dict[Any, Any] = {
-    int: np.int64,
-    float: np.float64,
-    bool: np.bool_,
-    Counts: (np.int64, 3),
-    Values: (np.float64, 3),
-}
-# The same as a record, for compiled code.
-TELEMETRY = np.dtype(
-    [(name, _KINDS[kind]) for name, kind in get_type_hints(Telemetry).items()], align=True
-)
+TELEMETRY = record(Telemetry)
 
 
 class MessageReport(NamedTuple):
@@ -80,7 +71,7 @@ class MessageReport(NamedTuple):
         frame_changes: and
         frame: and
         parameters: of its filter.
-        telemetry: Values read from its state.
+        telemetry: Values of its filter's state.
     """
 
     received: int
@@ -101,7 +92,7 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 
 @kernel
 def read_telemetry(state: Any, out: Any) -> None:
-    """Write what a record of STATE tells into one of TELEMETRY."""
+    """Write the values of a record of STATE into one of TELEMETRY."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']

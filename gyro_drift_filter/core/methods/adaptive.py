@@ -16,6 +16,7 @@ import numpy as np
 
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import in_lines
+from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import FALLS, LADDER, LANES, LEVELS, derive_ladder
 from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
@@ -555,3 +556,12 @@ def _level_of(size: float, variance: float, ladder: Any) -> int:
     while level > 0 and ratio[level - 1] * variance > size * size:
         level -= 1
     return level
+
+
+ADVICE = Advice(
+    outliers='look at the raw rates; raise outlier.threshold or outlier.acceleration',
+    large_innovations='is it a vibration? Leave it at rest for a second so that it learns its '
+    'noise, or set model.noise_deviation',
+    small_innovations='set model.noise_deviation lower, or to 0',
+    learns_noise=True,
+)
