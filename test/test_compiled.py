@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.accelerate.kernels import is_compiled
-from test.conftest import REPOSITORY
+from support.paths import REPOSITORY, TESTS
 
 WAY = """
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
@@ -38,9 +38,10 @@ def run_command(command, cwd=None, **environment):
 def results(way, folder):
     """Return all that happens to an eventful recording, with the kernels that are in `folder`."""
     out = folder / f'{way}.npz'
+    search_path = os.pathsep.join([str(TESTS), os.environ.get('PYTHONPATH', '')])
     done = subprocess.run(
-        [sys.executable, '-m', 'test.eventful', str(out), way],
-        env=os.environ | {'XDG_CACHE_HOME': str(folder)},
+        [sys.executable, '-m', 'support.eventful', str(out), way],
+        env=os.environ | {'XDG_CACHE_HOME': str(folder), 'PYTHONPATH': search_path},
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
@@ -164,7 +165,7 @@ def test_the_tests_run_on_compiled_kernels():
 def test_an_edit_of_a_callee_in_another_file_is_seen(tmp_path):
     """Numba's own cache keeps a caller's old code when only the callee's file changes."""
     shutil.copytree(REPOSITORY / 'gyro_drift_filter', tmp_path / 'gyro_drift_filter')
-    callee = tmp_path / 'gyro_drift_filter' / 'core' / 'paper.py'
+    callee = tmp_path / 'gyro_drift_filter' / 'core' / 'methods' / 'paper.py'
     code = """
 from gyro_drift_filter.core import Filter, Parameters
 filter_ = Filter(Parameters(method='kalman'))

@@ -11,19 +11,9 @@ from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.simulation.bag import imu_message
-from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from support.messages import simulated
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
-
-
-def simulated(n=600):
-    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
-    return [
-        imu_message(stamp, rate, acceleration)
-        for stamp, rate, acceleration in zip(
-            data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
-        )
-    ]
 
 
 def mixed():

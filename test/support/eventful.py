@@ -1,6 +1,6 @@
 """A recording in which everything happens, through the kernels compiled or as plain Python.
 
-    python -m test.eventful OUT.npz compiled|plain
+    PYTHONPATH=test python -m support.eventful OUT.npz numba|plain|extension
 
 A process of its own, as numba has to be there or not before the package is imported.
 """
@@ -101,7 +101,7 @@ def messages():
     from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
     from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
     from gyro_drift_filter.messages.message_filter import MessageFilter
-    from test.test_chunk_replay import mixed
+    from support.bags import mixed
 
     rows = mixed(np.random.default_rng(3), 2)
     topics = sorted({row[0] for row in rows})
