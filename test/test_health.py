@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import advice_of
+from gyro_drift_filter.core.methods import METHODS, advice_of
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.core.parameters import METHODS
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
@@ -363,20 +362,21 @@ def test_telemetry_is_that_of_the_state(random):
     filter_all(filter_, [*simulated(500), b'junk'])
     state, telemetry = filter_.filter.state, filter_.report().telemetry
     counts, clock, bias = state['counts'], state['clock'], state['bias']
+    checks = state['checks']
     expected = {
-        **{name: counts[name] for name in ('samples', 'repeats', 'refused', 'beyond_range')},
-        **{name: counts[name] for name in ('unusable', 'clipped', 'outliers')},
+        **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
+        'outliers': counts['outliers'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
-        'times_stuck': counts['stuck'],
         **{name: clock[name] for name in ('period', 'blocks', 'gaps', 'missing_samples')},
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
-        'divergences': state['paper']['divergences'],
-        'stuck': state['stuck'],
-        'all_zero': not state['measured'].any(),
+        'divergences': state['methods']['paper']['divergences'],
+        'stuck': checks['stuck'],
+        'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],
-        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'packages')},
+        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'segments')},
         **{name: bias[name] for name in ('beyond_max', 'turning')},
         'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
         'at_rest': bias['rest']['at_rest'],
@@ -385,7 +385,7 @@ def test_telemetry_is_that_of_the_state(random):
     for name, value in telemetry._asdict().items():
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
     assert telemetry.samples == 500
-    assert telemetry.packages > 0
+    assert telemetry.segments > 0
 
 
 def test_counts_that_a_reset_clears_are_no_fault(random):

@@ -136,7 +136,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Bias deviation (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,
         'Time since rest (s)': state.rest_seconds,
-        'Rests the bias was learned from': state.packages,
+        'Rests the bias was learned from': state.segments,
         'Rests with a rate beyond bias.max': state.beyond_max,
         'Slow turns told from rest': state.turning,
         'Divergences': state.divergences,

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence, Set
 from operator import gt
 from typing import NamedTuple
 
-from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.methods import advice_of
 from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.sensor_checks import RANGE
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.telemetry import MessageReport
 
