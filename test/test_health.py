@@ -381,7 +381,7 @@ def test_telemetry_is_that_of_the_state(random):
         'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
         'at_rest': bias['rest']['at_rest'],
     }
-    assert expected.keys() == telemetry._asdict().keys()
+    assert expected.keys() == telemetry._asdict().keys(), 'each value is tested here'
     for name, value in telemetry._asdict().items():
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
     assert telemetry.samples == 500

@@ -92,9 +92,9 @@ class Rule(NamedTuple):
     """A level and a message, and when they apply.
 
     Attributes:
-        name: The rule's own among all tables.
+        name: Its own among the rules of both tables.
         level: The level of the status.
-        applies: Tells whether the rule applies; None leaves that as it was at the last report.
+        applies: Says whether the rule applies; None leaves that as it was at the last report.
         text: The message, or what makes it.
     """
 
