@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHODS, advice_of
+from gyro_drift_filter.core.methods import METHODS, Method
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.diagnostics import Level
@@ -139,8 +139,9 @@ def test_the_text_of_a_rate_that_is_off(changes, text):
 
 
 def test_each_method_has_advice_of_its_own_and_a_new_one_general_advice():
-    assert all(advice_of(method) != Advice() for method in METHODS)
-    assert advice_of('a new one') == Advice()
+    assert all(method.advice != Advice() for method in METHODS)
+    assert Method('a new one', 'of its own').advice == Advice()
+    assert all(Advice()[:3])
 
 
 def filter_all(filter_, messages):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence, Set
 from operator import gt
 from typing import NamedTuple
 
-from gyro_drift_filter.core.methods import advice_of
+from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.sensor_checks import RANGE
 from gyro_drift_filter.messages.diagnostics import Level
@@ -50,7 +50,7 @@ class Span(NamedTuple):
     @property
     def advice(self) -> Advice:
         """What the method says to do about it."""
-        return advice_of(self.now.parameters.method)
+        return ADVICE[self.now.parameters.method]
 
 
 def span_of(
