@@ -1,5 +1,6 @@
 # make demo: the main job end to end. make test: lint, types and all tests. make bench: how fast.
-# make quality: how good. make coverage: what of the code the tests run.
+# make quality: how good. make coverage: what of the code the tests run. make parameters: write
+# config/ and docs/parameters.md from the table of parameters.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +8,7 @@ BIN := $(VENV)/bin
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint bench quality coverage clean
+.PHONY: demo test lint bench quality coverage parameters clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -27,6 +28,9 @@ coverage: $(VENV)/.installed
 	$(BIN)/coverage run -m pytest
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --fail-under 95
+
+parameters: $(VENV)/.installed
+	$(BIN)/python -m tools.write_parameter_files
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -176,7 +176,7 @@ def test_parameters_are_described(live):
         DESCRIPTIONS,
         strict=True,
     ):
-        assert descriptor.description == description.text
+        assert descriptor.description == description.meaning
         assert descriptor.additional_constraints == description.limits
         if description.kind == 'double':
             assert descriptor.type == ParameterType.PARAMETER_DOUBLE

@@ -7,8 +7,9 @@ import yaml
 
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
-from gyro_drift_filter.core.parameters import DESCRIPTIONS
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS
 from support.paths import REPOSITORY
+from tools.write_parameter_files import parameter_files
 
 SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
@@ -23,17 +24,17 @@ def section(**parameters):
     return yaml.safe_dump({'gyro_drift_filter': {'ros__parameters': parameters}})
 
 
-def test_the_shipped_file_holds_every_parameter_at_its_default():
+def test_files_are_those_of_the_table():
+    for path, content in parameter_files().items():
+        assert path.read_text() == content, 'run `make parameters`'
     assert read_parameters(SHIPPED) == Parameters()
-    text = SHIPPED.read_text()
-    for description in DESCRIPTIONS:
-        assert f'{description.name.rpartition(".")[2]}:' in text
 
 
 def test_every_parameter_is_described():
     for description in DESCRIPTIONS:
         assert len(description.text) > 30
         assert description.limits or description.kind == 'bool'
+        assert description.name.rpartition('.')[0] in ('', *GROUPS)
 
 
 @pytest.mark.parametrize(

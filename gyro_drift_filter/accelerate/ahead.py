@@ -33,7 +33,7 @@ from gyro_drift_filter.bags.statistics import add_results, add_samples
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.step import step_sample, step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
-from gyro_drift_filter.messages.diagnostics import lay_out_arrays
+from gyro_drift_filter.messages.diagnostics import serialize_arrays
 from gyro_drift_filter.messages.imu_kernels import filter_imus, filter_message, read_imus
 
 _KERNELS: tuple[Any, ...] = (
@@ -44,7 +44,7 @@ _KERNELS: tuple[Any, ...] = (
     filter_message,
     group_index,
     lay_out,
-    lay_out_arrays,
+    serialize_arrays,
     list_messages,
     read_imus,
     step_sample,

@@ -1,4 +1,8 @@
-"""The parameters that users set: names, units, ranges and what they mean, in one table."""
+"""The parameters that users set: names, units, ranges and what they mean, in one table.
+
+The node, parameter files, config/gyro_drift_filter.yaml and docs/parameters.md follow this table;
+`make parameters` writes the latter two anew.
+"""
 
 import dataclasses
 import difflib
@@ -16,15 +20,26 @@ OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_servic
 
 AXES = ('x', 'y', 'z')
 
+# What the parameters of a group have in common.
+GROUPS = {
+    'outlier': 'What becomes of samples far from their prediction.',
+    'bias': 'The bias is learned whenever the sensor stands still.',
+    'model': 'The drift model of the paper, and the noise at rest; one value per axis x, y, z. '
+    '`gyro_drift identify` finds those of a sensor.',
+}
+
+_KINDS = {str: 'string', bool: 'bool', int: 'integer', float: 'double', tuple: 'double_array'}
+
 
 @dataclass(frozen=True)
 class Description:
-    """What a user is told of one parameter.
+    """What users read about one parameter, and which values it takes.
 
     Attributes:
         name: ROS 2 name, with a dot between group and name.
         kind: 'string', 'bool', 'integer', 'double' or 'double_array' (one value per axis x, y, z).
-        text: What it does, with its unit.
+        text: What it does.
+        unit: The unit of its value, empty for a plain number.
         low: Smallest value, itself allowed unless `low_excluded`.
         high: Largest value, itself allowed unless `high_excluded`.
         choices: The allowed strings.
@@ -33,11 +48,17 @@ class Description:
     name: str
     kind: str
     text: str
+    unit: str = ''
     low: float = -math.inf
     high: float = math.inf
     low_excluded: bool = False
     high_excluded: bool = False
     choices: tuple[str, ...] = ()
+
+    @property
+    def meaning(self) -> str:
+        """What it does, with its unit."""
+        return f'{self.text} Unit: {self.unit}.' if self.unit else self.text
 
     @property
     def limits(self) -> str:
@@ -103,8 +124,8 @@ class Description:
         return float(value)
 
 
-def _parameter(default: Any, name: str, kind: str, text: str, **limits: Any) -> Any:
-    description = Description(name, kind, text, **limits)
+def _parameter(default: Any, name: str, text: str, **limits: Any) -> Any:
+    description = Description(name, _KINDS[type(default)], text, **limits)
     return dataclasses.field(default=default, metadata={'description': description})
 
 
@@ -119,165 +140,154 @@ class Parameters:
     method: str = _parameter(
         'adaptive',
         'method',
-        'string',
-        'Filter: adaptive follows motion and smooths at rest; kalman is the conventional Kalman '
-        'filter of the paper, equations (5) to (12), and sage_husa the one that adapts its noise '
-        'statistics, equations (7) to (17): both for a gyroscope that hardly moves.',
+        'The filter. adaptive follows motion and smooths at rest. kalman is the conventional '
+        'Kalman filter of the paper, equations (5) to (12), and sage_husa the same with its noise '
+        'statistics adapted, equations (7) to (17): both are for a gyroscope that hardly moves.',
         choices=METHOD_NAMES,
     )
     forgetting_factor: float = _parameter(
         0.98,
         'forgetting_factor',
-        'double',
         'How much weight the adapted noise statistics keep from one update to the next (b of '
-        'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, for '
-        'adaptive an update is a tenth of a second of rest. The paper uses 0.95 to 0.99. Without '
-        'unit.',
+        'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, '
+        'adaptive after every tenth of a second of rest. The paper uses 0.95 to 0.99.',
         low=0.9,
         high=0.9999,
     )
     epsilon: float = _parameter(
         2.0e-2,
         'epsilon',
-        'double',
         'Half the width of the band in which the square of a sample may differ from its expected '
-        'value before it counts as an outlier (equation (18)), in (rad/s)^2. Raise it if motion '
-        'is flagged. Of kalman and sage_husa.',
+        'value before it counts as an outlier (equation (18)). The band is in squares, so it '
+        'grows tight as the robot turns: raise it if motion is flagged. For kalman and sage_husa.',
+        unit='(rad/s)^2',
         low=0.0,
         low_excluded=True,
         high=1.0e4,
     )
-    outlier_enabled: bool = _parameter(
-        True,
-        'outlier.enabled',
-        'bool',
-        'Whether outliers are shortened (equations (18) to (20)) or held back (adaptive), or taken '
-        'as they are.',
-    )
-    outlier_threshold: float = _parameter(
-        9.0,
-        'outlier.threshold',
-        'double',
-        'A sample further than this from its prediction, in predicted standard deviations, is held '
-        'back until the samples after it tell whether it was motion. Of adaptive.',
-        low=3.0,
-        high=100.0,
-    )
-    outlier_acceleration: float = _parameter(
-        80.0,
-        'outlier.acceleration',
-        'double',
-        'A sample that the body could reach from its prediction with this angular acceleration, in '
-        'rad/s^2, is never held back. Of adaptive.',
-        low=0.0,
-        high=1.0e6,
-    )
-    outlier_run: int = _parameter(
-        3,
-        'outlier.run',
-        'integer',
-        'Longest run of equal outliers that the gyroscope delivers, in samples. A real step is '
-        'followed one sample after that, one beyond 1000 rad/s^2 three samples after. Of adaptive.',
-        low=1,
-        high=20,
-    )
     sample_rate: float = _parameter(
         0.0,
         'sample_rate',
-        'double',
-        'Rate of the gyroscope in Hz, and the rate that the model below belongs to. '
-        '0 learns it from the stamps.',
+        'Rate of the gyroscope, and the rate that the values of model.* belong to. 0 learns it '
+        'from the stamps.',
+        unit='Hz',
         low=0.0,
         high=10_000.0,
     )
     gap_limit: float = _parameter(
         1.0,
         'gap_limit',
-        'double',
-        'Longest gap between two stamps, in s, that is bridged by prediction. After a longer one, '
-        'or a longer jump backward, the filter starts from the sample at hand.',
+        'Longest gap between two stamps that is bridged by prediction. After a longer one, or a '
+        'longer jump backward, the filter starts from the sample at hand.',
+        unit='s',
         low=0.001,
         high=10.0,
+    )
+    motion_hint: str = _parameter(
+        'none',
+        'motion_hint',
+        'Type of the messages on the topic motion_hint, by which the robot says whether it moves: '
+        'a motion says that this is no rest, standing still that a constant rate is bias.',
+        choices=('none', 'twist', 'twist_stamped', 'odometry'),
+    )
+    outlier_enabled: bool = _parameter(
+        True,
+        'outlier.enabled',
+        'Whether outliers are shortened (kalman and sage_husa, equations (18) to (20)) or held '
+        'back (adaptive); false takes them as they are.',
+    )
+    outlier_threshold: float = _parameter(
+        9.0,
+        'outlier.threshold',
+        'A sample further than this from its prediction is held back until the samples after it '
+        'show whether it was motion. For adaptive.',
+        unit='predicted standard deviations',
+        low=3.0,
+        high=100.0,
+    )
+    outlier_acceleration: float = _parameter(
+        80.0,
+        'outlier.acceleration',
+        'A sample that the body could reach from its prediction with this angular acceleration is '
+        'never held back. For adaptive.',
+        unit='rad/s^2',
+        low=0.0,
+        high=1.0e6,
+    )
+    outlier_run: int = _parameter(
+        3,
+        'outlier.run',
+        'Longest run of equal outliers that the gyroscope delivers. A real step is followed one '
+        'sample after that, one beyond 1000 rad/s^2 three samples after. For adaptive.',
+        unit='samples',
+        low=1,
+        high=20,
     )
     bias_enabled: bool = _parameter(
         True,
         'bias.enabled',
-        'bool',
-        'Whether the bias, learned whenever the sensor stands still, is taken off the rates. It is '
-        'learned in any case.',
+        'Whether the bias is taken off the rates. It is learned in any case.',
     )
     bias_max: float = _parameter(
         0.17453292519943295,
         'bias.max',
-        'double',
-        'Largest bias per axis, in rad/s (0.1745 is 10 deg/s). A faster constant rate counts as a '
-        'turn.',
+        'Largest bias on an axis; a faster constant rate counts as a turn. 0.1745 is 10 deg/s.',
+        unit='rad/s',
         low=0.0,
         high=10.0,
     )
     bias_random_walk: float = _parameter(
         1.6e-4,
         'bias.random_walk',
-        'double',
-        'How fast the bias may wander at most, in rad/s per square root of a second (1.6e-4: 0.07 '
-        'deg/s in a minute). How fast it does is learned. Lower it if slow turns are taken for '
-        'bias, raise it if a bias that warms up is not followed.',
+        'How fast the bias may wander at most; how fast it does is learned. 1.6e-4 is 0.07 deg/s '
+        'in a minute. Lower it if slow turns are taken for bias, raise it if a bias that warms up '
+        'is not followed.',
+        unit='rad/s per square root of a second',
         low=1.0e-8,
         high=0.1,
     )
     bias_initial: tuple[float, float, float] = _parameter(
         (0.0, 0.0, 0.0),
         'bias.initial',
-        'double_array',
-        'Bias per axis until the first rest, in rad/s, where none is remembered.',
+        'Bias of each axis x, y, z until the first rest, where none is remembered.',
+        unit='rad/s',
         low=-10.0,
         high=10.0,
     )
     bias_calibration_time: float = _parameter(
         5.0,
         'bias.calibration_time',
-        'double',
-        'How long ~/calibrate averages the rate at rest, in s.',
+        'How long ~/calibrate averages the rate at rest.',
+        unit='s',
         low=0.5,
         high=600.0,
     )
     bias_memory: bool = _parameter(
         True,
         'bias.memory',
-        'bool',
-        'Whether the bias is kept in a file under ROS_HOME (~/.ros) and taken from there at the '
-        'next start. Of the node.',
-    )
-    motion_hint: str = _parameter(
-        'none',
-        'motion_hint',
-        'string',
-        'Type of the messages on the topic motion_hint, by which the robot says whether it moves: '
-        'a motion says that this is no rest, standing still that a constant rate is bias.',
-        choices=('none', 'twist', 'twist_stamped', 'odometry'),
+        'Whether the node keeps the bias in a file under ROS_HOME (~/.ros), and takes it from '
+        'there at its next start.',
     )
     bias_temperature_step: float = _parameter(
         2.0,
         'bias.temperature_step',
-        'double',
-        'Change of imu/temperature in K from which on the bias becomes uncertain.',
+        'Change of imu/temperature from which on the bias becomes uncertain.',
+        unit='K',
         low=0.1,
         high=100.0,
     )
     bias_temperature_coefficient: float = _parameter(
         5.0e-4,
         'bias.temperature_coefficient',
-        'double',
-        'How far the bias may move per K, in rad/s (5e-4 is 0.03 deg/s).',
+        'How far the bias may move with the temperature. 5e-4 is 0.03 deg/s for each kelvin.',
+        unit='rad/s per K',
         low=0.0,
         high=0.1,
     )
     model_phi: tuple[float, float, float] = _parameter(
         (0.218, 0.218, 0.218),
         'model.phi',
-        'double_array',
-        'Coefficient of the first-order autoregressive drift per axis (phi of equation (2)), '
-        'without unit.',
+        'Coefficient of the first-order autoregressive drift (phi of equation (2)).',
         low=-1.0,
         low_excluded=True,
         high=1.0,
@@ -286,9 +296,9 @@ class Parameters:
     model_process_noise: tuple[float, float, float] = _parameter(
         (2.38e-5, 2.38e-5, 2.38e-5),
         'model.process_noise',
-        'double_array',
-        'Variance of the noise that drives the drift per axis (Q; the paper takes the variance of '
-        'the residuals of the autoregressive model), in (rad/s)^2.',
+        'Variance of the noise that drives the drift (Q; the paper takes the variance of the '
+        'residuals of the autoregressive model). For kalman and sage_husa.',
+        unit='(rad/s)^2',
         low=0.0,
         low_excluded=True,
         high=1.0e6,
@@ -296,20 +306,19 @@ class Parameters:
     model_measurement_noise: tuple[float, float, float] = _parameter(
         (2.5e-5, 2.5e-5, 2.5e-5),
         'model.measurement_noise',
-        'double_array',
-        'Variance of the measurement per axis (R; the paper takes the variance of the motionless '
-        'recording), in (rad/s)^2.',
+        'Variance of the measurement (R; the paper takes the variance of the motionless '
+        'recording). For kalman and sage_husa.',
+        unit='(rad/s)^2',
         low=0.0,
         low_excluded=True,
         high=1.0e6,
     )
-
     model_noise_deviation: tuple[float, float, float] = _parameter(
         (0.0, 0.0, 0.0),
         'model.noise_deviation',
-        'double_array',
-        'Standard deviation of the noise at rest per axis, in rad/s, that learning starts from, '
-        'with model.phi as its correlation; 0 learns both from the first samples. Of adaptive.',
+        'Standard deviation of the noise at rest that learning starts from, with model.phi as its '
+        'correlation; 0 learns both from the first samples. For adaptive.',
+        unit='rad/s',
         low=0.0,
         high=1.0e3,
     )

@@ -1,26 +1,36 @@
 """Serialize `diagnostic_msgs/msg/DiagnosticArray`: `replay` writes one for each second of a bag."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
+
+
+class Level(IntEnum):
+    """Levels of a status, of `diagnostic_msgs/msg/DiagnosticStatus`."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
 
 
 class DiagnosticStatus(NamedTuple):
     """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id.
 
     Attributes:
-        level: OK, WARN, ERROR or STALE.
+        level: How bad it is.
         name: Of the part that it is on.
         message: What is the matter.
         listed: Its values: key and value in turn, each with a zero byte behind it; to make them
             one by one takes much longer.
     """
 
-    level: int
+    level: Level
     name: str
     message: str
     listed: str
@@ -42,7 +52,7 @@ def diagnostic_arrays(
             zero byte in the texts.
 
     Returns:
-        The messages, one behind the other, and (n,) where each ends.
+        The messages, one behind the other, and (n,) the offset behind each.
     """
     statuses = [status for _, of_report in reports for status in of_report]
     texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
@@ -50,9 +60,9 @@ def diagnostic_arrays(
     heads = [(*divmod(stamp, 1_000_000_000), len(of_report)) for stamp, of_report in reports]
     numbers = [(s.level, s.listed.count('\0') // 2) for s in statuses]
     # A length of four bytes is put before each text, and up to three that align it.
-    room = len(joined) + 7 * texts.count('\0') + 8 * len(statuses) + 24 * len(reports)
-    out, ends = np.empty(room, np.uint8), np.empty(len(reports), np.int64)
-    lay_out_arrays(
+    size = len(joined) + 7 * texts.count('\0') + 8 * len(statuses) + 24 * len(reports)
+    out, ends = np.empty(size, np.uint8), np.empty(len(reports), np.int64)
+    serialize_arrays(
         np.array(heads, np.int64).reshape(-1, 3),
         np.array(numbers, np.int64).reshape(-1, 2),
         joined,
@@ -62,61 +72,69 @@ def diagnostic_arrays(
     return out[: ends[-1] if len(ends) else 0], ends
 
 
-@kernel
-def lay_out_arrays(heads: Any, numbers: Any, texts: Any, out: Any, ends: Any) -> None:
+@entry_kernel((np.int64, 2), (np.int64, 2), np.uint8, np.uint8, np.int64)
+def serialize_arrays(
+    heads: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+    texts: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+    ends: NDArray[np.int64],
+) -> None:
     """Write DiagnosticArrays in CDR.
 
     Args:
         heads: (n, 3) seconds, nanoseconds and number of statuses of each.
         numbers: (m, 2) of all statuses: level, and how many values it has.
-        texts: Name, message, hardware_id, keys and values of each, one behind the other, bytes;
+        texts: Name, message, hardware_id, keys and values of each status, one behind the other;
             each ends with a zero byte.
-        out: Room for them.
-        ends: (n,) room for where each ends.
+        out: Gets the messages.
+        ends: (n,) gets the offset behind each message.
     """
-    status = text = place = 0
+    status = text = offset = 0
     for n in range(len(heads)):
-        # CDR, little endian; places are aligned as counted from behind that.
+        # CDR, little endian; what follows is aligned as counted from behind that.
         for i in range(4):
-            out[place + i] = 1 if i == 1 else 0
-        begin = place + 4
-        place = _put_number(heads[n, 0], out, begin, begin)
-        place = _put_number(heads[n, 1], out, begin, place)
-        place = _put_number(1, out, begin, place)  # an empty frame_id
-        out[place] = 0
-        place = _put_number(heads[n, 2], out, begin, place + 1)
+            out[offset + i] = 1 if i == 1 else 0
+        start = offset + 4
+        offset = _put_number(heads[n, 0], out, start, start)
+        offset = _put_number(heads[n, 1], out, start, offset)
+        offset = _put_number(1, out, start, offset)  # an empty frame_id
+        out[offset] = 0
+        offset = _put_number(heads[n, 2], out, start, offset + 1)
         for _ in range(heads[n, 2]):
-            out[place] = numbers[status, 0]
-            place += 1
+            out[offset] = numbers[status, 0]
+            offset += 1
             for _ in range(3):
-                text, place = _put_string(texts, text, out, begin, place)
-            place = _put_number(numbers[status, 1], out, begin, place)
+                text, offset = _put_string(texts, text, out, start, offset)
+            offset = _put_number(numbers[status, 1], out, start, offset)
             for _ in range(2 * numbers[status, 1]):
-                text, place = _put_string(texts, text, out, begin, place)
+                text, offset = _put_string(texts, text, out, start, offset)
             status += 1
-        ends[n] = place
+        ends[n] = offset
 
 
 @kernel
-def _put_string(texts: Any, first: int, out: Any, begin: int, place: int) -> tuple[int, int]:
-    """Write the text that begins there; return where the next one begins, and the place behind."""
+def _put_string(
+    texts: NDArray[np.uint8], first: int, out: NDArray[np.uint8], start: int, offset: int
+) -> tuple[int, int]:
+    """Write the text at `first`; return where the next one starts, and the offset behind it."""
     end = first
     while texts[end] != 0:
         end += 1
     end += 1
-    place = _put_number(end - first, out, begin, place)
+    offset = _put_number(end - first, out, start, offset)
     for i in range(first, end):
-        out[place] = texts[i]
-        place += 1
-    return end, place
+        out[offset] = texts[i]
+        offset += 1
+    return end, offset
 
 
 @kernel
-def _put_number(number: int, out: Any, begin: int, place: int) -> int:
-    """Write four bytes at the next multiple of four from `begin` on; return the place behind."""
-    while (place - begin) % 4 != 0:
-        out[place] = 0
-        place += 1
+def _put_number(number: int, out: NDArray[np.uint8], start: int, offset: int) -> int:
+    """Write four bytes at the next multiple of four from `start` on; return the offset behind."""
+    while (offset - start) % 4 != 0:
+        out[offset] = 0
+        offset += 1
     for i in range(4):
-        out[place + i] = (number >> (8 * i)) & 0xFF
-    return place + 4
+        out[offset + i] = (number >> (8 * i)) & 0xFF
+    return offset + 4

@@ -1,24 +1,25 @@
-"""What a message filter is like at one moment, as reports tell it: few numbers of a large state."""
+"""What a message filter is like at one moment, for reports: few numbers of a large state."""
 
 import math
-from typing import Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
 
 # One for each axis.
-Counts = list[int]
-Values = list[float]
+Counts = Annotated[list[int], np.int64, (3,)]
+Values = Annotated[list[float], np.float64, (3,)]
 
 
 class Telemetry(NamedTuple):
-    """What the state tells: `read_telemetry` says of which part of it.
+    """Values of the filter's state: `read_telemetry` says of which part of it.
 
-    Counts are since the start or the last reset, which packages, beyond_max and turning outlive as
+    Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
     the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
     a variance in (rad/s)^2, of the last sample; period and rest_seconds are in s.
     """
@@ -51,22 +52,12 @@ class Telemetry(NamedTuple):
     beyond: bool
     at_rest: bool
     rest_seconds: float
-    packages: int
+    segments: int
     beyond_max: int
     turning: int
 
 
-_KINDS: dict[Any, Any] = {
-    int: np.int64,
-    float: np.float64,
-    bool: np.bool_,
-    Counts: (np.int64, 3),
-    Values: (np.float64, 3),
-}
-# The same as a record, for compiled code.
-TELEMETRY = np.dtype(
-    [(name, _KINDS[kind]) for name, kind in get_type_hints(Telemetry).items()], align=True
-)
+TELEMETRY = record(Telemetry)
 
 
 class MessageReport(NamedTuple):
@@ -80,7 +71,7 @@ class MessageReport(NamedTuple):
         frame_changes: and
         frame: and
         parameters: of its filter.
-        telemetry: Values read from its state.
+        telemetry: Values of its filter's state.
     """
 
     received: int
@@ -101,7 +92,7 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 
 @kernel
 def read_telemetry(state: Any, out: Any) -> None:
-    """Write what a record of STATE tells into one of TELEMETRY."""
+    """Write the values of a record of STATE into one of TELEMETRY."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, paper = state['checks'], state['methods']['paper']
     out['samples'] = counts['samples']
@@ -121,7 +112,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
-    out['packages'] = bias['segments']
+    out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
     out['all_zero'] = True

@@ -27,7 +27,8 @@ from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.cdr import EXAMPLE, read_imu
-from gyro_drift_filter.messages.health import INPUT, NODE_NAME, OK, STALE, WARN, Health
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.health import INPUT, NODE_NAME, Health
 from gyro_drift_filter.messages.imu_kernels import AT_REST, PASSED_ON, PUBLISH
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.ros.cold_start import ColdStart
@@ -211,13 +212,13 @@ class GyroDriftFilterNode(Node):
         waiting = self._cold_start.waiting
         if waiting is not None:
             message = f'compiling for the first start: {len(waiting)} messages are kept'
-            return status._replace(level=WARN, message=message)
-        if not status.name.endswith(INPUT) or status.level not in (OK, STALE):
+            return status._replace(level=Level.WARN, message=message)
+        if not status.name.endswith(INPUT) or status.level not in (Level.OK, Level.STALE):
             return status
         fault = self._neighbours.fault()
         if fault is not None:
-            return status._replace(level=max(WARN, status.level), message=fault)
-        if status.level == STALE:
+            return status._replace(level=max(Level.WARN, status.level), message=fault)
+        if status.level == Level.STALE:
             return status._replace(message=self._neighbours.silence())
         return status
 
@@ -229,7 +230,7 @@ class GyroDriftFilterNode(Node):
         logged, when = self._logged.get(status.name, (None, now))
         self._logged.setdefault(status.name, (status, now))
         if logged is None:
-            if status.level != OK:
+            if status.level != Level.OK:
                 self.get_logger().warning(status.message)
             return
         if logged.message == status.message:
@@ -237,7 +238,7 @@ class GyroDriftFilterNode(Node):
         if logged.level == status.level and (now - when).nanoseconds < _LOG_PAUSE:
             return
         self._logged[status.name] = status, now
-        if status.level != OK:
+        if status.level != Level.OK:
             self.get_logger().warning(status.message)
         else:
             self.get_logger().info(status.message)

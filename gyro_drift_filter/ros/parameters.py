@@ -98,7 +98,7 @@ def _as_double(description: Description, value: object) -> object:
 
 def _descriptor(description: Description) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
-        description=description.text,
+        description=description.meaning,
         additional_constraints=description.limits,
     )
     low, high = description.low, description.high

@@ -25,6 +25,7 @@ from gyro_drift_filter.core.methods.adaptive import (
     AdaptiveCoefficients,
     AdaptiveWorkspace,
 )
+from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.paper import (
     PAPER_AXIS,
     PAPER_COEFFICIENTS,
@@ -46,18 +47,21 @@ class Method(NamedTuple):
     Attributes:
         name: What users write.
         state: The field of `MethodStates` that it works on: methods of one state can take turns.
+        advice: What to do where it does not fit its sensor; without its own, general texts.
     """
 
     name: str
     state: str
+    advice: Advice = Advice()
 
 
 METHODS = (
-    Method('kalman', 'paper'),
-    Method('sage_husa', 'paper'),
-    Method('adaptive', 'adaptive'),
+    Method('kalman', 'paper', paper.ADVICE),
+    Method('sage_husa', 'paper', paper.ADVICE),
+    Method('adaptive', 'adaptive', adaptive.ADVICE),
 )
 METHOD_NAMES = tuple(method.name for method in METHODS)
+ADVICE = {method.name: method.advice for method in METHODS}
 # As the settings have them.
 SAGE_HUSA, ADAPTIVE = METHOD_NAMES.index('sage_husa'), METHOD_NAMES.index('adaptive')
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
+from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import (
     DOWN,
     LANES,
@@ -655,3 +656,12 @@ def _mode_of(size: float, variance: float, modes: ModeSet) -> int:
     while mode > 0 and ratio[mode - 1] * variance > size * size:
         mode -= 1
     return mode
+
+
+ADVICE = Advice(
+    outliers='look at the raw rates; raise outlier.threshold or outlier.acceleration',
+    large_innovations='is it a vibration? Leave it at rest for a second so that it learns its '
+    'noise, or set model.noise_deviation',
+    small_innovations='set model.noise_deviation lower, or to 0',
+    learns_noise=True,
+)

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.methods.advice import Advice
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -297,3 +298,12 @@ def _adapt(
     driving += state['drift_variance'] - state['carried_variance']
     noise = state['process_noise'] + weight * (driving - state['process_noise'])
     state['process_noise'] = max(noise, NOISE_FLOOR * coefficients['process_noise'])
+
+
+ADVICE = Advice(
+    outliers='for a robot that moves, set method to adaptive; else raise epsilon',
+    large_innovations='it lags behind motion; set method to adaptive, or raise model.process_noise '
+    'and model.measurement_noise (gyro_drift identify finds them)',
+    small_innovations='lower model.process_noise and model.measurement_noise (gyro_drift identify '
+    'finds them)',
+)

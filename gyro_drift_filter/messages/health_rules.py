@@ -1,0 +1,338 @@
+"""When `/diagnostics` says what: a table of rules for the input, and one for the filter.
+
+The first rule of a table that applies gives the level and the message of the status, so the worst
+comes first, and what says more before what says less. A message stays the same as long as its cause
+does, as a change of it is logged; numbers stand in the values.
+"""
+
+import math
+from collections.abc import Callable, Sequence, Set
+from operator import gt
+from typing import NamedTuple
+
+from gyro_drift_filter.core.methods import ADVICE
+from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.sensor_checks import RANGE
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.telemetry import MessageReport
+
+# Samples in the window below which shares say nothing.
+_FEW = 200
+
+
+class Span(NamedTuple):
+    """What a status is about: the time since the last report, and a window of several reports.
+
+    Attributes:
+        first: The report at the start of the window.
+        before: The last report.
+        now: The present one.
+        samples: Samples since the last report.
+        recent: Samples in the window.
+        rate: Messages a second in the window.
+        expected_rate: The rate in Hz that was given or learned, NaN before it is.
+        is_rate_judged: Whether messages came long enough, and at the pace of the clock.
+        outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
+        nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
+    """
+
+    first: MessageReport
+    before: MessageReport
+    now: MessageReport
+    samples: int
+    recent: int
+    rate: float
+    expected_rate: float
+    is_rate_judged: bool
+    outlier_shares: list[float]
+    nis: list[float]
+
+    @property
+    def advice(self) -> Advice:
+        """What the method says to do about it."""
+        return ADVICE[self.now.parameters.method]
+
+
+def span_of(
+    first: MessageReport,
+    before: MessageReport,
+    now: MessageReport,
+    seconds: float,
+    is_rate_judged: bool,
+) -> Span:
+    """Return the span of three reports, of which the first and the last are `seconds` apart."""
+    state, state_first = now.telemetry, first.telemetry
+    recent = state.samples - state_first.samples
+    outliers = zip(state.outliers, state_first.outliers, strict=True)
+    nis = zip(
+        state.nis_sum,
+        state_first.nis_sum,
+        state.nis_samples,
+        state_first.nis_samples,
+        strict=True,
+    )
+    expected_rate = now.parameters.sample_rate
+    if expected_rate == 0.0:
+        expected_rate = 1.0 / state.period if state.blocks > 0 else math.nan
+    return Span(
+        first,
+        before,
+        now,
+        state.samples - before.telemetry.samples,
+        recent,
+        (now.received - first.received) / seconds if seconds > 0.0 else math.nan,
+        expected_rate,
+        is_rate_judged,
+        [_share(a - b, recent) for a, b in outliers],
+        [_share(a - b, c - d) for a, b, c, d in nis],
+    )
+
+
+class Rule(NamedTuple):
+    """A level and a message, and when they apply.
+
+    Attributes:
+        name: Its own among the rules of both tables.
+        level: The level of the status.
+        applies: Says whether the rule applies; None leaves that as it was at the last report.
+        text: The message, or what makes it.
+    """
+
+    name: str
+    level: Level
+    applies: Callable[[Span], bool | None]
+    text: str | Callable[[Span], str]
+
+
+def applying(rules: Sequence[Rule], span: Span, before: Set[str]) -> list[Rule]:
+    """Return the rules that apply, the worst first.
+
+    Args:
+        rules: One of the tables.
+        span: What the status is about.
+        before: Names of the rules that applied to the last report.
+    """
+    found = []
+    for rule in rules:
+        applies = rule.applies(span)
+        if rule.name in before if applies is None else applies:
+            found.append(rule)
+    return found
+
+
+def _beyond(
+    value: Callable[[Span], float], raised_at: float, cleared_at: float
+) -> Callable[[Span], bool | None]:
+    """Return when an alarm stands: raised above one limit, taken back below another, lower one.
+
+    Between them, and where the value is NaN, it stays as it is, so that it does not flicker.
+    """
+
+    def applies(span: Span) -> bool | None:
+        now = value(span)
+        return True if now > raised_at else False if now < cleared_at else None
+
+    return applies
+
+
+def _increase(span: Span, name: str) -> int:
+    """Return by how much a count has grown since the last report."""
+    return int(getattr(span.now.telemetry, name) - getattr(span.before.telemetry, name))
+
+
+def _has_grown(span: Span, name: str) -> bool:
+    """Return whether a count has grown since the last report, on any axis."""
+    now, before = getattr(span.now.telemetry, name), getattr(span.before.telemetry, name)
+    return now != before and any(map(gt, now, before))
+
+
+def _share(part: float, whole: int) -> float:
+    return part / whole if whole >= _FEW else math.nan
+
+
+def _largest(values: list[float]) -> float:
+    """Return the largest value, NaN where there is none."""
+    return max([value for value in values if value == value], default=math.nan)
+
+
+def _stamps_go_backward(span: Span) -> bool:
+    backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
+    return span.recent >= _FEW and backward > 0.05 * span.recent
+
+
+def _stamps_are_zero(span: Span) -> bool:
+    zero = span.now.telemetry.zero_stamps - span.first.telemetry.zero_stamps
+    return span.now.parameters.sample_rate == 0.0 and span.recent == zero > 0
+
+
+def _rate_error(span: Span) -> float:
+    """Return the share by which the rate is off; what can't be judged is not off."""
+    error = abs(span.rate / span.expected_rate - 1.0) if span.is_rate_judged else 0.0
+    return 0.0 if math.isnan(error) else error
+
+
+def _rate_text(span: Span) -> str:
+    fewer = span.rate < span.expected_rate
+    come = f'{"fewer" if fewer else "more"} messages come than'
+    if span.now.parameters.sample_rate > 0.0:
+        return f'{come} sample_rate says: set it right, or to 0'
+    cause = 'are some lost on the way?' if fewer else 'are there two publishers?'
+    return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
+
+
+def _noise_excess(span: Span) -> float:
+    """Return how many times larger than found innovations are expected, squared."""
+    parameters = span.now.parameters
+    # Of noise that it has learned a method can't expect too much, but for a dead band, which has
+    # none at rest. Nor does a stuck sensor say anything.
+    learned = span.advice.learns_noise and not any(parameters.model_noise_deviation)
+    if learned or span.now.telemetry.stuck:
+        return 0.0
+    least = -_largest([-value for value in span.nis])
+    return 1.0 / least if least else math.inf
+
+
+INPUT_RULES = (
+    Rule(
+        'silent',
+        Level.STALE,
+        lambda span: span.now.received == span.before.received,
+        'no message: is the driver running, and is the topic right?',
+    ),
+    Rule(
+        'malformed',
+        Level.ERROR,
+        lambda span: span.now.malformed > span.before.malformed,
+        lambda span: f'messages refused, the last because {span.now.last_malformed}',
+    ),
+    Rule(
+        'never usable',
+        Level.ERROR,
+        lambda span: _increase(span, 'refused') == span.samples > 0,
+        'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is published; '
+        'look at the driver',
+    ),
+    Rule(
+        'repeated',
+        Level.ERROR,
+        lambda span: _increase(span, 'repeats') == span.samples > 0,
+        'the same message comes again and again: the sensor or its driver hangs',
+    ),
+    Rule(
+        'zero',
+        Level.WARN,
+        lambda span: span.now.telemetry.stuck and span.now.telemetry.all_zero,
+        'all rates have been exactly 0 for a second or more: a dead band in the driver, or the '
+        'sensor hangs',
+    ),
+    Rule(
+        'stuck',
+        Level.ERROR,
+        lambda span: span.now.telemetry.stuck,
+        'all values have stayed the same for a second or more: the sensor or its bus hangs (a '
+        'simulated sensor without noise does this, too)',
+    ),
+    Rule(
+        'changing frame',
+        Level.WARN,
+        lambda span: span.now.frame_changes > span.before.frame_changes,
+        'frame_id changes from message to message: two sensors on one topic?',
+    ),
+    Rule(
+        'not reported',
+        Level.WARN,
+        lambda span: span.samples == 0,
+        'no angular velocity reported (covariance starts with -1): messages are passed on '
+        'unfiltered',
+    ),
+    Rule(
+        'degrees',
+        Level.WARN,
+        lambda span: 2 * _increase(span, 'beyond_range') > span.samples,
+        f'rates stay above {RANGE:g} rad/s: the driver may publish degrees per second where '
+        'REP-103 asks for radians',
+    ),
+    Rule(
+        'clipped',
+        Level.WARN,
+        lambda span: _has_grown(span, 'clipped'),
+        'a fast rate stays the same to the last bit: the end of the measuring range; choose a '
+        'larger one in the driver',
+    ),
+    Rule(
+        'unusable',
+        Level.WARN,
+        lambda span: _has_grown(span, 'unusable'),
+        'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by the '
+        'prediction for as long as gap_limit, then nothing is published',
+    ),
+    Rule(
+        'restarted',
+        Level.WARN,
+        lambda span: _increase(span, 'restarts') > 0,
+        'stamps jumped by more than gap_limit: the filter has started anew from there',
+    ),
+    Rule(
+        'backward',
+        Level.WARN,
+        _stamps_go_backward,
+        'many stamps go backward: are there two publishers, or does the driver mix its messages '
+        'up?',
+    ),
+    Rule(
+        'zero stamps',
+        Level.WARN,
+        _stamps_are_zero,
+        'the driver does not stamp (all stamps are 0): set sample_rate',
+    ),
+    Rule('wrong rate', Level.WARN, _beyond(_rate_error, 0.2, 0.1), _rate_text),
+    Rule(
+        'gaps',
+        Level.WARN,
+        lambda span: _increase(span, 'gaps') > 0,
+        'gaps in the stamps: messages are lost before they come here',
+    ),
+)
+
+FILTER_RULES = (
+    Rule(
+        'diverged',
+        Level.WARN,
+        lambda span: _has_grown(span, 'divergences'),
+        lambda span: 'the filter diverged and started anew: ' + span.advice.outliers,
+    ),
+    Rule(
+        'outliers',
+        Level.WARN,
+        _beyond(lambda span: _largest(span.outlier_shares), 0.1, 0.05),
+        lambda span: 'many samples count as outliers: ' + span.advice.outliers,
+    ),
+    # A filter that fits has a mean of 1; a third of that or so is no fault.
+    Rule(
+        'large innovations',
+        Level.WARN,
+        _beyond(lambda span: _largest(span.nis), 4.0, 2.5),
+        lambda span: (
+            'innovations are much larger than the filter expects: ' + span.advice.large_innovations
+        ),
+    ),
+    Rule(
+        'small innovations',
+        Level.WARN,
+        _beyond(_noise_excess, 10.0, 5.0),
+        lambda span: (
+            'innovations are far smaller than the filter expects, so that no outlier will '
+            'be found: ' + span.advice.small_innovations
+        ),
+    ),
+    Rule(
+        'beyond bias.max',
+        Level.WARN,
+        lambda span: span.now.telemetry.beyond,
+        lambda span: (
+            'steady as at rest, but the rate is beyond bias.max '
+            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and stays in: if it does not '
+            'turn, raise bias.max, and have the sensor looked at'
+        ),
+    ),
+)

@@ -1,0 +1,418 @@
+"""Health: each rule by itself, and what is said of messages that have gone through a filter."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.methods import METHODS, Method
+from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.messages.cdr import read_imu
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.health_rules import (
+    FILTER_RULES,
+    INPUT_RULES,
+    applying,
+    span_of,
+)
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.telemetry import (
+    TELEMETRY,
+    MessageReport,
+    Telemetry,
+    as_telemetry,
+)
+from gyro_drift_filter.simulation.bag import imu_message
+from support.messages import simulated
+
+NOT_REPORTED = [-1.0] + 8 * [0.0]
+RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
+
+# Of each rule: what in the present report makes it apply, what does not, and some of its text.
+KALMAN = Parameters(method='kalman')
+CASES = {
+    'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
+    'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
+    'never usable': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
+    'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
+    'zero': ({'stuck': True, 'all_zero': True}, {'all_zero': True}, 'exactly 0'),
+    'stuck': ({'stuck': True}, {}, 'stayed the same'),
+    'changing frame': ({'frame_changes': 1}, {'frame': 'imu'}, 'two sensors on one topic'),
+    'not reported': ({'samples': 900}, {'samples': 901}, 'covariance starts with -1'),
+    'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
+    'clipped': ({'clipped': [0, 1, 0]}, {}, 'end of the measuring range'),
+    'unusable': ({'unusable': [0, 0, 1]}, {}, 'no usable number'),
+    'restarted': ({'restarts': 1}, {'gaps': 1}, 'jumped by more than gap_limit'),
+    'backward': ({'backward_stamps': 51}, {'backward_stamps': 50}, 'stamps go backward'),
+    'zero stamps': (
+        {'zero_stamps': 1000},
+        {'zero_stamps': 1000, 'parameters': Parameters(sample_rate=100.0)},
+        'set sample_rate',
+    ),
+    'wrong rate': ({'received': 1300}, {'received': 1090}, 'more messages come than their stamps'),
+    'gaps': ({'gaps': 1}, {}, 'lost before they come here'),
+    'diverged': ({'divergences': [0, 0, 1]}, {}, 'started anew: look at the raw rates'),
+    'outliers': ({'outliers': [0, 110, 0]}, {'outliers': [40, 0, 0]}, 'raise outlier.threshold'),
+    'large innovations': (
+        {'nis_sum': [0.0, 4100.0, 0.0]},
+        {'nis_sum': [2400.0, 0.0, 0.0]},
+        'is it a vibration',
+    ),
+    'small innovations': (
+        {'nis_sum': [1000.0, 90.0, 1000.0], 'parameters': KALMAN},
+        {'nis_sum': [1000.0, 90.0, 1000.0]},
+        'lower model.process_noise',
+    ),
+    'beyond bias.max': ({'beyond': True}, {}, 'bias.max (10 deg/s)'),
+}
+# Between the two limits of an alarm.
+BETWEEN = {
+    'wrong rate': {'received': 1150},
+    'outliers': {'outliers': [70, 0, 0]},
+    'large innovations': {'nis_sum': [0.0, 3000.0, 0.0]},
+    'small innovations': {'nis_sum': [1000.0, 150.0, 1000.0], 'parameters': KALMAN},
+}
+
+
+def report_of(count, **changes):
+    """Return the report of a sound filter on so many messages at 100 Hz, with these changes."""
+    telemetry = as_telemetry(np.zeros(1, TELEMETRY))[0]._replace(
+        samples=count,
+        period=0.01,
+        blocks=1,
+        nis_samples=3 * [count],
+        nis_sum=3 * [float(count)],
+    )
+    of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
+    telemetry = telemetry._replace(**of_state)
+    return MessageReport(count, 0, '', 0, 0, '', Parameters(), telemetry)._replace(**changes)
+
+
+def span(**changes):
+    """Return ten seconds of a sound filter, with these changes at their end."""
+    return span_of(report_of(0), report_of(900), report_of(1000, **changes), 10.0, True)
+
+
+@pytest.mark.parametrize('name', RULES)
+def test_a_rule_applies_where_it_should_and_nowhere_else(name):
+    applies, applies_not, text = CASES[name]
+    rule, found = RULES[name], span(**applies)
+    assert rule.applies(found) is True
+    assert rule.applies(span(**applies_not)) is False
+    assert text in (rule.text if isinstance(rule.text, str) else rule.text(found))
+
+
+def test_rules_have_names_of_their_own_and_leave_a_sound_filter_alone():
+    assert len(RULES) == len(INPUT_RULES) + len(FILTER_RULES)
+    assert CASES.keys() == RULES.keys()
+    assert not [rule for rule in RULES.values() if rule.applies(span())]
+
+
+@pytest.mark.parametrize('name', BETWEEN)
+def test_between_two_limits_an_alarm_stays_as_it_was(name):
+    rule, between = RULES[name], span(**BETWEEN[name])
+    assert rule.applies(between) is None
+    assert applying([rule], between, set()) == []
+    assert applying([rule], between, {name}) == [rule]
+
+
+def test_the_worst_comes_first():
+    found = applying(INPUT_RULES, span(malformed=1, stuck=True, gaps=1, restarts=1), set())
+    assert [rule.name for rule in found] == ['malformed', 'stuck', 'restarted', 'gaps']
+
+
+@pytest.mark.parametrize(
+    ('changes', 'text'),
+    [
+        ({'received': 700}, 'fewer messages come than their stamps say: are some lost'),
+        ({'received': 1300}, 'more messages come than their stamps say: are there two'),
+        (
+            {'received': 700, 'parameters': Parameters(sample_rate=100.0)},
+            'fewer messages come than sample_rate says',
+        ),
+    ],
+)
+def test_the_text_of_a_rate_that_is_off(changes, text):
+    assert RULES['wrong rate'].text(span(**changes)).startswith(text)
+
+
+def test_each_method_has_advice_of_its_own_and_a_new_one_general_advice():
+    assert all(method.advice != Advice() for method in METHODS)
+    assert Method('a new one', 'of its own').advice == Advice()
+    assert all(Advice()[:3])
+
+
+def filter_all(filter_, messages):
+    for data in messages:
+        filter_.step(data)
+
+
+def report(messages, seconds=1.0):
+    filter_ = MessageFilter(Parameters())
+    health = Health()
+    filter_all(filter_, messages)
+    return health.judge(filter_.report(), seconds)
+
+
+def test_health_of_a_sound_input():
+    input_, filter_ = report(simulated(600), seconds=6.0)
+    assert (input_.level, filter_.level) == (Level.OK, Level.OK)
+    assert input_.values['Actual frequency (Hz)'] == '100'
+    assert input_.values['Events since startup'] == '600'
+    assert filter_.values['Method'] == Parameters().method
+    for key in ('Outliers', 'Process noise Q ((rad/s)^2)', 'Measurement noise R ((rad/s)^2)'):
+        for axis in 'xyz':
+            assert float(filter_.values[f'{key} {axis}']) >= 0
+
+
+@pytest.mark.parametrize(
+    ('messages', 'level', 'text'),
+    [
+        ([], Level.STALE, 'no message: is the driver running'),
+        ([b'junk'], Level.ERROR, 'messages refused, the last because 4 bytes are too few'),
+        (
+            [imu_message(10**18, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)],
+            Level.WARN,
+            'no angular velocity reported',
+        ),
+        (
+            [imu_message(10**18 + k * 10**7, (90.0, 1, 1), (0, 0, 9.8)) for k in range(50)],
+            Level.WARN,
+            'the driver may publish degrees per second',
+        ),
+    ],
+)
+def test_health_says_what_is_wrong(messages, level, text):
+    input_, _ = report(messages)
+    assert input_.level == level
+    assert text in input_.message
+
+
+def test_a_single_spike_is_no_sign_of_degrees():
+    messages = simulated(100)
+    messages[50] = imu_message(read_imu(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
+    assert report(messages)[0].level == Level.OK
+
+
+def test_health_reports_unusable_rates():
+    messages = simulated(100)
+    messages[50] = imu_message(read_imu(messages[50]).stamp, (np.nan, 1, 1), (0, 0, 9.8))
+    input_, _ = report(messages)
+    assert input_.level == Level.WARN
+    assert 'no usable number' in input_.message
+
+
+def test_health_reports_a_band_that_is_too_tight():
+    """A moving robot under the paper's filter: most samples count as outliers."""
+    messages = [
+        imu_message(10**18 + k * 10**7, (10 * np.sin(k / 10), 0, 0), (0, 0, 9.8))
+        for k in range(400)
+    ]
+    filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
+    health = Health()
+    filter_all(filter_, messages)
+    _, status = health.judge(filter_.report(), 4.0)
+    assert status.level == Level.WARN
+    assert 'set method to adaptive' in status.message
+
+
+def quiet(n, deviation, random, rate=100.0):
+    """Return messages of a sensor at rest."""
+    return [
+        imu_message(
+            10**18 + int(k * 1e9 / rate),
+            deviation * random.standard_normal(3),
+            [0, 0, 9.8] + 0.02 * random.standard_normal(3),
+        )
+        for k in range(n)
+    ]
+
+
+def test_health_reports_a_filter_that_is_inert(random):
+    """The paper's filter with its own model, on a sensor a hundred times as quiet."""
+    messages = quiet(1500, 5e-5, random)
+    filter_ = MessageFilter(Parameters(method='kalman'))
+    health = Health()
+    filter_all(filter_, messages[:500])
+    _, status = health.judge(filter_.report(), 5.0)
+    assert status.level == Level.WARN
+    assert 'far smaller than the filter expects' in status.message
+    assert float(status.values['Normalised innovation squared x']) < 0.1
+    filter_.filter.configure(Parameters(method='adaptive'))
+    for k in range(5, 15):
+        filter_all(filter_, messages[100 * k : 100 * k + 100])
+        _, status = health.judge(filter_.report(), 1.0)
+    assert (status.level, status.message) == (Level.OK, 'filtering')
+
+
+def test_levels_do_not_flicker(random):
+    """A share of outliers between the two limits keeps the level that there was."""
+    filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
+    health = Health()
+    state, levels = filter_.filter.state, []
+    filter_all(filter_, quiet(300, 5e-3, random))
+    state['counts']['samples'] = 0
+    for share in [0.0] * 12 + [0.08] * 12 + [0.15] * 12 + [0.08] * 12 + [0.02] * 12:
+        state['counts']['samples'] += 1000
+        state['counts']['nis_samples'] += 1000
+        state['counts']['nis_sum'] += 1000.0
+        state['counts']['outliers'][0] += round(1000 * share)
+        _, status = health.judge(filter_.report(), 1.0)
+        levels.append(status.level)
+    assert levels[23] == Level.OK
+    assert levels[35] == levels[47] == Level.WARN
+    assert levels[59] == Level.OK
+    assert sum(a != b for a, b in pairwise(levels)) == 2
+
+
+def test_a_rate_that_is_off_is_reported(random):
+    messages = quiet(3000, 5e-3, random)
+    for parameters, part, message in (
+        (Parameters(sample_rate=200.0), 100, 'fewer messages come than sample_rate says'),
+        (Parameters(sample_rate=100.0), 100, 'receiving'),
+        (Parameters(), 50, 'fewer messages come than their stamps say: are some lost'),
+        (Parameters(), 200, 'more messages come than their stamps say'),
+    ):
+        filter_ = MessageFilter(parameters)
+        health = Health()
+        for k in range(14):
+            filter_all(filter_, messages[part * k : part * (k + 1)])
+            status, _ = health.judge(filter_.report(), 1.0)
+        assert status.message.startswith(message)
+        assert status.level == (Level.OK if message == 'receiving' else Level.WARN)
+
+
+def texts(health, parts, filter_):
+    """Return the messages of the input after each part, a second each."""
+    messages = []
+    for part in parts:
+        filter_all(filter_, part)
+        messages.append(health.judge(filter_.report(), 1.0)[0].message)
+    return messages
+
+
+def test_a_silence_is_no_wrong_rate(random):
+    """Before the driver starts, while it pauses, and what was kept meanwhile."""
+    data = quiet(4000, 5e-3, random)
+    seconds = [data[100 * k : 100 * k + 100] for k in range(40)]
+    for parameters in (Parameters(), Parameters(sample_rate=100.0)):
+        filter_ = MessageFilter(parameters)
+        parts = [*[[]] * 15, data[:40], *seconds[1:12], [], [], data[1200:1230], *seconds[13:20]]
+        found = texts(Health(), parts, filter_)
+        assert not [text for text in found if 'messages come' in text]
+        filter_ = MessageFilter(parameters)
+        found = texts(Health(), [*[[]] * 9, data[:2000], *seconds[20:]], filter_)
+        assert not [text for text in found if 'messages come' in text]
+
+
+def test_a_message_that_comes_again_and_again(random):
+    data = quiet(300, 5e-3, random)
+    filter_ = MessageFilter(Parameters())
+    found = texts(Health(), [data[:100], data[100:200], 100 * [data[199]]], filter_)
+    assert found[1] == 'receiving'
+    assert found[2].startswith('the same message comes again and again')
+
+
+def test_stamps_that_go_to_and_fro_or_are_none(random):
+    """Two sensors of one name; a driver that does not stamp."""
+    a, b = quiet(1200, 5e-3, random), quiet(1200, 5e-3, random)
+    late = [
+        imu_message(read_imu(m).stamp - 20_000_000, read_imu(m).angular_velocity, (0, 0, 9.8))
+        for m in b
+    ]
+    both = [message for pair in zip(a, late, strict=True) for message in pair]
+    filter_ = MessageFilter(Parameters())
+    found = texts(Health(), [both[200 * k : 200 * k + 200] for k in range(12)], filter_)
+    assert found[-1].startswith('many stamps go backward')
+    none = [imu_message(0, read_imu(m).angular_velocity, (0, 0, 9.8)) for m in a]
+    for rate, text in ((0.0, 'the driver does not stamp'), (100.0, 'receiving')):
+        filter_ = MessageFilter(Parameters(sample_rate=rate))
+        found = texts(Health(), [none[100 * k : 100 * k + 100] for k in range(12)], filter_)
+        assert found[-1].startswith(text)
+
+
+def test_a_dead_band_and_coarse_steps_are_no_fault(random):
+    """Zeros at rest are noise that is not there; a flat top of a turn is not the range's end."""
+    step = np.radians(0.061)
+    seconds = np.arange(6000) / 200.0
+    turn = 2.5 + 0.5 * np.sin(2 * np.pi * 0.3 * seconds)
+    rates = turn[:, None] + np.radians(0.05) * random.standard_normal((6000, 3))
+    rates = np.round(rates / step) * step
+    filter_ = MessageFilter(Parameters())
+    messages = [
+        imu_message(10**18 + 5_000_000 * k, rate, [0, 0, 9.8] + 0.02 * random.standard_normal(3))
+        for k, rate in enumerate(rates)
+    ]
+    health = Health()
+    found = texts(health, [messages[200 * k : 200 * k + 200] for k in range(30)], filter_)
+    assert set(found) == {'receiving'}
+    still = [
+        imu_message(2 * 10**18 + 5_000_000 * k, (0, 0, 0), 0.02 * random.standard_normal(3))
+        for k in range(4000)
+    ]
+    for k in range(20):
+        filter_all(filter_, still[200 * k : 200 * k + 200])
+        input_, status = health.judge(filter_.report(), 1.0)
+        assert k < 2 or (input_.message, status.message) == ('receiving', 'filtering')
+
+
+def test_telemetry_is_that_of_the_state(random):
+    filter_ = MessageFilter(Parameters())
+    filter_all(filter_, [*simulated(500), b'junk'])
+    state, telemetry = filter_.filter.state, filter_.report().telemetry
+    counts, clock, bias = state['counts'], state['clock'], state['bias']
+    checks = state['checks']
+    expected = {
+        **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
+        'outliers': counts['outliers'],
+        **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
+        **{name: clock[name] for name in ('period', 'blocks', 'gaps', 'missing_samples')},
+        **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
+        'backward_stamps': clock['backward_stamps'],
+        'divergences': state['methods']['paper']['divergences'],
+        'stuck': checks['stuck'],
+        'all_zero': not checks['measured'].any(),
+        'process_noise': state['result']['process_noise'],
+        'measurement_noise': state['result']['measurement_noise'],
+        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'segments')},
+        **{name: bias[name] for name in ('beyond_max', 'turning')},
+        'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
+        'at_rest': bias['rest']['at_rest'],
+    }
+    assert expected.keys() == telemetry._asdict().keys(), 'each value is tested here'
+    for name, value in telemetry._asdict().items():
+        np.testing.assert_array_equal(value, expected[name], err_msg=name)
+    assert telemetry.samples == 500
+    assert telemetry.segments > 0
+
+
+def test_counts_that_a_reset_clears_are_no_fault(random):
+    filter_, health = MessageFilter(Parameters()), Health()
+    messages = quiet(500, 5e-3, random)
+    for k in range(88, 100):
+        stamp = read_imu(messages[k]).stamp
+        messages[k] = imu_message(stamp, (8.7 if k < 97 else np.nan, 0.01, 0.02), (0, 0, 9.8))
+    filter_all(filter_, messages[:100])
+    assert 'end of the measuring range' in health.judge(filter_.report(), 1.0)[0].message
+    assert any(filter_.report().telemetry.unusable)
+    filter_.filter.reset()
+    filter_all(filter_, messages[100:300])
+    assert health.judge(filter_.report(), 2.0)[0].message == 'receiving'
+
+
+def test_health_survives_a_reset():
+    filter_ = MessageFilter(Parameters())
+    health = Health()
+    filter_all(filter_, simulated(300))
+    health.judge(filter_.report(), 3.0)
+    filter_.filter.reset()
+    filter_all(filter_, simulated(100))
+    input_, status = health.judge(filter_.report(), 1.0)
+    assert (input_.level, status.level) == (Level.OK, Level.OK)
+    assert status.values['Outliers of late (%) x'] == 'nan'  # too few to tell
+    filter_all(filter_, simulated(400)[100:])
+    _, status = health.judge(filter_.report(), 3.0)
+    assert 0 < float(status.values['Outliers of late (%) x']) < 10

@@ -1,0 +1,108 @@
+"""Write config/gyro_drift_filter.yaml and docs/parameters.md from the table of parameters.
+
+Run it by `make parameters` after a change of gyro_drift_filter/core/parameters.py; a test fails
+where the files are not what this writes.
+"""
+
+from itertools import groupby
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS, Description
+
+REPOSITORY = Path(__file__).parent.parent
+
+_WIDTH = 100
+_YAML_HEAD = """\
+# Parameters of gyro_drift_filter, all at their defaults. The node and `gyro_drift replay --params`
+# read this file as it is; docs/tuning.md says when to turn which. `make parameters` writes it from
+# gyro_drift_filter/core/parameters.py: change that.
+/**:
+  gyro_drift_filter:
+    ros__parameters:
+"""
+_MARKDOWN_HEAD = """\
+# Parameters
+
+<!-- `make parameters` writes this from gyro_drift_filter/core/parameters.py: change that. -->
+
+All parameters, with their defaults. A parameter file holds them as
+[config/gyro_drift_filter.yaml](../config/gyro_drift_filter.yaml) does, and `ros2 param set` changes
+them while the node runs. When to turn which: [tuning.md](tuning.md).
+"""
+
+
+def parameter_files() -> dict[Path, str]:
+    """Return the path of each file and its content."""
+    return {
+        REPOSITORY / 'config' / 'gyro_drift_filter.yaml': _yaml(),
+        REPOSITORY / 'docs' / 'parameters.md': _markdown(),
+    }
+
+
+def _yaml() -> str:
+    blocks = []
+    for group, described in _groups():
+        if group:
+            lines = [*_comment(GROUPS[group], 6), f'{6 * " "}{group}:']
+            blocks.append(lines + [line for d in described for line in _yaml_lines(d, 8)])
+        else:
+            blocks += [_yaml_lines(description, 6) for description in described]
+    return _YAML_HEAD + '\n\n'.join('\n'.join(lines) for lines in blocks) + '\n'
+
+
+def _yaml_lines(description: Description, indent: int) -> list[str]:
+    unit = f'Unit: {description.unit}. ' if description.unit else ''
+    limits = (
+        f'{description.limits[0].upper()}{description.limits[1:]}.' if description.limits else ''
+    )
+    comment = _comment(description.text, indent) + _comment(unit + limits, indent)
+    value = _shown(Parameters().names()[description.name])
+    return [*comment, f'{indent * " "}{description.name.rpartition(".")[2]}: {value}']
+
+
+def _comment(text: str, indent: int) -> list[str]:
+    start = f'{indent * " "}# '
+    return wrap(text, _WIDTH, initial_indent=start, subsequent_indent=start)
+
+
+def _markdown() -> str:
+    parts = [_MARKDOWN_HEAD]
+    for group, described in _groups():
+        rows = ''.join(_markdown_row(description) for description in described)
+        head = '| name | default | unit | range | meaning |\n|---|---|---|---|---|\n'
+        parts.append(f'## {group}\n\n{GROUPS[group]}\n\n{head}{rows}' if group else head + rows)
+    return '\n'.join(parts)
+
+
+def _markdown_row(description: Description) -> str:
+    value = _shown(Parameters().names()[description.name])
+    cells = [f'`{description.name}`', f'`{value}`', description.unit, description.limits]
+    return f'| {" | ".join([*cells, description.text])} |\n'
+
+
+def _groups() -> list[tuple[str, list[Description]]]:
+    """Return the parameters by groups in the order of the table; '' holds what has none."""
+    by_group = groupby(DESCRIPTIONS, lambda description: description.name.rpartition('.')[0])
+    return [(group, list(described)) for group, described in by_group]
+
+
+def _shown(value: Any) -> str:
+    """Return a value as both YAML and rcl read it: a double has a point."""
+    if isinstance(value, tuple):
+        return f'[{", ".join(map(_shown, value))}]'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and 0.0 < abs(value) < 1e-3:
+        return np.format_float_scientific(value, trim='0', exp_digits=1)
+    return str(value)
+
+
+if __name__ == '__main__':
+    for path, content in parameter_files().items():
+        path.write_text(content)
+        print(f'wrote {path.relative_to(REPOSITORY)}')
