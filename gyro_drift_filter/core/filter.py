@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 from gyro_drift_filter.accelerate.records import in_lines, zeroed
 from gyro_drift_filter.core.bias import (
     BIAS,
@@ -464,13 +464,23 @@ def _step_adaptive(sample: Any, missing: int, settings: Any, coefficients: Any, 
 # numba takes arrays from Python faster than their records.
 
 
-@kernel
+@entry_kernel(SAMPLE, SETTINGS, COEFFICIENTS, STATE)
 def step_sample(sample: Any, settings: Any, coefficients: Any, state: Any) -> bool:
     """Take one sample in: `step` for arrays (1,) of its records."""
     return step(sample[0], settings[0], coefficients[0], state[0])
 
 
-@kernel
+@entry_kernel(
+    int,
+    read_only(np.int64),
+    read_only((np.float64, 2)),
+    read_only((np.float64, 2)),
+    SAMPLE,
+    SETTINGS,
+    COEFFICIENTS,
+    STATE,
+    RESULT,
+)
 def run_samples(
     first: int,
     stamps: Any,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 
 
 class DiagnosticStatus(NamedTuple):
@@ -62,7 +62,7 @@ def diagnostic_arrays(
     return out[: ends[-1] if len(ends) else 0], ends
 
 
-@kernel
+@entry_kernel((np.int64, 2), (np.int64, 2), read_only(np.uint8), np.uint8, np.int64)
 def lay_out_arrays(heads: Any, numbers: Any, texts: Any, out: Any, ends: Any) -> None:
     """Write DiagnosticArrays in CDR.
 

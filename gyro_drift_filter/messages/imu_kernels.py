@@ -9,10 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.filter import REFUSED, SAMPLE, step
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
+from gyro_drift_filter.core.filter import (
+    COEFFICIENTS,
+    REFUSED,
+    RESULT,
+    SAMPLE,
+    SETTINGS,
+    STATE,
+    step,
+)
 from gyro_drift_filter.messages.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
-from gyro_drift_filter.messages.telemetry import tell_state
+from gyro_drift_filter.messages.telemetry import TOLD, tell_state
 
 IMU = np.dtype(
     [
@@ -23,6 +31,17 @@ IMU = np.dtype(
         ('doubles', np.int64),  # place of the 37 doubles in the payload
         ('big_endian', np.bool_),
         ('new_frame', np.bool_),  # the frame_id is not that of the message before
+    ],
+    align=True,
+)
+
+# Of a message in a chunk.
+ROW = np.dtype(
+    [
+        ('log_time', np.int64),  # ns
+        ('channel', np.int64),
+        ('start', np.int64),  # of its payload
+        ('size', np.int64),  # of it
     ],
     align=True,
 )
@@ -83,7 +102,15 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
     return value  # type: ignore[return-value]
 
 
-@kernel
+@entry_kernel(
+    read_only(np.uint8),
+    ROW,
+    np.bool_,
+    (np.uint8, np.float64),
+    FRAME,
+    IMU,
+    np.int64,
+)
 def read_imus(
     data: Any, rows: Any, ours: Any, room: Any, frame: Any, imus: Any, places: Any
 ) -> int:
@@ -179,7 +206,20 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
 
 
-@kernel
+@entry_kernel(
+    int,
+    int,
+    IMU,
+    SETTINGS,
+    COEFFICIENTS,
+    STATE,
+    RESULT,
+    TALLY,
+    np.int64,
+    int,
+    TOLD,
+    TALLY,
+)
 def filter_imus(
     first: int,
     stop: int,
@@ -259,7 +299,16 @@ def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool)
             out[to + np.uint64(i)] = raw[np.uint64(i)]
 
 
-@kernel
+@entry_kernel(
+    read_only(np.uint8),
+    np.uint8,
+    (np.uint8, np.float64),
+    FRAME,
+    IMU,
+    SETTINGS,
+    COEFFICIENTS,
+    STATE,
+)
 def filter_message(
     data: Any,
     out: Any,
