@@ -25,12 +25,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
-from demo.live import LOSSLESS, NODE, environment, own_domain
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import imu_message
+from harness.live_node import EXECUTABLE, LOSSLESS, environment, own_domain
 
 RELAY = [sys.executable, '-m', 'benchmark.relay']
-NODE_COMMAND = [str(NODE), '--ros-args']
+NODE_COMMAND = [str(EXECUTABLE), '--ros-args']
 START = 10**18
 WARM_UP = 500  # messages
 PATIENCE = 60.0

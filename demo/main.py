@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_static
-from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
 from gyro_drift_filter.bags.replay import Topics, replay
 from gyro_drift_filter.cli.parameter_file import read_parameters
@@ -26,6 +25,7 @@ from gyro_drift_filter.core.parameters import AXES, METHODS
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
 from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate
+from harness.live_node import LOSSLESS, LiveNode
 
 SHIPPED = Path(__file__).parent.parent / 'config' / 'gyro_drift_filter.yaml'
 _TOPICS = Topics.of(TOPIC)

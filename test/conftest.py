@@ -1,23 +1,14 @@
 """What the tests share: real recordings where they are there, and bags made on the spot."""
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from support.paths import NAMES, RECORDINGS
+
 # ROS traffic of the tests stays on this machine.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-
-REPOSITORY = Path(__file__).parent.parent
-RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
-NAMES = (
-    'broad_09_fast_rotation_with_breaks',
-    'broad_24_tapping',
-    'static_adis16405',
-    'static_mpu6050_bursty',
-    'xio_fusion',
-)
 
 
 def path_of(name):

@@ -2,34 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
 from gyro_drift_filter.simulation.experiments import autoregressive
-
-START = 10**18
-# As of the ADIS16405 at 100 Hz, in rad/s.
-NOISE, PHI = 6.1e-3, 0.167
-GRAVITY = np.array([0.0, 0.0, 9.81])
-DEGREE = np.pi / 180
-
-
-def at_rest(random, seconds, bias=(0.0, 0.0, 0.0), rate=100.0):
-    """Return rates and accelerations (n, 3) of a motionless sensor."""
-    n = round(seconds * rate)
-    rates = autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2))
-    return rates + np.asarray(bias), GRAVITY + 0.02 * random.standard_normal((n, 3))
-
-
-def by_hand(random, seconds, rate=100.0):
-    """Return rates and accelerations (n, 3) that smooth motion adds."""
-    n = round(seconds * rate)
-    window = np.minimum(1.0, np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.3 * rate))[:, None]
-    sections = signal.butter(3, 2.0, fs=rate, output='sos')
-    motion = [signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0) for _ in '12']
-    return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
+from support.messages import START
+from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
 
 
 def run(filter_, rates, accelerations, rate=100.0, start=START):

@@ -14,7 +14,6 @@ from mcap.writer import Writer as McapWriter
 import gyro_drift_filter.bags.replay as replay_module
 from gyro_drift_filter.bags.chunk_kernels import CHANNELS, ROW, list_messages
 from gyro_drift_filter.bags.chunk_replay import chunked_file
-from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import ReplayRun
@@ -28,29 +27,11 @@ from gyro_drift_filter.messages.cdr import (
     MalformedMessageError,
     read_imu,
 )
-from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from test.test_replay import STORE, TEXT, text, write
-
-START = 10**18
-TEMPERATURE = 'sensor_msgs/msg/Temperature'
-
-
-def write_mcap(path, rows, **options):
-    """Write (topic, type, log time, data) in this order, by the MCAP project's own writer."""
-    with path.open('wb') as stream:
-        writer = McapWriter(stream, **options)
-        writer.start(profile='ros2', library='test')
-        channels = {}
-        for topic, kind, time, data in rows:
-            if (topic, kind) not in channels:
-                definition, _ = STORE.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, 'ros2msg', definition.encode())
-                channels[topic, kind] = writer.register_channel(topic, 'cdr', schema)
-            writer.add_message(channels[topic, kind], time, data, time + 7, 3)
-        writer.finish()
-    return path
+from support.bags import mixed, write, write_mcap
+from support.chunks import read_all
+from support.messages import START, STORE, TEMPERATURE, TEXT
 
 
 def both_ways(source, folder, monkeypatch, fast=True, **options):
@@ -80,47 +61,6 @@ def check_same(results):
         a, b = getattr(fast_summary, name), getattr(general_summary, name)
         np.testing.assert_allclose(a.mean, b.mean, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(a.deviation, b.deviation, rtol=1e-12, atol=1e-13)
-
-
-def big_endian(data):
-    """Return an Imu message of simulated.py in the other byte order."""
-    offset = read_imu(data).offset
-    head = struct.unpack_from('<iII', data, 4)
-    doubles = struct.unpack_from('<37d', data, offset)
-    frame = data[16:offset]
-    return b'\x00\x00\x00\x00' + struct.pack('>iII', *head) + frame + struct.pack('>37d', *doubles)
-
-
-def mixed(random, seconds=6):
-    """Return rows with all that a recorder may have met, in order of log time."""
-    rows = []
-    for k in range(100 * seconds):
-        time = START + 10_000_000 * k
-        data = imu_message(time, 0.01 * random.standard_normal(3), (0, 0, 9.8))
-        kind = k % 97
-        if kind == 10:
-            data = data[:50]
-        elif kind == 20:
-            data = imu_message(time, (np.nan, 0.1, np.inf), (0, 0, 9.8))
-        elif kind == 30:
-            data = imu_message(time, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0])
-        elif kind == 40:
-            data = big_endian(data)
-        elif kind == 50:
-            data = imu_message(time, (0.1, 0.1, 0.1), (0, 0, 9.8), frame='')
-        elif kind == 60:
-            data = imu_message(time, (5.0, 0.1, 0.1), (0, 0, 9.8), frame='a longer name')
-        elif kind == 70:
-            data = data + b'\x00\x00\x00'
-        rows.append((TOPIC, IMU_TYPE, time, data))
-        if k % 7 == 0:
-            rows.append(('/words', TEXT, time, text('word' * (k % 50))))
-        if k % 33 == 0:
-            header = message_type('std_msgs/msg/Header')
-            moment = message_type('builtin_interfaces/msg/Time')(*divmod(time, 10**9))
-            warm = message_type(TEMPERATURE)(header(moment, ''), 20.0 + k / 20, 0.0)
-            rows.append(('/imu/temperature', TEMPERATURE, time, serialize(warm, TEMPERATURE)))
-    return rows
 
 
 @pytest.mark.parametrize('diagnostics', [False, True])
@@ -207,19 +147,11 @@ def test_a_message_filter_tells_what_it_was_like(random):
     told = at_once.process_imus(imus, range(40, 500), messages.__getitem__, results, marks[1:])
     expected = []
     for k in range(501):
-        expected += [step_by_step.vitals()] * marks[1:].count(k)
+        expected += [step_by_step.report()] * marks[1:].count(k)
         if k < 500:
             step_by_step.step(messages[k])
     assert repr(told) == repr(expected)  # where NaN is like NaN
     assert len(told) == 24
-
-
-def read_all(data, rows):
-    """Return the IMUs of all messages that ROWs tell of."""
-    imus, places = np.zeros(len(rows), IMU), np.zeros(len(rows), np.int64)
-    ours = np.ones(CHANNELS, np.bool_)
-    assert read_imus(data, rows, ours, room_for_doubles(), no_frame(), imus, places) == len(rows)
-    return imus
 
 
 MESSAGES = st.lists(

@@ -13,7 +13,10 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.cli.main import main
-from test.test_replay import IMU_TYPE, TEXT, TOPIC, simulated, text, write
+from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.simulation.bag import TOPIC
+from support.bags import simulated, write
+from support.messages import TEXT, text
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
 

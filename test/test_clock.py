@@ -7,7 +7,7 @@ from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import FILTERED, REPEATED
 from gyro_drift_filter.messages.cdr import read_imu
-from test.conftest import RECORDINGS
+from support.paths import RECORDINGS
 
 MS = 1_000_000
 START = 10**18

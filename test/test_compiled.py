@@ -17,7 +17,7 @@ import pytest
 
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.kernels import is_compiled
-from test.conftest import REPOSITORY
+from support.paths import REPOSITORY, TESTS
 
 COMPILE = 'import sys; from gyro_drift_filter.cli.compile import run; run(None)'
 
@@ -74,9 +74,10 @@ def results(compiled):
             place = folder if way == 'extension' else folder / 'no_extension'
             if not place.exists():
                 shutil.copytree(folder, place, ignore=shutil.ignore_patterns('*.so', '*.npz'))
-            code = f'from test.eventful import main; main({str(out)!r}, {way!r})'
+            code = f'from support.eventful import main; main({str(out)!r}, {way!r})'
+            search_path = os.pathsep.join([str(TESTS), os.environ.get('PYTHONPATH', '')])
             environment = {'XDG_CACHE_HOME': str(place), 'NUMBA_CACHE_DIR': ''}
-            done = run(code, cwd=REPOSITORY, **environment)
+            done = run(code, cwd=REPOSITORY, PYTHONPATH=search_path, **environment)
             assert done.returncode == 0, done.stderr
             known[way] = np.load(out)
         return known[way]

@@ -4,7 +4,7 @@ import datetime
 
 import pytest
 
-from test.fuzz import CORPUS, TARGETS, check, fuzz
+from support.fuzz import CORPUS, TARGETS, check, fuzz
 
 INPUTS = {'cdr': 6000, 'mcap': 2000, 'recovery': 1500, 'parameters': 1000, 'memory': 6000}
 KEPT = sorted(path for path in CORPUS.glob('*/*') if path.is_file())

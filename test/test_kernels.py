@@ -10,7 +10,7 @@ from functools import cache
 import pytest
 
 from gyro_drift_filter.accelerate.cache import covered_files, kernel_modules
-from test.conftest import REPOSITORY
+from support.paths import REPOSITORY
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 

@@ -1,10 +1,10 @@
-"""The layers stay apart: imports go one way, and the core needs no ROS and no files."""
+"""What may import what: layers go one way, the core needs no ROS and no files."""
 
 import ast
 import subprocess
 import sys
 
-from test.conftest import REPOSITORY
+from support.paths import REPOSITORY, TESTS
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 # What each layer may import of the others.
@@ -48,6 +48,16 @@ def test_imports_go_one_way():
             if layer == 'core':
                 assert parts[0] not in {'rosbags', 'mcap', 'yaml'}, f'{path} imports {name}'
     assert ('ros', 'core') in seen
+
+
+def test_tests_share_what_is_in_support_and_harness():
+    """No test stands on another one, on the demo or on pytest's conftest."""
+    paths = sorted(TESTS.rglob('*.py'))
+    others = {path.stem for path in paths if path.parent == TESTS} | {'test', 'demo'}
+    found = [f'{path.name}: {name}' for path in paths for name in imports(path)]
+    assert [line for line in found if line.split(': ')[1].split('.')[0] in others] == []
+    assert 'test_bias.py: support.sensor' in found
+    assert not (TESTS / '__init__.py').exists(), "it would hide the standard library's test"
 
 
 def test_the_core_is_importable_with_numpy_alone():

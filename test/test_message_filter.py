@@ -10,19 +10,9 @@ from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.health import ERROR, OK, STALE, WARN, Health
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.simulation.bag import imu_message
-from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from support.messages import simulated
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
-
-
-def simulated(n=600):
-    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
-    return [
-        imu_message(stamp, rate, acceleration)
-        for stamp, rate, acceleration in zip(
-            data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
-        )
-    ]
 
 
 def mixed():
@@ -79,7 +69,7 @@ def report(messages, seconds=1.0):
     health = Health()
     for data in messages:
         filter_.process(data)
-    return health.report(filter_.vitals(), seconds)
+    return health.judge(filter_.report(), seconds)
 
 
 def test_health_of_a_sound_input():
@@ -139,7 +129,7 @@ def test_health_tells_of_a_band_that_is_too_tight():
     filter_ = MessageFilter(Parameters(method='kalman', epsilon=1e-3))
     health = Health()
     filter_.process_batch(messages)
-    _, status = health.report(filter_.vitals(), 4.0)
+    _, status = health.judge(filter_.report(), 4.0)
     assert status.level == WARN
     assert 'set method to adaptive' in status.message
 
@@ -162,14 +152,14 @@ def test_health_tells_of_a_filter_that_is_inert(random):
     filter_ = MessageFilter(Parameters(method='kalman'))
     health = Health()
     filter_.process_batch(messages[:500])
-    _, status = health.report(filter_.vitals(), 5.0)
+    _, status = health.judge(filter_.report(), 5.0)
     assert status.level == WARN
     assert 'far smaller than the filter expects' in status.message
     assert float(status.values['Normalised innovation squared x']) < 0.1
     filter_.filter.configure(Parameters(method='adaptive'))
     for k in range(5, 15):
         filter_.process_batch(messages[100 * k : 100 * k + 100])
-        _, status = health.report(filter_.vitals(), 1.0)
+        _, status = health.judge(filter_.report(), 1.0)
     assert (status.level, status.message) == (OK, 'filtering')
 
 
@@ -185,7 +175,7 @@ def test_levels_do_not_flicker(random):
         state['counts']['nis_samples'] += 1000
         state['counts']['nis_sum'] += 1000.0
         state['counts']['outliers'][0] += round(1000 * share)
-        _, status = health.report(filter_.vitals(), 1.0)
+        _, status = health.judge(filter_.report(), 1.0)
         levels.append(status.level)
     assert levels[23] == OK
     assert levels[35] == levels[47] == WARN
@@ -205,7 +195,7 @@ def test_a_rate_that_is_off_is_told(random):
         health = Health()
         for k in range(14):
             filter_.process_batch(messages[part * k : part * (k + 1)])
-            status, _ = health.report(filter_.vitals(), 1.0)
+            status, _ = health.judge(filter_.report(), 1.0)
         assert status.message.startswith(message)
         assert status.level == (OK if message == 'receiving' else WARN)
 
@@ -215,7 +205,7 @@ def levels(health, parts, filter_):
     messages = []
     for part in parts:
         filter_.process_batch(part)
-        messages.append(health.report(filter_.vitals(), 1.0)[0].message)
+        messages.append(health.judge(filter_.report(), 1.0)[0].message)
     return messages
 
 
@@ -280,14 +270,14 @@ def test_a_dead_band_and_coarse_steps_are_no_fault(random):
     ]
     for k in range(20):
         filter_.process_batch(still[200 * k : 200 * k + 200])
-        input_, status = health.report(filter_.vitals(), 1.0)
+        input_, status = health.judge(filter_.report(), 1.0)
         assert k < 2 or (input_.message, status.message) == ('receiving', 'filtering')
 
 
-def test_vitals_are_those_of_the_state(random):
+def test_telemetry_is_that_of_the_state(random):
     filter_ = MessageFilter(Parameters())
     filter_.process_batch([*simulated(500), b'junk'])
-    state, told = filter_.filter.state, filter_.vitals().state
+    state, told = filter_.filter.state, filter_.report().telemetry
     counts, clock, bias = state['counts'], state['clock'], state['bias']
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused', 'beyond_range')},
@@ -321,23 +311,23 @@ def test_counts_that_a_reset_clears_are_no_fault(random):
         stamp = read_imu(messages[k]).stamp
         messages[k] = imu_message(stamp, (8.7 if k < 97 else np.nan, 0.01, 0.02), (0, 0, 9.8))
     filter_.process_batch(messages[:100])
-    assert 'end of the measuring range' in health.report(filter_.vitals(), 1.0)[0].message
-    assert any(filter_.vitals().state.unusable)
+    assert 'end of the measuring range' in health.judge(filter_.report(), 1.0)[0].message
+    assert any(filter_.report().telemetry.unusable)
     filter_.filter.reset()
     filter_.process_batch(messages[100:300])
-    assert health.report(filter_.vitals(), 2.0)[0].message == 'receiving'
+    assert health.judge(filter_.report(), 2.0)[0].message == 'receiving'
 
 
 def test_health_survives_a_reset():
     filter_ = MessageFilter(Parameters())
     health = Health()
     filter_.process_batch(simulated(300))
-    health.report(filter_.vitals(), 3.0)
+    health.judge(filter_.report(), 3.0)
     filter_.filter.reset()
     filter_.process_batch(simulated(100))
-    input_, status = health.report(filter_.vitals(), 1.0)
+    input_, status = health.judge(filter_.report(), 1.0)
     assert (input_.level, status.level) == (OK, OK)
     assert status.values['Outliers of late (%) x'] == 'nan'  # too few to tell
     filter_.process_batch(simulated(400)[100:])
-    _, status = health.report(filter_.vitals(), 3.0)
+    _, status = health.judge(filter_.report(), 3.0)
     assert 0 < float(status.values['Outliers of late (%) x']) < 10

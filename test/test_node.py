@@ -9,25 +9,24 @@ import time
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import DescribeParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, MagneticField
 from std_srvs.srv import Trigger
 
-from demo.live import LOSSLESS, NODE, LiveNode, environment, own_domain
 from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, METHODS
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.simulation.bag import imu_message
-from test.conftest import REPOSITORY
-from test.test_message_filter import simulated
+from harness.live_node import EXECUTABLE, LOSSLESS, LiveNode, environment, own_domain
+from support.messages import simulated
+from support.node import call, diagnostics, get_parameter, offline, set_parameters, values
+from support.paths import REPOSITORY
 
 SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
@@ -37,30 +36,6 @@ def live():
     """A node with the shipped parameters; tests set it back to its start by `fresh`."""
     with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
         yield node
-
-
-def call(live, kind, name, request):
-    client = live.node.create_client(kind, f'/gyro_drift_filter/{name}')
-    live.wait(client.service_is_ready, f'service {name}')
-    future = client.call_async(request)
-    live.wait(future.done, f'an answer of {name}')
-    live.node.destroy_client(client)
-    return future.result()
-
-
-def set_parameters(live, **values):
-    request = SetParameters.Request(
-        parameters=[
-            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-            for name, value in values.items()
-        ]
-    )
-    return call(live, SetParameters, 'set_parameters', request).results
-
-
-def get_parameter(live, name):
-    values = call(live, GetParameters, 'get_parameters', GetParameters.Request(names=[name])).values
-    return values[0]
 
 
 @pytest.fixture
@@ -73,10 +48,6 @@ def fresh(live):
         assert set_parameters(live, **{name.replace('.', '__'): value})[0].successful
     assert call(live, Trigger, 'reset', Trigger.Request()).success
     return live
-
-
-def offline(data, **parameters):
-    return [o.data for o in MessageFilter(Parameters(**parameters)).process_batch(data)]
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -155,25 +126,6 @@ def test_bad_messages_do_no_harm(fresh):
     assert fresh.received[first:] == expected
     for message in fresh.received[first : first + 201]:
         assert np.isfinite(read_imu(message).angular_velocity).all()
-
-
-def diagnostics(live, condition):
-    """Return {name: status} of the first /diagnostics that meets a condition."""
-    found = []
-
-    def take(array):
-        statuses = {status.name: status for status in array.status}
-        if condition(statuses):
-            found.append(statuses)
-
-    subscription = live.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
-    live.wait(lambda: found, 'diagnostics')
-    live.node.destroy_subscription(subscription)
-    return found[0]
-
-
-def values(status):
-    return {pair.key: pair.value for pair in status.values}
 
 
 def test_diagnostics_count_what_comes_in(fresh):
@@ -276,7 +228,7 @@ def start(*arguments, until=None, domain=None):
     """Run the node until it ends by itself or has logged a text; return status and stderr."""
     lines = []
     with subprocess.Popen(
-        [NODE, '--ros-args', *arguments],
+        [EXECUTABLE, '--ros-args', *arguments],
         env=environment(domain or own_domain()),
         stderr=subprocess.PIPE,
         text=True,

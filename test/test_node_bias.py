@@ -10,24 +10,14 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.ros.memory_file import file_of, recall
-from gyro_drift_filter.simulation.bag import FRAME, imu_message
-from test.test_bias import DEGREE, START, at_rest, by_hand
-from test.test_node import call, diagnostics, set_parameters, values
+from gyro_drift_filter.simulation.bag import FRAME
+from harness.live_node import LOSSLESS, LiveNode
+from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
+from support.sensor import DEGREE, at_rest, by_hand
 
-NODE = '/gyro_drift_filter'
 FILTER = 'gyro_drift_filter: filter'
-TRUTH = np.array([1.0, -2.0, 0.5]) * DEGREE
-
-
-def serialized(rates, accelerations, start=0):
-    """Return messages at 100 Hz, the first of them `start` s after the test's beginning."""
-    return [
-        imu_message(START + int(start * 1e9) + 10_000_000 * k, rate, acceleration)
-        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
-    ]
 
 
 def rates_of(messages):

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from test.conftest import REPOSITORY
-from test.test_message_filter import simulated
+from harness.live_node import LOSSLESS, LiveNode
+from support.messages import simulated
+from support.paths import REPOSITORY
 
 BIN = Path(sys.executable).parent
 

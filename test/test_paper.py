@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.filter import FILTERED
 from gyro_drift_filter.simulation.experiments import SimulationSettings, autoregressive, simulate
-from test.dense import dense_filter
+from support.dense import dense_filter
 
 METHODS = ('kalman', 'sage_husa')
 

@@ -8,7 +8,7 @@ import yaml
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS
-from test.conftest import REPOSITORY
+from support.paths import REPOSITORY
 
 SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 

@@ -14,8 +14,8 @@ from gyro_drift_filter.mcap.records import MAGIC, PREFIX
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
 from gyro_drift_filter.messages.cdr import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from test.test_chunk_replay import START, mixed, write_mcap
-from test.test_replay import TEXT, read, text
+from support.bags import mixed, read, write_mcap
+from support.messages import START, TEXT, text
 
 FORMS = {
     'plain': {'compression': CompressionType.NONE},

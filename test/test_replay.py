@@ -11,81 +11,20 @@ from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
     QosReliability,
-    QosTime,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 
-from gyro_drift_filter.bags import mcap_writer
 from gyro_drift_filter.bags.recording import BagError, BagWriter
 from gyro_drift_filter.bags.replay import Topics, replay
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.mcap import writer as mcap_writer
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-TEXT = 'std_msgs/msg/String'
-OTHER_QOS = Qos(
-    QosHistory.KEEP_ALL,
-    7,
-    QosReliability.BEST_EFFORT,
-    QosDurability.TRANSIENT_LOCAL,
-    QosTime(1, 2),
-    QosTime(3, 4),
-    QosLiveliness.AUTOMATIC,
-    QosTime(5, 6),
-    avoid_ros_namespace_conventions=False,
-)
-
-
-def text(value):
-    return bytes(STORE.serialize_cdr(STORE.types[TEXT](value), TEXT))
-
-
-def simulated(n=300):
-    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
-    return [
-        (stamp, imu_message(stamp, rate, acceleration))
-        for stamp, rate, acceleration in zip(
-            data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
-        )
-    ]
-
-
-def write(path, topics, plugin=StoragePlugin.MCAP, mode=None, version=9):
-    """Write a bag; topics is {(topic, type): [(log time, data), ...]}, in order of log time."""
-    writer = Writer(path, version=version, storage_plugin=plugin)
-    if mode is not None:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        rows = []
-        for (topic, kind), messages in topics.items():
-            connection = writer.add_connection(
-                topic, kind, typestore=STORE, offered_qos_profiles=[OTHER_QOS]
-            )
-            rows += [(time, connection, data) for time, data in messages]
-        for time, connection, data in sorted(rows, key=lambda row: row[0]):
-            writer.write(connection, time, data)
-    return path
-
-
-def read(path):
-    """Return {topic: [(log time, data), ...]} and the order of all messages."""
-    topics, order = {}, []
-    with AnyReader([path], default_typestore=STORE) as reader:
-        for connection in reader.connections:
-            topics[connection.topic] = []
-        for connection, time, data in reader.messages():
-            topics[connection.topic].append((time, bytes(data)))
-            order.append((connection.topic, time))
-    return topics, order
+from support.bags import OTHER_QOS, read, simulated, write
+from support.messages import STORE, TEXT, text
 
 
 def expected(messages, parameters=None):

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 
-from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.ros.memory_file import file_of
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
-from test.test_bias import at_rest
-from test.test_chunk_replay import mixed, write_mcap
-from test.test_message_filter import simulated
-from test.test_node import diagnostics, offline, values
-from test.test_node_bias import NODE, TRUTH, serialized
-from test.test_replay import write
+from harness.live_node import LOSSLESS, LiveNode
+from support.bags import mixed, write, write_mcap
+from support.messages import simulated
+from support.node import NODE, TRUTH, diagnostics, offline, serialized, values
+from support.sensor import at_rest
 
 
 @pytest.mark.parametrize('gap', [0.1, 0.9, 10.0, 3600.0, 86400.0 * 365])

@@ -32,7 +32,7 @@ from gyro_drift_filter.messages.message_filter import (
     sample_message,
 )
 from gyro_drift_filter.messages.motion_hint import moves
-from gyro_drift_filter.messages.telemetry import Vitals
+from gyro_drift_filter.messages.telemetry import MessageReport
 
 DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -311,7 +311,7 @@ class ReplayRun:
 
     def _process_piece(
         self, piece: Piece, results: NDArray[Any]
-    ) -> list[tuple[int, _Moment, Vitals]]:
+    ) -> list[tuple[int, _Moment, MessageReport]]:
         """Filter the Imu messages of a piece.
 
         Returns:
@@ -332,8 +332,8 @@ class ReplayRun:
                     marks.append(before)
                 continue
             part = range(done, before)
-            vitals = self._filter.process_imus(imus, part, message, results, marks)
-            reports += [(*when, what) for when, what in zip(due, vitals, strict=True)]
+            marked = self._filter.process_imus(imus, part, message, results, marks)
+            reports += [(*when, what) for when, what in zip(due, marked, strict=True)]
             due, marks, done = [], [], part.stop
             if stop is not None:
                 self.tell(stop.connection, payload(data, rows[stop.row]))
@@ -343,7 +343,7 @@ class ReplayRun:
         self,
         piece: Piece,
         results: NDArray[Any],
-        reports: list[tuple[int, _Moment, Vitals]],
+        reports: list[tuple[int, _Moment, MessageReport]],
     ) -> None:
         """Write a piece that has been filtered, with the reports on it."""
         data, rows, imus, places, _ = piece
@@ -402,12 +402,12 @@ class ReplayRun:
         return _Moment(self._now, seconds)
 
     def _write_report(self, moment: _Moment) -> None:
-        report, _ = diagnostic_arrays([self._report(moment, self._filter.vitals())])
+        report, _ = diagnostic_arrays([self._report(moment, self._filter.report())])
         self._writer.write(self._reports, moment.time, report.tobytes())
 
-    def _report(self, moment: _Moment, vitals: Vitals) -> tuple[int, list[DiagnosticStatus]]:
+    def _report(self, moment: _Moment, report: MessageReport) -> tuple[int, list[DiagnosticStatus]]:
         """Return stamp (ns) and content of a report; they are made in their order."""
-        statuses = self._health.report(vitals, moment.seconds)
+        statuses = self._health.judge(report, moment.seconds)
         return min(moment.time, _LATEST_STAMP), statuses
 
     def _add_up(self, outcomes: list[Outcome]) -> None:
@@ -436,7 +436,7 @@ class ReplayRun:
             filtered=filtered,
             period=float(state['clock']['period']),
             # Other topics may go on for longer, so that nothing is told of the rate.
-            status=Health().report(
-                self._filter.vitals(), (self._now - self._began) * 1e-9, paced=False
+            status=Health().judge(
+                self._filter.report(), (self._now - self._began) * 1e-9, paced=False
             ),
         )

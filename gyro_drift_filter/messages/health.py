@@ -18,7 +18,7 @@ import numpy as np
 from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
-from gyro_drift_filter.messages.telemetry import TOLD, Vitals, in_plain
+from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -34,22 +34,24 @@ _MANY_BACKWARD = 0.05  # share of the samples
 _FEW = 200
 
 
-_BEFORE_ALL = Vitals(0, 0, '', 0, 0, '', Parameters(), in_plain(np.zeros(1, TOLD))[0])
+_BEFORE_ALL = MessageReport(
+    0, 0, '', 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
+)
 
 
 class _Span(NamedTuple):
     """What a report is on.
 
     Attributes:
-        first: Vitals at the begin of the window, and
+        first: MessageReport at the begin of the window, and
         before: at the last report, and
         now: at present.
         seconds: From first to now.
     """
 
-    first: Vitals
-    before: Vitals
-    now: Vitals
+    first: MessageReport
+    before: MessageReport
+    now: MessageReport
     seconds: float
 
 
@@ -92,7 +94,9 @@ class Health:
         self._rate_off = _Alarm(0.2, 0.1)  # share of the expected rate
         self._silent = True
 
-    def report(self, now: Vitals, seconds: float, paced: bool = True) -> list[DiagnosticStatus]:
+    def judge(
+        self, now: MessageReport, seconds: float, paced: bool = True
+    ) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter.
 
         Args:
@@ -101,8 +105,8 @@ class Health:
             paced: Whether messages come at the pace of that time, so that the rate can be judged.
         """
         last, before = self._window[-1]
-        if now.state.samples < before.state.samples:  # the filter was reset
-            before = before._replace(state=_BEFORE_ALL.state)
+        if now.telemetry.samples < before.telemetry.samples:  # the filter was reset
+            before = before._replace(telemetry=_BEFORE_ALL.telemetry)
             self._window.clear()
             self._window.append((last, before))
         began, first = self._window[0]
@@ -122,7 +126,7 @@ class Health:
         expected = _expected_rate(now)
         off = abs(rate / expected - 1.0) if judged else math.nan
         level, message = self._judge_input(span, off, rate < expected)
-        state = now.state
+        state = now.telemetry
         values = {
             'Actual frequency (Hz)': rate,
             'Expected frequency (Hz)': expected,
@@ -151,7 +155,7 @@ class Health:
         """Return level and message; what is worst comes first."""
         first, before, now, _ = span
         parameters = now.parameters
-        state, state_before, state_first = now.state, before.state, first.state
+        state, state_before, state_first = now.telemetry, before.telemetry, first.telemetry
         samples = state.samples - state_before.samples
         # What can't be judged is not off.
         is_off = self._rate_off.judge(0.0 if math.isnan(off) else off)
@@ -240,7 +244,7 @@ class Health:
         return OK, 'receiving'
 
     def _filter(self, span: _Span) -> DiagnosticStatus:
-        state, state_first = span.now.state, span.first.state
+        state, state_first = span.now.telemetry, span.first.telemetry
         samples = state.samples - state_first.samples
         pairs = zip(state.outliers, state_first.outliers, strict=True)
         shares = [_share(a - b, samples) for a, b in pairs]
@@ -276,7 +280,7 @@ class Health:
         self, span: _Span, shares: list[float], surprise: list[float]
     ) -> tuple[int, str]:
         """Return level and message; what is worst comes first."""
-        parameters, state = span.now.parameters, span.now.state
+        parameters, state = span.now.parameters, span.now.telemetry
         method = parameters.method
         many = self._outliers.judge(_largest(shares))
         overconfident = self._overconfident.judge(_largest(surprise))
@@ -286,7 +290,7 @@ class Health:
         tells = not learned and not state.stuck
         least = -_largest([-value for value in surprise])
         inert = self._inert.judge((1.0 / least if least else math.inf) if tells else 0.0)
-        if _grew(state.divergences, span.before.state.divergences):
+        if _grew(state.divergences, span.before.telemetry.divergences):
             return WARN, f'the filter diverged and started anew: {_REMEDIES[method]}'
         if many:
             return WARN, f'many samples count as outliers: {_REMEDIES[method]}'
@@ -311,11 +315,11 @@ class Health:
         return OK, 'filtering'
 
 
-def _expected_rate(vitals: Vitals) -> float:
+def _expected_rate(report: MessageReport) -> float:
     """Return the rate in Hz that was given or learned, NaN before it is."""
-    if vitals.parameters.sample_rate > 0.0:
-        return vitals.parameters.sample_rate
-    return 1.0 / vitals.state.period if vitals.state.blocks > 0 else math.nan
+    if report.parameters.sample_rate > 0.0:
+        return report.parameters.sample_rate
+    return 1.0 / report.telemetry.period if report.telemetry.blocks > 0 else math.nan
 
 
 _METHOD_FOR_STANDSTILL = 'for a robot that moves, set method to adaptive; else raise epsilon'

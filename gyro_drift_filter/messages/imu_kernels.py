@@ -20,7 +20,7 @@ from gyro_drift_filter.core.filter import (
     step,
 )
 from gyro_drift_filter.messages.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
-from gyro_drift_filter.messages.telemetry import TOLD, tell_state
+from gyro_drift_filter.messages.telemetry import TELEMETRY, read_telemetry
 
 IMU = np.dtype(
     [
@@ -217,7 +217,7 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     TALLY,
     np.int64,
     int,
-    TOLD,
+    TELEMETRY,
     TALLY,
 )
 def filter_imus(
@@ -238,7 +238,7 @@ def filter_imus(
 
     `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. At each of the `marks`
     (m,), places in `imus` in their order of which the first `passed` are done with, what the state
-    tells is noted in `states` (m,) TOLD, and the tally in `tallies` (m,).
+    tells is noted in `states` (m,) TELEMETRY, and the tally in `tallies` (m,).
 
     Returns:
         The place behind the last one done, and how many marks are done with.
@@ -270,7 +270,7 @@ def _note_marks(
 ) -> int:
     """Note what is told at the marks that are at a place; return how many are done with."""
     while passed < len(marks) and marks[passed] == place:
-        tell_state(state[0], states[passed])
+        read_telemetry(state[0], states[passed])
         tallies[passed] = tally[0]
         passed += 1
     return passed

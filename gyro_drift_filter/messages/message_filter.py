@@ -32,7 +32,13 @@ from gyro_drift_filter.messages.imu_kernels import (
     no_frame,
     room_for_doubles,
 )
-from gyro_drift_filter.messages.telemetry import TOLD, Told, Vitals, in_plain, tell_state
+from gyro_drift_filter.messages.telemetry import (
+    TELEMETRY,
+    MessageReport,
+    Telemetry,
+    as_telemetry,
+    read_telemetry,
+)
 
 # Topics with one Vector3Stamped per sample, below the node's name; each is a field of RESULT.
 SAMPLE_TOPICS = (
@@ -89,14 +95,14 @@ class MessageFilter:
         self._imu = np.zeros(1, IMU)
         self._out = np.empty(1024, np.uint8)
 
-    def vitals(self) -> Vitals:
+    def report(self) -> MessageReport:
         """Return what it is like now; what is done later does not change it."""
-        record = np.zeros(1, TOLD)
-        tell_state(self.filter.state, record[0])
-        return self._vitals(in_plain(record)[0])
+        record = np.zeros(1, TELEMETRY)
+        read_telemetry(self.filter.state, record[0])
+        return self._report(as_telemetry(record)[0])
 
-    def _vitals(self, state: Told) -> Vitals:
-        return Vitals(
+    def _report(self, state: Telemetry) -> MessageReport:
+        return MessageReport(
             self.received,
             self.malformed,
             self.last_malformed,
@@ -176,7 +182,7 @@ class MessageFilter:
         payload: Callable[[int], bytes],
         results: NDArray[Any],
         marks: Sequence[int] = (),
-    ) -> list[Vitals]:
+    ) -> list[MessageReport]:
         """Filter messages that have been read already: `process_batch` for the fast path.
 
         Args:
@@ -190,24 +196,24 @@ class MessageFilter:
             What the message filter was like before each of the marks.
         """
         ends = np.array(marks, np.int64)
-        states, tallies = np.empty(len(ends), TOLD), np.zeros(len(ends), TALLY)
+        states, tallies = np.empty(len(ends), TELEMETRY), np.zeros(len(ends), TALLY)
         tally = np.zeros(1, TALLY)
         done, passed = part.start, 0
         while done < part.stop or passed < len(ends):
             arrays = *self.filter.arrays_of_step(), results, tally, ends, passed, states, tallies
             done, passed = filter_imus(done, part.stop, imus, *arrays)
             self.filter.note_period()
-        vitals: list[Vitals] = []
+        reports: list[MessageReport] = []
         tallies_by_end = map(Tally._make, [*tallies.tolist(), *tally.tolist()])
         place, counted = part.start, Tally(0, 0, 0, 0, 0)
         for end, tally_then, state in zip(
-            [*marks, part.stop], tallies_by_end, [*in_plain(states), None], strict=True
+            [*marks, part.stop], tallies_by_end, [*as_telemetry(states), None], strict=True
         ):
             self._count(end - place, tally_then, counted, payload)
             place, counted = end, tally_then
             if state is not None:
-                vitals.append(self._vitals(state))
-        return vitals
+                reports.append(self._report(state))
+        return reports
 
     def _count(
         self, received: int, tally: Tally, before: Tally, payload: Callable[[int], bytes]

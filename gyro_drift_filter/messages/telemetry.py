@@ -15,8 +15,8 @@ Counts = list[int]
 Values = list[float]
 
 
-class Told(NamedTuple):
-    """What the state tells: `tell_state` says of which part of it.
+class Telemetry(NamedTuple):
+    """What the state tells: `read_telemetry` says of which part of it.
 
     Counts are since the start or the last reset, which packages, beyond_max and turning outlive as
     the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
@@ -64,10 +64,12 @@ _KINDS: dict[Any, Any] = {
     Values: (np.float64, 3),
 }
 # The same as a record, for compiled code.
-TOLD = np.dtype([(name, _KINDS[kind]) for name, kind in get_type_hints(Told).items()], align=True)
+TELEMETRY = np.dtype(
+    [(name, _KINDS[kind]) for name, kind in get_type_hints(Telemetry).items()], align=True
+)
 
 
-class Vitals(NamedTuple):
+class MessageReport(NamedTuple):
     """What a message filter is like.
 
     Attributes:
@@ -78,7 +80,7 @@ class Vitals(NamedTuple):
         frame_changes: and
         frame: and
         parameters: of its filter.
-        state: What its state tells.
+        telemetry: Values read from its state.
     """
 
     received: int
@@ -88,18 +90,18 @@ class Vitals(NamedTuple):
     frame_changes: int
     frame: str
     parameters: Parameters
-    state: Told
+    telemetry: Telemetry
 
 
-def in_plain(records: NDArray[Any]) -> list[Told]:
-    """Return records of TOLD (n,) in Python's own numbers, which it works faster with."""
-    columns = (records[name].tolist() for name in Told._fields)
-    return list(map(Told._make, zip(*columns, strict=True)))
+def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
+    """Return records of TELEMETRY (n,) in Python's own numbers, which it works faster with."""
+    columns = (records[name].tolist() for name in Telemetry._fields)
+    return list(map(Telemetry._make, zip(*columns, strict=True)))
 
 
 @kernel
-def tell_state(state: Any, out: Any) -> None:
-    """Write what a record of STATE tells into one of TOLD."""
+def read_telemetry(state: Any, out: Any) -> None:
+    """Write what a record of STATE tells into one of TELEMETRY."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']

@@ -191,7 +191,7 @@ class GyroDriftFilterNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         # In a simulation the messages follow its clock, which may be of any speed.
         paced = not self.get_parameter('use_sim_time').value
-        statuses = self._health.report(self._messages.vitals(), seconds, paced)
+        statuses = self._health.judge(self._messages.report(), seconds, paced)
         for status in map(self._with_surroundings, statuses):
             self._log_change(status)
             array.status.append(

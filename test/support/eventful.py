@@ -1,6 +1,6 @@
 """A recording in which everything happens, through the kernels compiled or as plain Python.
 
-    python -m test.eventful OUT.npz compiled|plain
+    PYTHONPATH=test python -m support.eventful OUT.npz numba|plain|extension
 
 A process of its own, as numba has to be there or not before the package is imported.
 """
@@ -101,7 +101,7 @@ def messages():
     from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
     from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
     from gyro_drift_filter.messages.message_filter import MessageFilter
-    from test.test_chunk_replay import mixed
+    from support.bags import mixed
 
     rows = mixed(np.random.default_rng(3), 2)
     topics = sorted({row[0] for row in rows})
@@ -127,7 +127,7 @@ def messages():
     ended = end_batches(listed, 7, 10**8, batch, ends)
     results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
     marks = [0, n // 3, n // 3, n]
-    vitals = filtered.process_imus(
+    marked = filtered.process_imus(
         imus, range(n), lambda k: payload(chunk, mine[k]), results, marks
     )
     out, index = np.zeros(8 * len(chunk), np.uint8), np.zeros((9 * len(rows), 2), np.int64)
@@ -168,8 +168,8 @@ def messages():
         'records': out[:size],
         'written': np.array(written),
         'counts': np.array(counts),
-        'told': np.nan_to_num([np.hstack(v.state) for v in vitals]),
-        'counts_at_marks': np.array([v[:2] + v[3:5] for v in vitals]),
+        'told': np.nan_to_num([np.hstack(r.telemetry) for r in marked]),
+        'counts_at_marks': np.array([r[:2] + r[3:5] for r in marked]),
         'means': np.array([s.mean for s in moments.statistics()]),
         'deviations': np.array([s.deviation for s in moments.statistics()]),
         'batches': np.concatenate((ends[:ended], batch)).view(np.int64),

@@ -1,7 +1,7 @@
 """Long runs, by hand: a day of data through the core, and the real node under random commands.
 
-    python -m test.soak core [--hours 24]
-    python -m test.soak node [--minutes 20]
+    PYTHONPATH=test python -m support.soak core [--hours 24]
+    PYTHONPATH=test python -m support.soak node [--minutes 20]
 
 Ends with status 1, and says why, where something is not as it should be.
 """
@@ -16,7 +16,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from demo.live import LOSSLESS, LiveNode
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.cli.main import main as gyro_drift
 from gyro_drift_filter.core import Filter, Parameters
@@ -24,7 +23,8 @@ from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
 from gyro_drift_filter.core.methods.noise import LEAST_NOISE
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from test.conftest import NAMES, RECORDINGS
+from harness.live_node import LOSSLESS, LiveNode
+from support.paths import NAMES, RECORDINGS
 
 RATE = 200.0
 PIECE = 100_000  # samples

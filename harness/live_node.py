@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
-NODE = Path(sys.executable).parent / 'gyro_drift_filter_node'
+EXECUTABLE = Path(sys.executable).parent / 'gyro_drift_filter_node'
 # Nothing may get lost between player and node, however busy the machine is.
 LOSSLESS = (
     *('-p', 'qos_overrides./imu/data_raw.subscription.reliability:=reliable'),
@@ -62,7 +62,7 @@ class LiveNode:
     """
 
     def __init__(
-        self, arguments: Sequence[str] = LOSSLESS, node: Path = NODE, home: Path | None = None
+        self, arguments: Sequence[str] = LOSSLESS, node: Path = EXECUTABLE, home: Path | None = None
     ) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         self.domain = domain = own_domain()

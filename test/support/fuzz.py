@@ -1,6 +1,6 @@
 """Inputs that nobody meant, for all that reads bytes from elsewhere: none may crash, hang or bloat.
 
-    python -m test.fuzz [--inputs 1000000] [--only cdr mcap recovery parameters memory]
+    PYTHONPATH=test python -m support.fuzz [--inputs 1000000] [--only TARGET ...]
 
 Hypothesis edits seeds. What fails is kept in test/corpus, and tested from then on.
 """
@@ -33,11 +33,12 @@ from gyro_drift_filter.messages.imu_kernels import PUBLISH
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from test.conftest import REPOSITORY
-from test.test_chunk_replay import START, read_all, write_mcap
-from test.test_replay import TEXT, text
+from support.bags import write_mcap
+from support.chunks import read_all
+from support.messages import START, TEXT, text
+from support.paths import REPOSITORY, TESTS
 
-CORPUS = Path(__file__).parent / 'corpus'
+CORPUS = TESTS / 'corpus'
 LONGEST = 1.0  # s
 LARGEST = 2**30  # bytes, beyond what the process has at its begin
 BATCH = 2000  # inputs of one run of hypothesis, which keeps all of them in memory

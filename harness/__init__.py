@@ -1,0 +1,1 @@
+"""What the demo, the benchmark and the tests share to run the package from outside."""

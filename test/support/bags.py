@@ -1,0 +1,128 @@
+"""Bags, made on the spot by other projects' writers, and read by their readers."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from gyro_drift_filter.bags.message_types import message_type, serialize
+from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, text
+from support.messages import simulated as simulated_messages
+
+OTHER_QOS = Qos(
+    QosHistory.KEEP_ALL,
+    7,
+    QosReliability.BEST_EFFORT,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(1, 2),
+    QosTime(3, 4),
+    QosLiveliness.AUTOMATIC,
+    QosTime(5, 6),
+    avoid_ros_namespace_conventions=False,
+)
+
+Row = tuple[str, str, int, bytes]
+Messages = list[tuple[int, bytes]]
+
+
+def simulated(n: int = 300) -> Messages:
+    """Return (log time, data) of n Imu messages of both experiments of the paper."""
+    return [(read_imu(data).stamp, data) for data in simulated_messages(n)]
+
+
+def write(
+    path: Path,
+    topics: Mapping[tuple[str, str], Messages],
+    plugin: StoragePlugin = StoragePlugin.MCAP,
+    mode: CompressionMode | None = None,
+    version: int = 9,
+) -> Path:
+    """Write a bag; topics is {(topic, type): [(log time, data), ...]}, in order of log time."""
+    writer = Writer(path, version=version, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        rows = []
+        for (topic, kind), messages in topics.items():
+            connection = writer.add_connection(
+                topic, kind, typestore=STORE, offered_qos_profiles=[OTHER_QOS]
+            )
+            rows += [(time, connection, data) for time, data in messages]
+        for time, connection, data in sorted(rows, key=lambda row: row[0]):
+            writer.write(connection, time, data)
+    return path
+
+
+def read(path: Path) -> tuple[dict[str, Messages], list[tuple[str, int]]]:
+    """Return {topic: [(log time, data), ...]} and the order of all messages."""
+    topics: dict[str, Messages] = {}
+    order = []
+    with AnyReader([path], default_typestore=STORE) as reader:
+        for connection in reader.connections:
+            topics[connection.topic] = []
+        for connection, time, data in reader.messages():
+            topics[connection.topic].append((time, bytes(data)))
+            order.append((connection.topic, time))
+    return topics, order
+
+
+def write_mcap(path: Path, rows: Sequence[Row], **options: Any) -> Path:
+    """Write (topic, type, log time, data) in this order, by the MCAP project's own writer."""
+    with path.open('wb') as stream:
+        writer = McapWriter(stream, **options)
+        writer.start(profile='ros2', library='test')
+        channels: dict[tuple[str, str], int] = {}
+        for topic, kind, time, data in rows:
+            if (topic, kind) not in channels:
+                definition, _ = STORE.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, 'ros2msg', definition.encode())
+                channels[topic, kind] = writer.register_channel(topic, 'cdr', schema)
+            writer.add_message(channels[topic, kind], time, data, time + 7, 3)
+        writer.finish()
+    return path
+
+
+def mixed(random: np.random.Generator, seconds: int = 6) -> list[Row]:
+    """Return rows with all that a recorder may have met, in order of log time."""
+    rows: list[Row] = []
+    for k in range(100 * seconds):
+        time = START + 10_000_000 * k
+        data = imu_message(time, 0.01 * random.standard_normal(3), (0, 0, 9.8))
+        kind = k % 97
+        if kind == 10:
+            data = data[:50]
+        elif kind == 20:
+            data = imu_message(time, (np.nan, 0.1, np.inf), (0, 0, 9.8))
+        elif kind == 30:
+            data = imu_message(time, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0])
+        elif kind == 40:
+            data = big_endian(data)
+        elif kind == 50:
+            data = imu_message(time, (0.1, 0.1, 0.1), (0, 0, 9.8), frame='')
+        elif kind == 60:
+            data = imu_message(time, (5.0, 0.1, 0.1), (0, 0, 9.8), frame='a longer name')
+        elif kind == 70:
+            data = data + b'\x00\x00\x00'
+        rows.append((TOPIC, IMU_TYPE, time, data))
+        if k % 7 == 0:
+            rows.append(('/words', TEXT, time, text('word' * (k % 50))))
+        if k % 33 == 0:
+            header = message_type('std_msgs/msg/Header')
+            moment = message_type('builtin_interfaces/msg/Time')(*divmod(time, 10**9))
+            warm = message_type(TEMPERATURE)(header(moment, ''), 20.0 + k / 20, 0.0)
+            rows.append(('/imu/temperature', TEMPERATURE, time, serialize(warm, TEMPERATURE)))
+    return rows

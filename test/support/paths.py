@@ -1,0 +1,14 @@
+"""Where the repository is, and the real recordings beside it."""
+
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parent.parent.parent
+TESTS = REPOSITORY / 'test'
+RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
+NAMES = (
+    'broad_09_fast_rotation_with_breaks',
+    'broad_24_tapping',
+    'static_adis16405',
+    'static_mpu6050_bursty',
+    'xio_fusion',
+)

@@ -1,0 +1,39 @@
+"""A simulated sensor: at rest, and moved by hand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from gyro_drift_filter.simulation.experiments import autoregressive
+
+# As of the ADIS16405 at 100 Hz, in rad/s.
+NOISE, PHI = 6.1e-3, 0.167
+GRAVITY = np.array([0.0, 0.0, 9.81])
+DEGREE = np.pi / 180
+
+Array = NDArray[np.float64]
+
+
+def at_rest(
+    random: np.random.Generator,
+    seconds: float,
+    bias: Sequence[float] | Array = (0.0, 0.0, 0.0),
+    rate: float = 100.0,
+) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a motionless sensor."""
+    n = round(seconds * rate)
+    rates = autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2))
+    return rates + np.asarray(bias), GRAVITY + 0.02 * random.standard_normal((n, 3))
+
+
+def by_hand(
+    random: np.random.Generator, seconds: float, rate: float = 100.0
+) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) that smooth motion adds."""
+    n = round(seconds * rate)
+    window = np.minimum(1.0, np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.3 * rate))[:, None]
+    sections = signal.butter(3, 2.0, fs=rate, output='sos')
+    motion = [signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0) for _ in '12']
+    return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
