@@ -7,7 +7,6 @@ from gyro_drift_filter.accelerate.argument_types import read_only
 from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
 from gyro_drift_filter.accelerate.records import (
     CountPerAxis,
-    FlagPerAxis,
     PerAxis,
     record,
     zeroed,
@@ -15,7 +14,6 @@ from gyro_drift_filter.accelerate.records import (
 
 __all__ = [
     'CountPerAxis',
-    'FlagPerAxis',
     'PerAxis',
     'entry_kernel',
     'kernel',

@@ -2,7 +2,7 @@
 
 numba's own cache looks only at the file that a kernel stands in, so that a kernel would keep the
 old code of one that it calls from another file. Here the folder is named after the content of all
-files that hold kernels or declare records for them, and after what the machine code depends on
+files that hold kernels, of those that they import, and after what the machine code depends on
 besides. It also works where the package is installed read-only, as by apt.
 
 In a folder are numba's own files, one or more for each kernel; the extension module, with its
@@ -32,7 +32,7 @@ BUILD_PREFIX = 'build_'
 
 _PACKAGE = Path(__file__).parent.parent
 _KERNEL = re.compile(rb'^@(?:entry_)?kernel\b', re.MULTILINE)
-_RECORD = re.compile(rb'^\w+ = (?:record|in_lines)\(', re.MULTILINE)
+_IMPORT = re.compile(rb'^[ \t]*from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
 _OTHERS_KEPT = 3  # other versions of the package, and the one before an update
 _BUILD_SECONDS = 3600.0  # a folder of a build that is older belongs to one that was killed
 
@@ -41,21 +41,40 @@ _unusable = ''  # why nothing can be kept, where that has been found
 
 def kernel_modules() -> list[str]:
     """Return the names of the modules that hold kernels."""
-    return [
-        '.'.join([_PACKAGE.name, *path.relative_to(_PACKAGE).with_suffix('').parts])
-        for path, content in covered_files().items()
-        if _KERNEL.search(content)
-    ]
+    return [name for name, path in _modules().items() if _KERNEL.search(path.read_bytes())]
 
 
 def covered_files() -> dict[Path, bytes]:
-    """Return the files after which the folder is named, and their contents."""
-    here = Path(__file__).parent
-    contents = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob('*.py'))}
+    """Return the files after which the folder is named, and their contents.
+
+    They are those that hold kernels and, as constants and records that they import become a part
+    of kernels, all of this package that these import in their turn.
+    """
+    modules = _modules()
+    contents = {path: path.read_bytes() for path in modules.values()}
+    waiting = [path for path, content in contents.items() if _KERNEL.search(content)]
+    covered = set()
+    while waiting:
+        path = waiting.pop()
+        if path in covered:
+            continue
+        covered.add(path)
+        for source, names in _IMPORT.findall(contents[path]):
+            for name in re.findall(r'\w+', names.decode()):
+                module = source.decode()
+                found = modules.get(f'{module}.{name}') or modules.get(module)
+                if found is not None:
+                    waiting.append(found)
+    return {path: contents[path] for path in sorted(covered)}
+
+
+def _modules() -> dict[str, Path]:
+    """Return the files of this package by the names of their modules."""
     return {
-        path: content
-        for path, content in contents.items()
-        if path.parent == here or _KERNEL.search(content) or _RECORD.search(content)
+        '.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts).removesuffix(
+            '.__init__'
+        ): path
+        for path in sorted(_PACKAGE.rglob('*.py'))
     }
 
 
