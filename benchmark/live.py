@@ -25,7 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, environment, own_domain
 
@@ -136,7 +136,7 @@ class Player:
         with contextlib.suppress(TimeoutError):
             end = time.monotonic() + 5.0
             self.wait(lambda: self.arrivals[-1][0] == last or time.monotonic() > end)
-        return (sum(process.cpu_times()[:2]) - used) / (len(messages) - WARM_UP)
+        return float((sum(process.cpu_times()[:2]) - used) / (len(messages) - WARM_UP))
 
     def memory(self) -> float:
         """Return the resident memory of the process in MB."""

@@ -8,6 +8,7 @@ import argparse
 import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -16,8 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.mcap.records import ZSTD_LEVEL, zstd
-from gyro_drift_filter.messages.cdr import IMU_TYPE, VECTOR_TYPE
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, VECTOR_TYPE
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -45,7 +46,7 @@ def loop(source: Path, destination: Path, diagnostics: bool) -> None:
                 writer.write(copies[connection.id], log_time, data)
                 if connection.msgtype != IMU_TYPE:
                     continue
-                imu = reader.deserialize(data, IMU_TYPE)
+                imu: Any = reader.deserialize(data, IMU_TYPE)
                 stamp = imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec
                 rate, push = imu.angular_velocity, imu.linear_acceleration
                 result = filter_.step(stamp, (rate.x, rate.y, rate.z), (push.x, push.y, push.z))

@@ -30,7 +30,7 @@ def call(live: LiveNode, kind: Any, name: str, request: Any) -> Any:
     return future.result()
 
 
-def set_parameters(live: LiveNode, **values: Any) -> Sequence[SetParametersResult]:
+def set_parameters(live: LiveNode, **values: Any) -> list[SetParametersResult]:
     """Set parameters, one by one, and return the node's answers; `__` stands for a dot."""
     request = SetParameters.Request(
         parameters=[
@@ -38,7 +38,7 @@ def set_parameters(live: LiveNode, **values: Any) -> Sequence[SetParametersResul
             for name, value in values.items()
         ]
     )
-    return call(live, SetParameters, 'set_parameters', request).results
+    return list(call(live, SetParameters, 'set_parameters', request).results)
 
 
 def get_parameter(live: LiveNode, name: str) -> ParameterValue:
@@ -71,7 +71,8 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 
 def offline(data: Sequence[bytes], **parameters: Any) -> list[bytes | None]:
     """Return what the node has to publish for each message."""
-    return [o.data for o in MessageFilter(Parameters(**parameters)).process_batch(data)]
+    filter_ = MessageFilter(Parameters(**parameters))
+    return [filter_.take(message) for message in data]
 
 
 def serialized(
