@@ -1,4 +1,4 @@
-"""The whole of `gyro_drift`: choose the subcommand, and tell a known error in one line."""
+"""The whole of `gyro_drift`: choose the subcommand, and report a known error in one line."""
 
 import argparse
 import logging
@@ -31,7 +31,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command.
 
     Returns:
-        0 done, 1 a known error told in one line on stderr, 130 interrupted. Bad usage exits with
+        0 done, 1 a known error, which is one line on stderr, 130 interrupted. Bad usage exits with
         2 from within argparse.
     """
     logging.addLevelName(logging.WARNING, 'warning')

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 
 # A segment is accepted within so many deviations of where the bias can be.
 GATE = 3.5
-# Several segments in a row, up to so many, have to lie closer: they tell a turn of the bias's size.
+# Several segments in a row, up to so many, have to lie closer, as they reveal a turn of the bias's
+# size.
 RECENT_GATE, RECENT = 3.0, 8
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.
@@ -239,7 +240,7 @@ def calibrate_bias(state: Bias) -> None:
         blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
         state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
-    # What came before tells nothing against it.
+    # What came before says nothing against it.
     state['recent_count'] = 0
     state['doubt'] = 0
     _settle(state)
@@ -276,7 +277,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
     if not state['known']:
         return True
     if state['hint'] == Hint.STANDS:
-        # It stands there by the robot's own word, so that is how far the bias has come.
+        # The robot itself says that it stands, so that is how far the bias has come.
         for axis in range(3):
             distance = segment_mean(rest, axis) - state['bias'][axis]
             spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
@@ -287,7 +288,8 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
     _note_segment(state)
     turned = _turned(state)
     if turned > 0 and moved:
-        return False  # what is in it of the motion to come tells nothing of the rests to come
+        # The motion to come may be in it, which says nothing of the rests to come.
+        return False
     if turned > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED

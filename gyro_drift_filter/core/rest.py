@@ -56,8 +56,8 @@ LEAST_ROUGHNESS = 0.3
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
-# The ratio of variances is learned slower, as a segment tells less of it. It begins at one, as if
-# the first segments and so many more had said so, and one step tells of so large a ratio at most.
+# The ratio of variances is learned slower, as a segment says less of it. It starts at one, as if
+# the first segments and so many more had said so, and one step counts for so large a ratio at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
@@ -202,7 +202,7 @@ def _start_segment(rest: Rest) -> None:
 def note_sample(
     rest: Rest, sample: Sample, accepted: bool, missing: int, lengths: RestLengths
 ) -> bool:
-    """Take a record of SAMPLE and `missing` ones before it; the latter only take their place.
+    """Take a sample in, with `missing` ones before it, which count as time alone.
 
     An acceleration that is not finite counts as zero: who has none has none all the time. Returns
     whether a block is complete, so that `close_block` has to be called.
@@ -300,7 +300,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 
 @kernel
 def _lasted(rest: Rest) -> bool:
-    """Return whether the segment that a motion has ended is long enough to tell of rest."""
+    """Return whether the segment that a motion has ended is long enough to count as rest."""
     if rest['at_rest']:
         return bool(rest['blocks'] >= LEAST_SEGMENT)
     begun = rest['halves'] != Halves.WHOLE and rest['blocks'] >= HALF + LEAST_SEGMENT

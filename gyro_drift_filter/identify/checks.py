@@ -189,7 +189,7 @@ _STATIONARITY = {
 
 
 def check_normality(residuals: Sequence[Floats]) -> Check:
-    """Test by skewness and excess kurtosis, with the statistic of Jarque and Bera told.
+    """Test by skewness and excess kurtosis, and report the statistic of Jarque and Bera.
 
     The verdict goes by the size of the two (0.5 and 1), not by p: at a million samples an excess
     kurtosis of 0.02, which nobody could notice, has p below 0.0001. The statistic is that of

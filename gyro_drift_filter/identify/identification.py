@@ -130,7 +130,7 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
     """Return the length of all rests in s.
 
     Raises:
-        IdentificationError: It is too short; the text tells the longest rest.
+        IdentificationError: It is too short; the text says which was the longest rest.
     """
     seconds = sum(map(len, quiet.spans)) * period
     if seconds >= SHORTEST_QUIET:

@@ -215,9 +215,9 @@ class DriftAndWhite:
 def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     """Fit AR(1) plus white noise by maximum likelihood.
 
-    Fitted are phi, the covariance at lag 1 and the variance of the sum, which the data tell best;
-    the two variances follow. The white one may come out below zero, as long as the density stays
-    positive: cut off at zero the estimates of the others would be biased.
+    Fitted are phi, the covariance at lag 1 and the variance of the sum, which the data determine
+    best; the two variances follow. The white one may come out below zero, as long as the density
+    stays positive: cut off at zero the estimates of the others would be biased.
 
     Args:
         pieces: Parts of a recording (n,), without mean, trend and gaps.

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
     Returns:
-        0 after one of them, 1 after a known error told in one line on stderr.
+        0 after one of them, 1 after a known error, which is one line on stderr.
     """
     asked: list[int] = []
 

@@ -53,7 +53,7 @@ def file_of(node: str, frame: str) -> Path:
 
 
 def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias | None:
-    """Return what a file tells, or None where there is none.
+    """Return what a file holds, or None where there is none.
 
     Args:
         path: Of the file.

@@ -15,11 +15,11 @@ assert set(_CLASSES) == set(HINT_TYPES)
 
 
 class MotionHint:
-    """Subscribe to `motion_hint` with the type that the parameter names, and pass on the word."""
+    """Subscribe to `motion_hint` with the type that the parameter names, and pass on hints."""
 
-    def __init__(self, node: Node, tell: Callable[[bool], None], kind: str) -> None:
+    def __init__(self, node: Node, hint: Callable[[bool], None], kind: str) -> None:
         self._node = node
-        self._tell = tell
+        self._hint = hint
         self._kind = 'none'
         self._subscription: Any = None
         self.listen(kind)
@@ -38,4 +38,4 @@ class MotionHint:
             )
 
     def _take(self, message: Any) -> None:
-        self._tell(moves(message))
+        self._hint(moves(message))

@@ -1,4 +1,4 @@
-"""Who else is on the node's topics, as the graph tells: names what keeps messages from coming."""
+"""Who else is on the node's topics: names what keeps messages from coming."""
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -66,7 +66,7 @@ class Neighbours:
         )
 
     def _own(self, endpoints: list[TopicEndpointInfo]) -> TopicEndpointInfo | None:
-        """Return the node's own one: only the graph tells the QoS with all of its defaults."""
+        """Return the node's own one: only the graph knows the QoS with all of its defaults."""
         name = self._node.get_fully_qualified_name()
         return next((endpoint for endpoint in endpoints if _name(endpoint) == name), None)
 

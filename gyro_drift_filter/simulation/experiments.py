@@ -131,8 +131,8 @@ def _add_outliers(
     for k in random.choice(count, round(settings.isolated * count), replace=False):
         rate[first + k] += size()
         where[first + k] = True
-    room = count - settings.run_length
-    for k in random.choice(room, settings.runs, replace=False) if room > settings.runs else ():
+    last = count - settings.run_length
+    for k in random.choice(last, settings.runs, replace=False) if last > settings.runs else ():
         run = slice(first + k, first + k + settings.run_length)
         rate[run] += size()
         where[run] = True

@@ -1,4 +1,4 @@
-"""Outliers told from motion: a doubtful sample is held back until those after it say what it was.
+"""Outliers or motion: a doubtful sample is held back until those after it say what it was.
 
 A sample far outside the prediction is not accepted, and the prediction stands in for it. What the
 next sample is decides. Back near the prediction: it was an outlier, and leaves no trace. A smooth

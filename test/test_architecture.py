@@ -1,0 +1,90 @@
+"""What docs/architecture.md says on adding something is done as it is written there."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from support.paths import REPOSITORY
+
+PAGE = (REPOSITORY / 'docs' / 'architecture.md').read_text()
+AVERAGE = """
+import numpy as np
+from gyro_drift_filter.core import Filter, Parameters
+
+z = 0.01 * np.random.default_rng(0).standard_normal((400, 3)) + 0.1
+filter_ = Filter(Parameters(method='average', forgetting_factor=0.95, bias_enabled=False))
+got = filter_.run(10**18 + 10_000_000 * np.arange(400), z, np.zeros_like(z))
+expected = [z[0]]
+for sample in z[1:]:
+    expected.append(expected[-1] + 0.05 * (sample - expected[-1]))
+np.testing.assert_allclose(got['angular_velocity'], expected, rtol=1e-12)
+# Another method takes over where this one is, and this one from another.
+for method in ('adaptive', 'average'):
+    filter_.configure(Parameters(method=method, forgetting_factor=0.95, bias_enabled=False))
+    before = filter_.state['result']['angular_velocity'].copy()
+    now = filter_.step(0, before, (0.0, 0.0, 0.0))['angular_velocity']
+    np.testing.assert_allclose(now, before, atol=1e-9)
+"""
+VALUE = """
+import numpy as np
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.message_filter import MessageFilter
+
+input_, _ = Health().judge(MessageFilter(Parameters()).report(), 1.0)
+assert input_.values['Smallest change of the rate (rad/s) y'] == '0', input_.values
+"""
+PARAMETER = """
+from pathlib import Path
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from tools.write_parameter_files import parameter_files
+
+assert Filter(Parameters(largest_rate=20.0)).record[0]['settings']['largest_rate'] == 20.0
+for path, text in parameter_files().items():
+    assert 'largest_rate' in text
+    path.write_text(text)
+assert read_parameters(Path('config/gyro_drift_filter.yaml')) == Parameters()
+"""
+
+
+def section(title):
+    """Return the fenced blocks of a section of the page: (language, text)."""
+    (body,) = re.findall(rf'^### {title}\n(.*?)(?=^##|\Z)', PAGE, re.MULTILINE | re.DOTALL)
+    return body, re.findall(r'^```(\w+)\n(.*?)^```', body, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    ('title', 'files', 'code'),
+    [('A method', 2, AVERAGE), ('A diagnostic value', 2, VALUE), ('A parameter', 1, PARAMETER)],
+)
+def test_what_the_page_adds_works(title, files, code, tmp_path):
+    for name in ('gyro_drift_filter', 'tools', 'config', 'docs'):
+        shutil.copytree(
+            REPOSITORY / name, tmp_path / name, ignore=shutil.ignore_patterns('__pycache__')
+        )
+    body, blocks = section(title)
+    touched = set()
+    for language, text in blocks:
+        if language == 'python':
+            (path,) = re.findall(r'^`(gyro_drift_filter/.*\.py)`$', body, re.MULTILINE)
+            (tmp_path / path).write_text(text)
+            touched.add(path)
+        else:
+            subprocess.run(['git', 'apply', '-'], input=text, text=True, cwd=tmp_path, check=True)
+            touched |= set(re.findall(r'^\+\+\+ b/(.*)$', text, re.MULTILINE))
+    assert len(touched) == files
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env=os.environ | {'PYTHONPATH': str(tmp_path), 'NUMBA_DISABLE_JIT': '1'},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
