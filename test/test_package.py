@@ -25,7 +25,7 @@ def test_the_version_stands_once():
     package = ElementTree.parse(REPOSITORY / 'package.xml').getroot()
     assert package.get('format') == '3'
     assert version('gyro_drift_filter') == package.findtext('version')
-    assert (REPOSITORY / 'resource' / package.findtext('name')).exists()
+    assert (REPOSITORY / 'resource' / package.findtext('name', '')).exists()
 
 
 def test_package_xml_names_what_is_imported():
@@ -35,7 +35,7 @@ def test_package_xml_names_what_is_imported():
     for path in (REPOSITORY / 'gyro_drift_filter' / 'ros').glob('*.py'):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
-                imported.add(node.module.split('.')[0])
+                imported.add(str(node.module).split('.')[0])
     standard = set(sys.stdlib_module_names) | {'gyro_drift_filter'}
     assert imported - standard <= declared
 
