@@ -1,19 +1,33 @@
-# make demo: the main job end to end. make test: lint, types and all tests. make bench: how fast.
-# make quality: how good. make coverage: what of the code the tests run.
+# make demo: the main job end to end. make check: lint, types and quick tests, within a minute.
+# make test: lint, types and all tests. make coverage: what of the code the tests run.
+# make bench: how fast. make quality: how good.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Processes that share the tests; those that need the same long preparation stay in one of them.
+WORKERS ?= 2
+SHARED_OUT := -n $(WORKERS) --dist loadgroup --no-loadscope-reorder
 
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint bench quality coverage clean
+.PHONY: demo check test ready lint compile bench quality coverage clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
 
-test: lint
-	$(BIN)/python -m pytest
+check: ready
+	$(BIN)/python -m pytest $(SHARED_OUT) -m 'not slow and not node'
+
+test: ready
+	$(BIN)/python -m pytest $(SHARED_OUT)
+
+# Compiled before the workers start, as two of them would compile the same.
+ready: $(VENV)/.installed
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint compile
+
+compile: $(VENV)/.installed
+	$(BIN)/python -m gyro_drift_filter.cli.main compile
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m benchmark.speed --json benchmark_output.json
@@ -22,9 +36,9 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
 	$(BIN)/python -m benchmark.bias
 
-coverage: $(VENV)/.installed
+coverage: compile
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage run -m pytest $(SHARED_OUT)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --fail-under 95
 

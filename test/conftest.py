@@ -19,6 +19,25 @@ def path_of(name):
     return path
 
 
+def pytest_collection_modifyitems(config, items):
+    """Begin with what takes longest; where there are several workers, nodes stay in one of them.
+
+    Nodes wait for each other's messages: several at once would only wait for a processor.
+    """
+    if config.pluginmanager.has_plugin('xdist'):
+        for item in items:
+            if item.get_closest_marker('node') and not item.get_closest_marker('xdist_group'):
+                item.add_marker(pytest.mark.xdist_group('node'))
+    items.sort(key=rank)
+
+
+def rank(item):
+    """Return a smaller number for what begins earlier."""
+    if item.get_closest_marker('xdist_group'):
+        return 0
+    return 1 if item.get_closest_marker('slow') else 2
+
+
 @pytest.fixture(params=NAMES)
 def recording(request):
     """Path of each real recording in turn."""

@@ -6,6 +6,8 @@ import pytest
 
 from support.fuzz import CORPUS, TARGETS, check, fuzz
 
+pytestmark = pytest.mark.slow
+
 INPUTS = {'cdr': 6000, 'mcap': 2000, 'recovery': 1500, 'parameters': 1000, 'memory': 6000}
 KEPT = sorted(path for path in CORPUS.glob('*/*') if path.is_file())
 
