@@ -10,7 +10,7 @@ from OneEuroFilter import OneEuroFilter
 from scipy import signal
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.parameters import METHODS
+from gyro_drift_filter.core.methods import METHODS
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.methods.adaptive import LARGEST_DEBT, MAKE_UP_SECONDS
-from gyro_drift_filter.core.methods.mode_set import LADDER, LEVELS, derive_ladder
+from gyro_drift_filter.core.methods.adaptive import COMPENSATION_SECONDS, LARGEST_COMPENSATION
+from gyro_drift_filter.core.methods.mode_set import MODES
 from gyro_drift_filter.simulation.experiments import autoregressive
 
 START = 10**18
@@ -191,7 +191,7 @@ def test_never_locked_out_and_always_finite(parts, last, rate):
     assert np.abs(results['angular_velocity']).max() <= reach
     tolerance = 0.05 * np.abs(last) + 1e-9 * np.abs(z).max()
     off = np.abs(results['angular_velocity'] - last)
-    assert (off[len(begin) + 19] <= tolerance + LARGEST_DEBT / MAKE_UP_SECONDS).all()
+    assert (off[len(begin) + 19] <= tolerance + LARGEST_COMPENSATION / COMPENSATION_SECONDS).all()
     assert (off[-1] <= tolerance + 1e-6).all()
 
 
@@ -307,12 +307,13 @@ def test_the_noise_level_is_learned_at_rest(deviation, random):
 
 
 @pytest.mark.parametrize('rate', RATES)
-def test_the_ladder_holds_what_the_riccati_recursion_settles_to(rate):
+def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
     """Against the plain recursion of equations (8), (9) and (12), run until it stands."""
-    ladder = np.zeros(1, LADDER)[0]
-    derive_ladder(1 / rate, ladder)
-    for j in range(0, LEVELS, 3):
-        r, q = ladder['lag_ratio'][j], ladder['process_ratio'][j]
+    filter_ = Filter(Parameters(sample_rate=rate))
+    filter_.step(10**18, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    modes = filter_.record[0]['coefficients']['methods']['adaptive']['modes']
+    for j in range(0, MODES, 3):
+        r, q = modes['lag_ratio'][j], modes['process_ratio'][j]
         a = np.array([[1.0, 1.0, 0.0], [0.0, r, 1.0], [0.0, 0.0, r]])
         drive = np.array([1.0, 2 * r, r * r])
         p = np.outer(drive, drive) * q
@@ -323,11 +324,11 @@ def test_the_ladder_holds_what_the_riccati_recursion_settles_to(rate):
             p = grown
             if settled:
                 break
-        gains = [ladder[f'gain_{name}'][j] for name in ('rate', 'slope', 'bend')]
+        gains = [modes[f'gain_{name}'][j] for name in ('rate', 'acceleration', 'jerk')]
         np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-5)
-        np.testing.assert_allclose(ladder['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-9)
-    assert (np.diff(ladder['gain_rate'][:LEVELS]) > 0).all()
-    assert ((ladder['stay'][:LEVELS] > 0) & (ladder['stay'][:LEVELS] < 1)).all()
+        np.testing.assert_allclose(modes['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-9)
+    assert (np.diff(modes['gain_rate'][:MODES]) > 0).all()
+    assert ((modes['stay'][:MODES] > 0) & (modes['stay'][:MODES] < 1)).all()
 
 
 @pytest.mark.parametrize('knock', [True, False])

@@ -93,7 +93,7 @@ def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
         assert change[2] < (0.01 if hint else 0.2)
 
 
-def test_a_turn_that_only_several_packages_tell_is_taken_back(random):
+def test_a_turn_that_only_several_segments_tell_is_taken_back(random):
     """0.5 deg/s for 30 s after 20 s of rest, in ten times the noise."""
     learned = []
     for _ in range(5):
@@ -107,7 +107,7 @@ def test_a_turn_that_only_several_packages_tell_is_taken_back(random):
 
 
 def test_after_a_slow_turn_short_rests_are_believed_again(random):
-    """Each of them is one package long."""
+    """Each of them is one segment long."""
     filter_ = Filter()
     run(filter_, *at_rest(random, 10))
     run(filter_, *at_rest(random, 10, (0.0, 0.0, 5.0 * DEGREE)), start=START + 10 * 10**9)
@@ -142,7 +142,7 @@ def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
 
 
 def test_standing_still_by_the_robots_own_word_is_believed_at_once(random):
-    """After a slow turn the filter would wait for a second package that agrees."""
+    """After a slow turn the filter would wait for a second segment that agrees."""
     filter_ = Filter()
     run(filter_, *at_rest(random, 10))
     shift = np.array([0.0, 0.0, 0.6]) * DEGREE
@@ -196,7 +196,7 @@ def test_warm_up_is_followed_standing(random):
 
 
 def test_slow_noise_of_a_quiet_sensor_is_no_bias(random):
-    """A tenth of the noise, and a slow part as large as that of a package."""
+    """A tenth of the noise, and a slow part as large as that of a segment."""
     errors = []
     for _ in range(5):
         rates, accelerations = at_rest(random, 60)
@@ -208,12 +208,12 @@ def test_slow_noise_of_a_quiet_sensor_is_no_bias(random):
 
 
 @pytest.mark.parametrize('slow', [0.0, 2.0, 3.0])
-def test_slow_noise_is_seen_from_package_to_package(slow, random):
-    """It is as large as so many times the white noise of a package."""
-    seconds, blocks, package = 600, 12, 192
+def test_slow_noise_is_seen_from_segment_to_segment(slow, random):
+    """It is as large as so many times the white noise of a segment."""
+    seconds, blocks, segment = 600, 12, 192
     rates, accelerations = at_rest(random, seconds)
     drift = autoregressive(random, len(rates), np.exp(-0.01 / 3.0), 1.0)
-    scale = NOISE * np.sqrt((1 + PHI) / (1 - PHI) / package)
+    scale = NOISE * np.sqrt((1 + PHI) / (1 - PHI) / segment)
     rates += slow * scale * drift / drift.std()
     filter_ = Filter()
     run(filter_, rates, accelerations)
@@ -223,13 +223,13 @@ def test_slow_noise_is_seen_from_package_to_package(slow, random):
         means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
         return 0.5 * np.square(np.diff(means, axis=0)).mean(axis=0)
 
-    expected = np.mean(allan_variance(package) / allan_variance(blocks)) * package / blocks
+    expected = np.mean(allan_variance(segment) / allan_variance(blocks)) * segment / blocks
     assert ratio == pytest.approx(max(expected, 1.0), rel=0.35)
     assert (ratio > 1.5) == (slow > 0.0)
 
 
-def set_package(state, means, noises):
-    """Make a package of 16 blocks of a BIAS."""
+def set_segment(state, means, noises):
+    """Make a segment of 16 blocks of a BIAS."""
     rest = state['rest']
     rest['blocks'], rest['variance_ratio'] = 16, 1.0
     for axis in range(3):
@@ -243,17 +243,17 @@ def test_what_is_taken_back_leaves_no_trace():
     known = 'bias', 'variance'
     before = []
     for step in (0.0, 2e-3, 4e-3):
-        set_package(state, np.full(3, step), np.full(3, 1e-7))
+        set_segment(state, np.full(3, step), np.full(3, 1e-7))
         state['growth'], state['reach'] = 1e-6, 3e-6
         before.append({name: np.copy(state[name]) for name in known})
-        bias_module._note_package(state)
+        bias_module._note_segment(state)
         bias_module._learn(state)
         assert (state['variance'] != before[-1]['variance']).all()
-    bias_module._note_package(state)
+    bias_module._note_segment(state)
     bias_module._take_back(state, 3)  # the one that has been noted, and two that were learned
     for name in known:
         assert (state[name] == before[1][name]).all()
-        # Nor in what the packages say of the time before them: they may be taken back with others.
+        # Nor in what the segments say of the time before them: they may be taken back with others.
         assert (state['recent'][:3][name] == before[1][name]).all()
     assert state['growth'] == pytest.approx(2e-6)
     assert state['reach'] == pytest.approx(6e-6)
@@ -357,7 +357,7 @@ def test_calibrate_in_motion_after_a_reset_or_a_gap(how, random):
 
 
 def test_a_calibration_is_not_taken_back(random):
-    """The packages before it tell of another bias: the user knows better."""
+    """The segments before it tell of another bias: the user knows better."""
     rates, accelerations = at_rest(random, 95)
     seconds = np.arange(len(rates)) / 100.0
     rates[:, 0] += 1.5e-4 * np.clip(seconds - 60.0, 0.0, 30.0)
@@ -384,7 +384,7 @@ def test_the_mean_of_a_real_sensor_goes(name, real):
     'seed',
     [
         pytest.param(97, id='what ended a rest put later ones in doubt: off by 0.18 deg/s'),
-        pytest.param(345, id='halves of a package lie 4.6 deviations apart: off by 0.16'),
+        pytest.param(345, id='halves of a segment lie 4.6 deviations apart: off by 0.16'),
         pytest.param(88, id='a block varies 4.7 times as usual: off by 0.12'),
     ],
 )
@@ -403,7 +403,7 @@ def test_garbage_is_forgotten(random):
 
 
 def test_a_rest_that_begins_with_a_slow_turn(random):
-    """The later half of the package in which the turn ends is learned from at the rest's end."""
+    """The later half of the segment in which the turn ends is learned from at the rest's end."""
     truth = np.array([0.0, 0.3, 0.1]) * DEGREE
     for speed, rest in ((0.35, 3.2), (-0.35, 4.0), (0.4, 4.6)):
         spells = [(10, False), (5, True), (rest, False), (2, True)]

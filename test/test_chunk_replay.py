@@ -18,7 +18,7 @@ from gyro_drift_filter.bags.recording import BagError, open_bag
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import ReplayRun
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.filter import RESULT
+from gyro_drift_filter.core.sample import RESULT
 from gyro_drift_filter.mcap.reader import read_layout
 from gyro_drift_filter.messages.cdr import (
     GOOD,

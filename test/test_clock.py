@@ -5,7 +5,7 @@ import pytest
 
 from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.filter import FILTERED, REPEATED
+from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.messages.cdr import read_imu
 from support.paths import RECORDINGS
 
@@ -60,7 +60,7 @@ def test_a_gap_is_predicted_through_by_as_many_steps():
     """Seven missing samples: the covariance is that of eight predictions."""
     filter_ = Filter(Parameters(method='kalman'))
     feed(filter_, regular(500))
-    paper = filter_.state['paper'][0]
+    paper = filter_.state['methods']['paper'][0]
     x = np.array([paper['rate'], paper['drift']])
     p = np.array(
         [
@@ -89,9 +89,9 @@ def test_a_gap_beyond_the_limit_restarts_at_the_sample():
 def test_a_restart_keeps_what_was_learned_of_the_noise():
     filter_ = Filter(Parameters(method='sage_husa'))
     feed(filter_, regular(500))
-    learned = filter_.state['paper']['measurement_noise'].copy()
+    learned = filter_.state['methods']['paper']['measurement_noise'].copy()
     filter_.step(START + 3600 * 10**9, (3.0, 2.0, 1.0), ZERO)
-    assert (filter_.state['paper']['measurement_noise'] == learned).all()
+    assert (filter_.state['methods']['paper']['measurement_noise'] == learned).all()
     assert (learned != 2.5e-5).all()
 
 
@@ -110,11 +110,11 @@ def test_a_duplicate_is_repeated_and_moves_nothing():
     filter_ = Filter()
     feed(filter_, regular(500))
     first = filter_.step(START + 500 * 10 * MS, (0.1, 0.2, 0.3), ZERO).copy()
-    before = filter_.state['paper'].copy()
+    before = filter_.state['methods']['paper'].copy()
     again = filter_.step(START + 500 * 10 * MS, (0.1, 0.2, 0.3), ZERO)
-    assert (first['status'], again['status']) == (FILTERED, REPEATED)
+    assert (first['status'], again['status']) == (SampleStatus.FILTERED, SampleStatus.REPEATED)
     assert (first['angular_velocity'] == again['angular_velocity']).all()
-    assert (filter_.state['paper'] == before).all()
+    assert (filter_.state['methods']['paper'] == before).all()
     assert filter_.state['counts']['repeats'] == 1
     assert clock(filter_) == QUIET
 
@@ -124,7 +124,7 @@ def test_an_equal_stamp_with_new_rates_is_a_sample():
     feed(filter_, regular(500))
     filter_.step(START + 499 * 10 * MS, (0.1, 0.2, 0.3), ZERO)
     assert clock(filter_) == QUIET | {'same_stamps': 1}
-    assert filter_.state['result']['status'] == FILTERED
+    assert filter_.state['result']['status'] == SampleStatus.FILTERED
 
 
 def test_zero_stamps_are_filtered_sample_by_sample():

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.filter import FILTERED, REFUSED, RESULT
-from gyro_drift_filter.core.parameters import METHODS
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 ZERO = (0.0, 0.0, 0.0)
@@ -143,15 +143,15 @@ def test_a_sensor_that_is_stuck_or_at_the_end_of_its_range(random):
     rates[300:450], accelerations[300:450] = rates[300], accelerations[300]
     filter_ = Filter()
     filter_.run(stamps[:300], rates[:300], accelerations[:300])
-    counts = filter_.state['counts']
+    counts = filter_.state['checks']
     assert 0.8 * clipped < counts['clipped'][1] <= clipped
     assert counts['clipped'][[0, 2]].tolist() == [0, 0]
-    assert counts['stuck'] == 0
+    assert counts['times_stuck'] == 0
     filter_.run(stamps[300:450], rates[300:450], accelerations[300:450])
-    assert filter_.state['stuck']
+    assert filter_.state['checks']['stuck']
     filter_.run(stamps[450:], rates[450:], accelerations[450:])
-    assert not filter_.state['stuck']
-    assert counts['stuck'] == 1
+    assert not filter_.state['checks']['stuck']
+    assert counts['times_stuck'] == 1
 
 
 def test_a_stuck_sensor_tells_nothing_of_the_bias(random):
@@ -168,7 +168,7 @@ def test_a_stuck_sensor_tells_nothing_of_the_bias(random):
         other = accelerations * (np.nan if nan else 1.0)
         filter_ = Filter()
         filter_.run(stamps, rates, other)
-        assert filter_.state['stuck']
+        assert filter_.state['checks']['stuck']
 
 
 @pytest.mark.parametrize('rate', [1e-300, 1e-6, 0.5])
@@ -190,12 +190,12 @@ def test_an_unusable_rate_is_bridged_by_the_prediction(bad, method):
     stamp = int(data.stamps[-1])
     for k in range(1, 20):
         result = filter_.step(stamp + k * 10_000_000, (kept, bad, kept), ZERO)
-        assert result['status'] == FILTERED
+        assert result['status'] == SampleStatus.FILTERED
         for name in RESULT.names:
             assert np.isfinite(result[name]).all()
         assert result['outlier'].tolist()[1] == 1.0
         assert abs(result['angular_velocity'][1]) < 1.0
-    assert filter_.state['counts']['unusable'].tolist() == [0, 19, 0]
+    assert filter_.state['checks']['unusable'].tolist() == [0, 19, 0]
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -208,10 +208,10 @@ def test_bridging_stays_near_and_ends_at_the_limit(method):
     filter_.run(stamps, z, np.zeros_like(z))
     for k in range(1, 100):
         result = filter_.step(int(stamps[-1]) + k * 10_000_000, (np.nan, 0.0, 0.0), ZERO)
-        assert (result['status'] == REFUSED) == (k > 50)
+        assert (result['status'] == SampleStatus.REFUSED) == (k > 50)
         assert abs(result['angular_velocity'][0]) < 15.0
     result = filter_.step(int(stamps[-1]) + 10**9, (0.5, 0.0, 0.0), ZERO)
-    assert result['status'] == FILTERED
+    assert result['status'] == SampleStatus.FILTERED
     assert abs(result['angular_velocity'][0] - 0.5) < 1e-9
 
 
@@ -256,10 +256,10 @@ def test_every_parameter_takes_effect_at_once(name, value, method):
 def test_nothing_is_published_before_every_axis_had_a_usable_rate():
     filter_ = Filter()
     stamp = 10**18
-    assert filter_.step(stamp, (np.nan, 0.0, 0.0), ZERO)['status'] == REFUSED
-    assert filter_.step(stamp + 10**7, (np.nan, 0.0, 0.0), ZERO)['status'] == REFUSED
+    assert filter_.step(stamp, (np.nan, 0.0, 0.0), ZERO)['status'] == SampleStatus.REFUSED
+    assert filter_.step(stamp + 10**7, (np.nan, 0.0, 0.0), ZERO)['status'] == SampleStatus.REFUSED
     result = filter_.step(stamp + 2 * 10**7, (0.5, 0.0, 0.0), ZERO)
-    assert result['status'] == FILTERED
+    assert result['status'] == SampleStatus.FILTERED
     assert result['angular_velocity'][0] == pytest.approx(0.5, rel=1e-15)
     assert filter_.state['counts']['refused'] == 2
 
@@ -269,7 +269,7 @@ def test_an_unusable_rate_after_a_restart_is_refused():
     filter_ = Filter()
     filter_.step(10**18, (0.1, 0.1, 0.1), ZERO)
     result = filter_.step(10**18 + 3600 * 10**9, (np.nan, 0.1, 0.1), ZERO)
-    assert result['status'] == REFUSED
+    assert result['status'] == SampleStatus.REFUSED
 
 
 def test_run_refuses_shapes_that_do_not_agree():

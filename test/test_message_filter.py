@@ -279,20 +279,22 @@ def test_telemetry_is_that_of_the_state(random):
     filter_.process_batch([*simulated(500), b'junk'])
     state, told = filter_.filter.state, filter_.report().telemetry
     counts, clock, bias = state['counts'], state['clock'], state['bias']
+    checks = state['checks']
     expected = {
-        **{name: counts[name] for name in ('samples', 'repeats', 'refused', 'beyond_range')},
-        **{name: counts[name] for name in ('unusable', 'clipped', 'outliers')},
+        **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
+        'outliers': counts['outliers'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
-        'times_stuck': counts['stuck'],
         **{name: clock[name] for name in ('period', 'blocks', 'gaps', 'missing_samples')},
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
-        'divergences': state['paper']['divergences'],
-        'stuck': state['stuck'],
-        'all_zero': not state['measured'].any(),
+        'divergences': state['methods']['paper']['divergences'],
+        'stuck': checks['stuck'],
+        'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],
-        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'packages')},
+        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds')},
+        'packages': bias['segments'],
         **{name: bias[name] for name in ('beyond_max', 'turning')},
         'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
         'at_rest': bias['rest']['at_rest'],

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.filter import FILTERED
+from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, autoregressive, simulate
 from support.dense import dense_filter
 
@@ -148,7 +148,9 @@ def test_no_input_breaks_a_covariance_or_the_output(
         result = filter_.step(int(stamp), sample, (0.0, 0.0, 0.0))
         for name in result.dtype.names:
             assert np.isfinite(result[name]).all(), name
-        for state in filter_.state['paper'][filter_.state['paper']['tracking']]:
+        for state in filter_.state['methods']['paper'][
+            filter_.state['methods']['paper']['tracking']
+        ]:
             p00, p01, p11 = (
                 state[name] for name in ('rate_variance', 'covariance', 'drift_variance')
             )
@@ -157,7 +159,7 @@ def test_no_input_breaks_a_covariance_or_the_output(
             assert p01 * p01 <= p00 * p11 * (1 + 1e-12) + 1e-300
             assert state['process_noise'] > 0
             assert state['measurement_noise'] > 0
-        if result['status'] == FILTERED:
+        if result['status'] == SampleStatus.FILTERED:
             assert (result['innovation_variance'] > 0).all()
             assert (result['angular_velocity_variance'] >= 0).all()
 
@@ -175,7 +177,7 @@ def test_agrees_with_the_dense_transcription_through_divergence():
         model_process_noise=(q0,) * 3,
         model_measurement_noise=(r0,) * 3,
     )
-    assert filter_.state['paper']['divergences'].any()
+    assert filter_.state['methods']['paper']['divergences'].any()
     for axis in range(3):
         rates, *_ = dense_filter(z[:, axis], 0.0, q0, r0, adaptive=True, b=0.97, epsilon=np.inf)
         largest = np.abs(z[:, axis]).max()
@@ -186,9 +188,9 @@ def test_divergence_restarts_from_the_sample():
     """R and q feed each other on growing motion; the safeguard must fire, and be counted."""
     filter_ = Filter(Parameters(method='sage_husa', outlier_enabled=False))
     filter_.step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-    filter_.state['paper'][0]['drift'] = 1e5
+    filter_.state['methods']['paper'][0]['drift'] = 1e5
     result = filter_.step(10**18 + 10_000_000, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-    assert filter_.state['paper']['divergences'].tolist() == [1, 0, 0]
+    assert filter_.state['methods']['paper']['divergences'].tolist() == [1, 0, 0]
     assert result['angular_velocity'][0] == 1.0
 
 
@@ -197,7 +199,7 @@ def test_phi_keeps_its_correlation_time_at_another_rate(random):
     z = 0.005 * random.standard_normal((2000, 3))
     filter_ = Filter(Parameters(method='kalman', sample_rate=100.0, model_phi=(0.5, -0.5, 0.0)))
     filter_.run(10**18 + 20_000_000 * np.arange(2000), z, np.zeros_like(z))
-    coefficients = filter_._coefficients[0]['paper']
+    coefficients = filter_.record[0]['coefficients']['methods']['paper']
     np.testing.assert_allclose(coefficients['phi'], [0.25, -0.5, 0.0])
     q = 2.38e-5
     np.testing.assert_allclose(

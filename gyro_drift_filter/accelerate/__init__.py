@@ -6,7 +6,6 @@
 from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
 from gyro_drift_filter.accelerate.records import (
     CountPerAxis,
-    FlagPerAxis,
     PerAxis,
     record,
     zeroed,
@@ -14,7 +13,6 @@ from gyro_drift_filter.accelerate.records import (
 
 __all__ = [
     'CountPerAxis',
-    'FlagPerAxis',
     'PerAxis',
     'entry_kernel',
     'kernel',

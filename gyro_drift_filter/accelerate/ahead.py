@@ -30,7 +30,8 @@ from gyro_drift_filter.bags.chunk_kernels import (
     times_of,
 )
 from gyro_drift_filter.bags.statistics import add_results, add_samples
-from gyro_drift_filter.core.filter import run_samples, step_sample
+from gyro_drift_filter.core import commands
+from gyro_drift_filter.core.step import step_sample, step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
 from gyro_drift_filter.messages.diagnostics import lay_out_arrays
 from gyro_drift_filter.messages.imu_kernels import filter_imus, filter_message, read_imus
@@ -46,8 +47,15 @@ _KERNELS: tuple[Any, ...] = (
     lay_out_arrays,
     list_messages,
     read_imus,
-    run_samples,
     step_sample,
+    step_samples,
+    commands.change_model,
+    commands.take_over,
+    commands.start_state,
+    commands.set_bias,
+    commands.give_hint,
+    commands.note_temperature,
+    commands.calibrate,
     times_of,
 )
 _PREFIX = 'build_'

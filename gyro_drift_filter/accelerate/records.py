@@ -27,7 +27,6 @@ CACHE_LINE = 64  # bytes
 # One value for each axis of the sensor.
 PerAxis = Annotated[NDArray[np.float64], np.float64, (3,)]
 CountPerAxis = Annotated[NDArray[np.int64], np.int64, (3,)]
-FlagPerAxis = Annotated[NDArray[np.bool_], np.bool_, (3,)]
 
 _SCALARS: dict[Any, Any] = {float: np.float64, int: np.int64, bool: np.bool_}
 _RECORDS: dict[Any, np.dtype[Any]] = {}
@@ -80,11 +79,3 @@ def zeroed(kind: DTypeLike) -> NDArray[Any]:
     buffer = np.zeros(size + CACHE_LINE, np.uint8)
     offset = -buffer.ctypes.data % CACHE_LINE
     return buffer[offset : offset + size].view(kind)
-
-
-# The old way to declare a record.
-def in_lines(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
-    """Return a record with these fields, laid out by cache lines."""
-    return _in_cache_lines(
-        {name: np.dtype((kind, *(shape or [()]))) for name, kind, *shape in fields}
-    )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.filter import REFUSED, RESULT
+from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.messages.cdr import GOOD, NOT_REPORTED
 from gyro_drift_filter.messages.imu_kernels import ENCAPSULATION, HEADER, patch_rate, unsigned
 
@@ -278,5 +278,5 @@ def lay_out(
 def _is_written(imu: Any, result: Any) -> bool:
     """Tell whether a message has one on the filtered topic."""
     if imu['kind'] == GOOD:
-        return bool(result['status'] != REFUSED)
+        return bool(result['status'] != SampleStatus.REFUSED)
     return bool(imu['kind'] == NOT_REPORTED)

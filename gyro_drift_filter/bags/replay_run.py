@@ -17,7 +17,7 @@ from gyro_drift_filter.bags.recording import (
 )
 from gyro_drift_filter.bags.statistics import Moments, Statistics
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.filter import RESULT
+from gyro_drift_filter.core.sample import RESULT
 from gyro_drift_filter.messages.cdr import (
     IMU_TYPE,
     VECTOR_TYPE,

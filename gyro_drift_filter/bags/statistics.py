@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
+from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.messages.cdr import GOOD
 
 _SUMS = np.dtype(
@@ -26,7 +26,7 @@ def add_samples(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> N
 def add_results(imus: Any, results: Any, raw_sums: Any, filtered_sums: Any) -> None:
     """Add the rates of IMUs (n,) and of their RESULTs (n,), where there is one."""
     for i in range(len(imus)):
-        if imus[i]['kind'] == GOOD and results[i]['status'] != REFUSED:
+        if imus[i]['kind'] == GOOD and results[i]['status'] != SampleStatus.REFUSED:
             _add(
                 imus[i]['sample']['angular_velocity'],
                 results[i]['angular_velocity'],

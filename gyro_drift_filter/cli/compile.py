@@ -24,12 +24,9 @@ from gyro_drift_filter.bags.chunk_kernels import (
     times_of,
 )
 from gyro_drift_filter.bags.statistics import Moments
-from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.bias import calibrate_bias
-from gyro_drift_filter.core.filter import RESULT
-from gyro_drift_filter.core.methods.adaptive import rescale_adaptive
-from gyro_drift_filter.core.methods.noise import start_noise
-from gyro_drift_filter.core.parameters import METHODS
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters, commands
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.sample import RESULT
 from gyro_drift_filter.messages.cdr import EXAMPLE
 from gyro_drift_filter.messages.diagnostics import diagnostic_arrays
 from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
@@ -74,9 +71,8 @@ def compile_all() -> None:
     for method in METHODS:
         messages.filter.configure(Parameters(method=method))
         messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    calibrate_bias(messages.filter.state['bias'])
-    rescale_adaptive(messages.filter.state['adaptive'][0], 1.0)
-    start_noise(messages.filter.state['adaptive'][0]['noise'], 1.0, 0.0)
+    commands.calibrate(messages.filter.record)
+    messages.filter.hint(True)
     data = np.frombuffer(EXAMPLE, np.uint8)
     rows, imus = np.zeros(1, ROW), np.zeros(1, IMU)
     no_channels, zeros = np.zeros(1, np.bool_), np.zeros(1, np.int64)

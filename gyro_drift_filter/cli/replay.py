@@ -10,7 +10,8 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.parameters import AXES, METHODS
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
 

@@ -21,11 +21,12 @@ forward             one step, after a prediction for each missing sample where s
 ==================  ==========================================================================
 """
 
-from typing import Any
+from typing import Annotated, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import kernel, record
 
 BLOCKS = 5
 BLOCK_SECONDS = 2.0
@@ -42,41 +43,49 @@ REGULAR = 0.4
 PRIOR_STEPS = 20
 MEMORY_STEPS = 100
 LARGEST_DEVIATION = 2.0
-LEAST_DEVIATION = 1e-9  # as processors are slow with numbers next to zero
+LEAST_DEVIATION = 1e-9  # as processors are slow with denormal numbers
 
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
 SAME_RATE = 0.1
 
-RESTART = -1
+# The bias walks no further than in this time, whatever the stamps say, in s.
+LONGEST_ABSENCE = 86_400.0
 
-CLOCK = np.dtype(
-    [
-        ('period', np.float64),  # s
-        ('stamp', np.int64),  # ns, of the last stamped sample
-        ('started', np.bool_),
-        ('irregularity', np.float64),  # mean |step - period| / period
-        ('steps', np.int64),  # forward steps seen, up to MEMORY_STEPS
-        ('block_stamp', np.int64),  # ns, at the begin of the block
-        ('block_samples', np.int64),
-        ('block_missing', np.int64),
-        ('block_gaps', np.int64),
-        ('block_periods', np.float64, (BLOCKS,)),  # s
-        ('blocks', np.int64),
-        # counts
-        ('gaps', np.int64),
-        ('missing_samples', np.int64),
-        ('restarts', np.int64),
-        ('zero_stamps', np.int64),
-        ('same_stamps', np.int64),
-        ('backward_stamps', np.int64),
-    ],
-    align=True,
-)
+# In place of a number of missing samples: time has jumped.
+TIME_JUMP = -1
+
+BlockPeriods = Annotated[NDArray[np.float64], np.float64, (BLOCKS,)]
+
+
+class Clock(TypedDict):
+    """The sample period, and where in time the filter stands."""
+
+    period: float  # s
+    stamp: int  # ns, of the last stamped sample
+    started: bool
+    irregularity: float  # mean |step - period| / period
+    steps: int  # forward steps seen, up to MEMORY_STEPS
+    block_stamp: int  # ns, at the start of the block
+    block_samples: int
+    block_missing: int
+    block_gaps: int
+    block_periods: BlockPeriods  # s
+    blocks: int
+    # counts
+    gaps: int
+    missing_samples: int
+    restarts: int
+    zero_stamps: int
+    same_stamps: int
+    backward_stamps: int
+
+
+CLOCK = record(Clock)
 
 
 @kernel
-def start_clock(clock: Any, sample_rate: float) -> None:
+def start_clock(clock: Clock, sample_rate: float) -> None:
     """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
     clock['period'] = period_of(sample_rate)
     clock['irregularity'] = 1.0
@@ -91,16 +100,24 @@ def period_of(sample_rate: float) -> float:
 
 
 @kernel
-def is_regular(clock: Any) -> bool:
-    """Tell whether the stamps come at even steps, so that a long step means missing samples."""
+def is_regular(clock: Clock) -> bool:
+    """Return whether the stamps come at even steps, so that a long step means missing samples."""
     return bool(clock['irregularity'] < REGULAR)
 
 
 @kernel
-def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) -> int:
+def elapsed_seconds(clock: Clock, stamp: int) -> float:
+    """Return the time in s from the last sample to a stamp (ns), as far as the stamps say."""
+    if stamp == 0 or not clock['started']:
+        return float(clock['period'])
+    return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+
+
+@kernel
+def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float) -> int:
     """Move the clock to `stamp` (ns) and return the number of samples missing before it.
 
-    Returns `RESTART` where the time jumped by more than `gap_limit` (s) in either direction.
+    Returns `TIME_JUMP` where the time jumped by more than `gap_limit` (s) in either direction.
     """
     if stamp == 0:
         clock['zero_stamps'] += 1
@@ -108,7 +125,7 @@ def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) 
     if not clock['started']:
         clock['started'] = True
         clock['stamp'] = stamp
-        _begin_block(clock)
+        _start_block(clock)
         return 0
     elapsed = (stamp - clock['stamp']) * 1e-9
     clock['stamp'] = stamp
@@ -123,8 +140,8 @@ def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) 
     if abs(elapsed) > gap_limit:
         clock['restarts'] += 1
     if elapsed < 0.0 or elapsed > gap_limit:
-        _begin_block(clock)
-        return RESTART if abs(elapsed) > gap_limit else 0
+        _start_block(clock)
+        return TIME_JUMP if abs(elapsed) > gap_limit else 0
     missing = 0
     if is_regular(clock) and elapsed >= 1.5 * clock['period']:
         missing = int(np.rint(elapsed / clock['period'])) - 1
@@ -140,7 +157,7 @@ def advance_clock(clock: Any, stamp: int, sample_rate: float, gap_limit: float) 
 
 
 @kernel
-def _begin_block(clock: Any) -> None:
+def _start_block(clock: Clock) -> None:
     clock['block_stamp'] = clock['stamp']
     clock['block_samples'] = 0
     clock['block_missing'] = 0
@@ -148,7 +165,7 @@ def _begin_block(clock: Any) -> None:
 
 
 @kernel
-def _learn_regularity(clock: Any, deviation: float) -> None:
+def _learn_regularity(clock: Clock, deviation: float) -> None:
     weight = 1.0 / MEMORY_STEPS
     if clock['steps'] < MEMORY_STEPS - PRIOR_STEPS:
         clock['steps'] += 1
@@ -158,8 +175,8 @@ def _learn_regularity(clock: Any, deviation: float) -> None:
 
 
 @kernel
-def _learn_period(clock: Any, sample_rate: float) -> None:
-    """Take the period from the block where it is full, or from its begin while it is the first."""
+def _learn_period(clock: Clock, sample_rate: float) -> None:
+    """Take the period from the block where it is full, or from its start while it is the first."""
     samples = clock['block_samples']
     span = (clock['stamp'] - clock['block_stamp']) * 1e-9
     full = span >= BLOCK_SECONDS and samples >= BLOCK_SAMPLES
@@ -176,7 +193,7 @@ def _learn_period(clock: Any, sample_rate: float) -> None:
         clock['block_periods'][clock['blocks'] % BLOCKS] = period
         clock['blocks'] += 1
         period = _median(clock['block_periods'], min(clock['blocks'], BLOCKS))
-        _begin_block(clock)
+        _start_block(clock)
     elif sample_rate > 0.0:
         return
     if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
@@ -187,7 +204,7 @@ def _learn_period(clock: Any, sample_rate: float) -> None:
 
 
 @kernel
-def _median(values: Any, count: int) -> float:
+def _median(values: BlockPeriods, count: int) -> float:
     """Return the median of the first `count` values; numba's own takes two seconds to compile."""
     middle = (count - 1) // 2
     low = high = 0.0

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gyro_drift_filter.core.methods import METHODS
 from gyro_drift_filter.errors import ParameterError
 
 # Parameters that every ROS 2 node has.
 OF_EVERY_NODE = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
-METHODS = ('kalman', 'sage_husa', 'adaptive')
 AXES = ('x', 'y', 'z')
 
 

@@ -2,136 +2,154 @@
 
 Gyroscope and accelerometer give six signals. Each is averaged over hundredths of a second, "values"
 below, so that all sample rates are alike, and cut into blocks of an eighth of a second. Blocks that
-stand still are gathered into packages of up to two seconds. A block stands still where, on every
+stand still are gathered into segments of up to two seconds. A block stands still where, on every
 signal,
 
 - the values vary about the block's mean no more than the noise does, and
-- the mean lies where those of the package lie, as far as the noise allows.
+- the mean lies where those of the segment lie, as far as the noise allows.
 
-The first and the last block of a rest are left out: motion begins and ends gently. Of a package
+The first and the last block of a rest are left out: motion begins and ends gently. Of a segment
 that does not hold together the later half is kept, for a rest that is over before there is another
-one: rest may begin with a turn, and of a thousand packages of plain rest one or two look like that.
+one: rest may begin with a turn, and of a thousand segments of plain rest one or two look like that.
 
-What the noise is on each signal, within blocks and from block to block, is learned from packages
+What the noise is on each signal, within blocks and from block to block, is learned from segments
 that hold together: from the first one on, whose values must be rough and whose means must scatter
 as the values say. The motion of a body is smooth, and its means scatter more. A vibration that
 lasts counts as noise after some minutes. Nothing here is a limit in rad/s. How much more the means
-of packages vary than the blocks within them say, as slow noise makes them, is learned from one
-package to the next.
+of segments vary than the blocks within them say, as slow noise makes them, is learned from one
+segment to the next.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Annotated, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.sample import Sample
 
 VALUE_SECONDS = 0.01
 BLOCK_SECONDS = 0.125
 LEAST_BLOCK = 10  # values
-PACKAGE = 16  # blocks
+SEGMENT_BLOCKS = 16
 HALF = 8  # blocks
-LEAST_PACKAGE = 4  # blocks: half a second, at the end of a rest
+LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 
 # A block varies as noise does up to 1 + so many deviations of a variance of n values.
 # With 8, one of some 100,000 blocks of plain noise is none, and a short rest lost.
 VARIANCE_DEVIATIONS = 10.0
-# So does the scatter of the means of a package.
+# So does the scatter of the means of a segment.
 SCATTER_DEVIATIONS = 8.0
 # A mean lies with the others within so many deviations of the scatter of means.
 MEAN_DEVIATIONS = 5.0
-# Of the means of a package's halves, which differ where a slow turn begins or ends.
+# Of the means of a segment's halves, which differ where a slow turn begins or ends.
 HALVES_DEVIATIONS = 4.0
-# Of two packages' means of gravity, one after the other.
+# Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
-# Of a first package, the variance of the means may be so many times what that of the values says,
+# Of a first segment, the variance of the means may be so many times what that of the values says,
 # as correlated noise scatters more, and the squared differences of values this share of what they
 # are of white noise.
 LARGEST_SCATTER = 4.0
 LEAST_ROUGHNESS = 0.3
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
-# The noise is learned with this weight per package.
+# The noise is learned with this weight per segment.
 LEARNING = 0.1
-# The ratio of variances is learned slower, as a package tells less of it. It begins at one, as if
-# the first packages and so many more had said so, and one step tells of so large a ratio at most.
+# The ratio of variances is learned slower, as a segment tells less of it. It begins at one, as if
+# the first segments and so many more had said so, and one step tells of so large a ratio at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
 
 SIGNALS = 6
 
-SIGNAL = np.dtype(
-    [
-        ('variance', np.float64),  # of values about their block's mean
-        ('scatter', np.float64),  # variance of the means of blocks
-        ('value', np.float64),  # sum over the value under way, then its mean
-        ('previous', np.float64),  # the value before
-        # the block under way, and the one before, which waits for the verdict on this one
-        ('origin', np.float64),
-        ('sum', np.float64),
-        ('squares', np.float64),
-        ('differences', np.float64),  # squares of differences of values
-        ('waiting_mean', np.float64),
-        ('waiting_variance', np.float64),
-        ('waiting_roughness', np.float64),
-        # the package
-        ('means', np.float64),  # sum of means less the first one
-        ('mean_squares', np.float64),
-        # of its first `HALF` blocks
-        ('early_means', np.float64),
-        ('early_mean_squares', np.float64),
-        ('early_variances', np.float64),
-        ('early_roughness', np.float64),
-        ('variances', np.float64),
-        ('largest_variance', np.float64),  # read only where the noise is not known yet
-        ('roughness', np.float64),  # sum of half the mean squared differences
-        ('first', np.float64),  # mean of the first block
-        # the package before in the same rest
-        ('before', np.float64),
-        ('before_blocks', np.int64),
-    ],
-    align=True,
-)
 
-REST = np.dtype(
-    [
-        ('signals', SIGNAL, (SIGNALS,)),
-        ('known', np.bool_),  # what the noise is
-        ('learned', np.int64),  # packages that it was learned from
-        # of the means of the gyroscope's packages, to what the scatter of their blocks says
-        ('variance_ratio', np.float64),
-        ('restless', np.int64),  # blocks since the last rest
-        ('at_rest', np.bool_),
-        ('samples', np.int64),  # since the begin of the value, missing ones among them
-        ('believed', np.int64),  # of them
-        ('place', np.int64),  # values since the begin of the block, missing ones among them
-        ('count', np.int64),  # values in it
-        ('run', np.int64),  # still blocks in a row
-        ('blocks', np.int64),  # in the package
-        ('halves', np.int64),  # what became of the halves of a package that did not hold together
-    ],
-    align=True,
-)
+class Signal(TypedDict):
+    """One of the six signals: what is known of its noise, and the sums under way."""
 
-# Of `halves`: there was no such package; this one begins with the later half of it; that has been
-# left behind, up to the end of this package.
-WHOLE, LATE, LEFT = 0, 1, 2
-
-LENGTHS = np.dtype(
-    [
-        ('value', np.int64),  # samples that are averaged to a value
-        ('block', np.int64),  # values in a block
-        ('block_seconds', np.float64),
-    ]
-)
-
-# What a block brought.
-NOTHING, PACKED, MOVED = 0, 1, 2
+    variance: float  # of values about their block's mean
+    scatter: float  # variance of the means of blocks
+    value: float  # sum over the value under way, then its mean
+    previous: float  # the value before
+    # the block under way, and the one before, which waits for the verdict on this one
+    origin: float
+    sum: float
+    squares: float
+    differences: float  # squares of differences of values
+    waiting_mean: float
+    waiting_variance: float
+    waiting_roughness: float
+    # the segment
+    means: float  # sum of means less the first one
+    mean_squares: float
+    variances: float
+    largest_variance: float  # read only where the noise is not known yet
+    roughness: float  # sum of half the mean squared differences
+    first: float  # mean of the first block
+    # of the first `HALF` blocks of the segment
+    early_means: float
+    early_mean_squares: float
+    early_variances: float
+    early_roughness: float
+    # the segment before in the same rest
+    before: float
+    before_blocks: int
 
 
-def derive_lengths(period: float, lengths: Any) -> None:
-    """Fill a record of LENGTHS for a sample period in s."""
+SIGNAL = record(Signal)
+
+
+class Halves(IntEnum):
+    """What became of the halves of a segment that did not hold together."""
+
+    WHOLE = 0  # there was no such segment
+    LATER = 1  # this segment begins with the later half of it
+    LEFT_BEHIND = 2  # that half has been left behind, up to the end of this segment
+
+
+class Rest(TypedDict):
+    """The rest under way, and what is known of the noise."""
+
+    signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
+    known: bool  # what the noise is
+    learned: int  # segments that it was learned from
+    # of the means of the gyroscope's segments, to what the scatter of their blocks says
+    variance_ratio: float
+    restless: int  # blocks since the last rest
+    at_rest: bool
+    samples: int  # since the start of the value, missing ones among them
+    accepted: int  # of them
+    index: int  # values since the start of the block, missing ones among them
+    count: int  # values in it
+    run: int  # still blocks in a row
+    blocks: int  # in the segment
+    halves: int  # a member of Halves
+
+
+class RestLengths(TypedDict):
+    """Lengths for one sample period."""
+
+    value: int  # samples that are averaged to a value
+    block: int  # values in a block
+    block_seconds: float
+
+
+class BlockOutcome(IntEnum):
+    """What a block brought."""
+
+    NOTHING = 0
+    SEGMENT = 1  # a segment is ready
+    END_OF_REST = 2  # the block ended the rest, and what there is of the segment is ready
+
+
+REST = record(Rest)
+REST_LENGTHS = record(RestLengths)
+
+
+@kernel
+def derive_lengths(period: float, lengths: RestLengths) -> None:
+    """Fill the lengths for a sample period in s."""
     lengths['value'] = max(1, int(VALUE_SECONDS / period + 0.5))
     seconds = lengths['value'] * period
     lengths['block'] = max(LEAST_BLOCK, int(BLOCK_SECONDS / seconds + 0.5))
@@ -139,18 +157,18 @@ def derive_lengths(period: float, lengths: Any) -> None:
 
 
 @kernel
-def start_rest(rest: Any) -> None:
+def start_rest(rest: Rest) -> None:
     """Forget the rest under way; what is known of the noise is kept."""
     rest['at_rest'] = False
     rest['run'] = 0
     _start_value(rest)
     _start_block(rest)
-    _start_package(rest)
+    _start_segment(rest)
 
 
 @kernel
-def _start_block(rest: Any) -> None:
-    rest['place'] = 0
+def _start_block(rest: Rest) -> None:
+    rest['index'] = 0
     rest['count'] = 0
     for i in range(SIGNALS):
         signal = rest['signals'][i]
@@ -160,17 +178,17 @@ def _start_block(rest: Any) -> None:
 
 
 @kernel
-def _start_value(rest: Any) -> None:
+def _start_value(rest: Rest) -> None:
     rest['samples'] = 0
-    rest['believed'] = 0
+    rest['accepted'] = 0
     for i in range(SIGNALS):
         rest['signals'][i]['value'] = 0.0
 
 
 @kernel
-def _start_package(rest: Any) -> None:
+def _start_segment(rest: Rest) -> None:
     rest['blocks'] = 0
-    rest['halves'] = WHOLE
+    rest['halves'] = Halves.WHOLE
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         signal['means'] = 0.0
@@ -181,7 +199,9 @@ def _start_package(rest: Any) -> None:
 
 
 @kernel
-def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: Any) -> bool:
+def note_sample(
+    rest: Rest, sample: Sample, accepted: bool, missing: int, lengths: RestLengths
+) -> bool:
     """Take a record of SAMPLE and `missing` ones before it; the latter only take their place.
 
     An acceleration that is not finite counts as zero: who has none has none all the time. Returns
@@ -189,8 +209,8 @@ def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: A
     """
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
-    if believed:
-        rest['believed'] += 1
+    if accepted:
+        rest['accepted'] += 1
         for axis in range(3):
             gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
             gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
@@ -199,17 +219,17 @@ def note_sample(rest: Any, sample: Any, believed: bool, missing: int, lengths: A
     if rest['samples'] < lengths['value']:
         return False
     # Without missing samples it is one: the division is for the others, as it takes its time.
-    rest['place'] += rest['samples'] // lengths['value'] if missing > 0 else 1
-    if 2 * rest['believed'] >= rest['samples']:
+    rest['index'] += rest['samples'] // lengths['value'] if missing > 0 else 1
+    if 2 * rest['accepted'] >= rest['samples']:
         _note_value(rest)
     _start_value(rest)
-    return bool(rest['place'] >= lengths['block'])
+    return bool(rest['index'] >= lengths['block'])
 
 
 @kernel
-def _note_value(rest: Any) -> None:
+def _note_value(rest: Rest) -> None:
     rest['count'] += 1
-    share = 1.0 / rest['believed']
+    share = 1.0 / rest['accepted']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         value = signal['value'] * share
@@ -225,12 +245,12 @@ def _note_value(rest: Any) -> None:
 
 
 @kernel
-def close_block(rest: Any, lengths: Any) -> int:
+def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     """Judge a full block.
 
     Returns:
-        PACKED where a package is ready, for `package_mean` to be read and `next_package` to be
-        called; MOVED where the block ended the rest, with the same; else NOTHING.
+        What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
+        has to be called.
     """
     length = lengths['block']
     still = 2 * rest['count'] >= length
@@ -247,49 +267,49 @@ def close_block(rest: Any, lengths: Any) -> int:
         rest['run'] = 0
         _start_block(rest)
         if ready:
-            return MOVED
-        _start_package(rest)
+            return BlockOutcome.END_OF_REST
+        _start_segment(rest)
         _forget_before(rest)
-        return NOTHING
+        return BlockOutcome.NOTHING
     if rest['run'] >= 2:
-        _pack(rest)
+        _add_to_segment(rest)
     rest['run'] += 1
     _let_wait(rest)
     _start_block(rest)
-    if rest['blocks'] < PACKAGE:
-        return NOTHING
-    if rest['halves'] == LATE:
+    if rest['blocks'] < SEGMENT_BLOCKS:
+        return BlockOutcome.NOTHING
+    if rest['halves'] == Halves.LATER:
         _drop_early_half(rest)
-        rest['halves'] = LEFT
-        return NOTHING
-    rest['halves'] = WHOLE
+        rest['halves'] = Halves.LEFT_BEHIND
+        return BlockOutcome.NOTHING
+    rest['halves'] = Halves.WHOLE
     if not _holds_together(rest, length):
         rest['at_rest'] = False
         _forget_before(rest)
         if rest['known']:
             _drop_early_half(rest)
-            rest['halves'] = LATE
+            rest['halves'] = Halves.LATER
             rest['run'] = 2
         else:
             rest['run'] = 0
-            _start_package(rest)
-        return NOTHING
+            _start_segment(rest)
+        return BlockOutcome.NOTHING
     _learn(rest, length)
-    return PACKED
+    return BlockOutcome.SEGMENT
 
 
 @kernel
-def _lasted(rest: Any) -> bool:
-    """Tell whether the package that a motion has ended is long enough to tell of rest."""
+def _lasted(rest: Rest) -> bool:
+    """Return whether the segment that a motion has ended is long enough to tell of rest."""
     if rest['at_rest']:
-        return bool(rest['blocks'] >= LEAST_PACKAGE)
-    begun = rest['halves'] != WHOLE and rest['blocks'] >= HALF + LEAST_PACKAGE
+        return bool(rest['blocks'] >= LEAST_SEGMENT)
+    begun = rest['halves'] != Halves.WHOLE and rest['blocks'] >= HALF + LEAST_SEGMENT
     return bool(rest['known'] and begun)
 
 
 @kernel
-def _drop_early_half(rest: Any) -> None:
-    """Make the later half of the package the first one of the next."""
+def _drop_early_half(rest: Rest) -> None:
+    """Make the later half of the segment the first one of the next."""
     rest['blocks'] -= HALF
     for i in range(SIGNALS):
         signal = rest['signals'][i]
@@ -301,8 +321,8 @@ def _drop_early_half(rest: Any) -> None:
 
 
 @kernel
-def _is_still(rest: Any, signal: Any) -> bool:
-    """Tell whether the block is noise, as far as the noise is known."""
+def _is_still(rest: Rest, signal: Signal) -> bool:
+    """Return whether the block is noise, as far as the noise is known."""
     if not rest['known']:
         return True
     count = rest['count']
@@ -319,7 +339,7 @@ def _is_still(rest: Any, signal: Any) -> bool:
 
 
 @kernel
-def _block(rest: Any, signal: Any) -> tuple[float, float]:
+def _block(rest: Rest, signal: Signal) -> tuple[float, float]:
     """Return mean and variance of the block."""
     count = 1.0 * rest['count']
     mean = signal['sum'] / count
@@ -328,7 +348,7 @@ def _block(rest: Any, signal: Any) -> tuple[float, float]:
 
 
 @kernel
-def _let_wait(rest: Any) -> None:
+def _let_wait(rest: Rest) -> None:
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         mean, variance = _block(rest, signal)
@@ -338,8 +358,8 @@ def _let_wait(rest: Any) -> None:
 
 
 @kernel
-def _pack(rest: Any) -> None:
-    """Take the waiting block into the package."""
+def _add_to_segment(rest: Rest) -> None:
+    """Take the waiting block into the segment."""
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         mean, variance = signal['waiting_mean'], signal['waiting_variance']
@@ -357,8 +377,8 @@ def _pack(rest: Any) -> None:
 
 
 @kernel
-def _note_half(rest: Any) -> None:
-    """Keep the sums of the package, which has its first half."""
+def _note_half(rest: Rest) -> None:
+    """Keep the sums of the segment, which has its first half."""
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         signal['early_means'] = signal['means']
@@ -368,47 +388,47 @@ def _note_half(rest: Any) -> None:
 
 
 @kernel
-def package_mean(rest: Any, index: int) -> float:
-    """Return the mean of signal `index` over the package."""
+def segment_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the segment."""
     signal = rest['signals'][index]
     return float(signal['first'] + signal['means'] / rest['blocks'])
 
 
 @kernel
-def package_variance(rest: Any, axis: int) -> float:
-    """Return the variance of `package_mean` of an axis of the gyroscope."""
+def segment_variance(rest: Rest, axis: int) -> float:
+    """Return the variance of `segment_mean` of an axis of the gyroscope."""
     return variance_of_mean(rest, axis, rest['blocks'])
 
 
 @kernel
-def variance_of_mean(rest: Any, axis: int, blocks: float) -> float:
+def variance_of_mean(rest: Rest, axis: int, blocks: float) -> float:
     """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
     return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
 
 
 @kernel
-def next_package(rest: Any, moved: bool) -> None:
-    """Begin the next package; `moved` where the rest is over."""
+def next_segment(rest: Rest, moved: bool) -> None:
+    """Begin the next segment; `moved` where the rest is over."""
     if moved:
         _forget_before(rest)
     else:
         _learn_variance_ratio(rest)
         rest['at_rest'] = True
         for i in range(SIGNALS):
-            rest['signals'][i]['before'] = package_mean(rest, i)
+            rest['signals'][i]['before'] = segment_mean(rest, i)
             rest['signals'][i]['before_blocks'] = rest['blocks']
-    _start_package(rest)
+    _start_segment(rest)
 
 
 @kernel
-def _learn_variance_ratio(rest: Any) -> None:
-    """Learn from how far the means of the package and the one before lie apart."""
+def _learn_variance_ratio(rest: Rest) -> None:
+    """Learn from how far the means of the segment and the one before lie apart."""
     ratio = 0.0
     for i in range(3):
         signal = rest['signals'][i]
         if signal['before_blocks'] == 0:
             return
-        step = package_mean(rest, i) - signal['before']
+        step = segment_mean(rest, i) - signal['before']
         spread = signal['scatter'] * (1.0 / rest['blocks'] + 1.0 / signal['before_blocks'])
         ratio += step * step / spread / 3.0
     share = max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
@@ -417,22 +437,22 @@ def _learn_variance_ratio(rest: Any) -> None:
 
 
 @kernel
-def _forget_before(rest: Any) -> None:
+def _forget_before(rest: Rest) -> None:
     for i in range(SIGNALS):
         rest['signals'][i]['before_blocks'] = 0
 
 
 @kernel
-def _scatter(rest: Any, signal: Any) -> float:
-    """Return the variance of the means in the package."""
+def _scatter(rest: Rest, signal: Signal) -> float:
+    """Return the variance of the means in the segment."""
     blocks = 1.0 * rest['blocks']
     squares = signal['mean_squares'] - signal['means'] * signal['means'] / blocks
     return float(max(squares, 0.0) / (blocks - 1.0))
 
 
 @kernel
-def _holds_together(rest: Any, length: int) -> bool:
-    """Tell whether the means of the package scatter as noise does, and gravity stands."""
+def _holds_together(rest: Rest, length: int) -> bool:
+    """Return whether the means of the segment scatter as noise does, and gravity stands."""
     blocks = 1.0 * rest['blocks']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
@@ -461,8 +481,8 @@ def _holds_together(rest: Any, length: int) -> bool:
 
 
 @kernel
-def _has_halves(rest: Any, signal: Any) -> bool:
-    """Tell whether the mean of the package moves from its first half to its second."""
+def _has_halves(rest: Rest, signal: Signal) -> bool:
+    """Return whether the mean of the segment moves from its first half to its second."""
     late = rest['blocks'] - HALF
     if late <= 0:
         return False
@@ -472,8 +492,8 @@ def _has_halves(rest: Any, signal: Any) -> bool:
 
 
 @kernel
-def _learn(rest: Any, length: int) -> None:
-    """Learn the noise from a package that holds together."""
+def _learn(rest: Rest, length: int) -> None:
+    """Learn the noise from a segment that holds together."""
     blocks = 1.0 * rest['blocks']
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = max(LEARNING, 1.0 / rest['learned'])

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyro_drift_filter.core.filter import RANGE
 from gyro_drift_filter.core.parameters import AXES, Parameters
+from gyro_drift_filter.core.sensor_checks import RANGE
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.filter import REFUSED, SAMPLE, step
+from gyro_drift_filter.core.sample import SAMPLE, SampleStatus
+from gyro_drift_filter.core.step import step
 from gyro_drift_filter.messages.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
 from gyro_drift_filter.messages.telemetry import read_telemetry
 
@@ -70,7 +71,7 @@ _PATCHED = 12
 # What `filter_message` tells: there is something to publish; it went through the filter; it is as
 # it came, for there is no rate in it; the sensor is at rest; the sample period is another one; so
 # is the frame_id.
-PUBLISH, FILTERED, PASSED_ON, AT_REST, PERIOD_CHANGED, NEW_FRAME = 1, 2, 4, 8, 16, 32
+PUBLISH, FILTERED, PASSED_ON, AT_REST, NEW_FRAME = 1, 2, 4, 8, 32
 
 
 @kernel
@@ -184,29 +185,23 @@ def filter_imus(
     first: int,
     stop: int,
     imus: Any,
-    settings: Any,
-    coefficients: Any,
-    state: Any,
+    filter_: Any,
     results: Any,
     tally: Any,
     marks: Any,
-    passed: int,
     states: Any,
     tallies: Any,
-) -> tuple[int, int]:
-    """Take IMUs from `first` to `stop` through `step`, up to one with another sample period.
+) -> None:
+    """Take IMUs from `first` to `stop` through `step`.
 
     `results` gets a RESULT for each that is good, `tally` is (1,) TALLY. At each of the `marks`
-    (m,), places in `imus` in their order of which the first `passed` are done with, what the state
-    tells is noted in `states` (m,) TELEMETRY, and the tally in `tallies` (m,).
-
-    Returns:
-        The place behind the last one done, and how many marks are done with.
+    (m,), places in `imus` in their order, what the state tells is noted in `states` (m,) TELEMETRY,
+    and the tally in `tallies` (m,).
     """
     counted = tally[0]
-    passed = _note_marks(first, marks, passed, state, tally, states, tallies)
+    state = filter_[0]['state']
+    passed = _note_marks(first, marks, 0, state, tally, states, tallies)
     for i in range(first, stop):
-        changed = False
         if imus[i]['new_frame']:
             counted['frame_changes'] += 1
             counted['last_frame'] = i
@@ -216,12 +211,9 @@ def filter_imus(
         elif imus[i]['kind'] == NOT_REPORTED:
             counted['not_reported'] += 1
         else:
-            changed = step(imus[i]['sample'], settings[0], coefficients[0], state[0])
-            results[i] = state[0]['result']
+            step(imus[i]['sample'], filter_[0])
+            results[i] = state['result']
         passed = _note_marks(i + 1, marks, passed, state, tally, states, tallies)
-        if changed:
-            return i + 1, passed
-    return stop, passed
 
 
 @kernel
@@ -230,7 +222,7 @@ def _note_marks(
 ) -> int:
     """Note what is told at the marks that are at a place; return how many are done with."""
     while passed < len(marks) and marks[passed] == place:
-        read_telemetry(state[0], states[passed])
+        read_telemetry(state, states[passed])
         tallies[passed] = tally[0]
         passed += 1
     return passed
@@ -266,9 +258,7 @@ def filter_message(
     room: Any,
     frame: Any,
     imu: Any,
-    settings: Any,
-    coefficients: Any,
-    state: Any,
+    filter_: Any,
 ) -> int:
     """Read one message, take it through `step`, and write it anew: the live path.
 
@@ -278,9 +268,7 @@ def filter_message(
         room: As of `room_for_doubles`.
         frame: (1,) FRAME, of the message before.
         imu: (1,) IMU, filled.
-        settings: (1,) as for `step`, like
-        coefficients: (1,) and
-        state: (1,).
+        filter_: (1,) FILTER.
 
     Returns:
         Flags; 0 for a malformed message.
@@ -295,10 +283,9 @@ def filter_message(
     if kind == NOT_REPORTED:
         return flags | PUBLISH | PASSED_ON
     flags |= FILTERED
-    if step(imu[0]['sample'], settings[0], coefficients[0], state[0]):
-        flags |= PERIOD_CHANGED
-    result = state[0]['result']
-    if result['status'] == REFUSED:
+    step(imu[0]['sample'], filter_[0])
+    result = filter_[0]['state']['result']
+    if result['status'] == SampleStatus.REFUSED:
         return flags
     if result['at_rest'] > 0.0:
         flags |= AT_REST

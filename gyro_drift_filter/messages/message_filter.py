@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.filter import REFUSED
+from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.cdr import (
     Imu,
@@ -23,7 +23,6 @@ from gyro_drift_filter.messages.imu_kernels import (
     LONGEST_FRAME,
     NEW_FRAME,
     PASSED_ON,
-    PERIOD_CHANGED,
     PUBLISH,
     TALLY,
     Tally,
@@ -130,10 +129,8 @@ class MessageFilter:
             self._room,
             self._last_frame,
             self._imu,
-            *self.filter.arrays_of_step(),
+            self.filter.record,
         )
-        if flags & PERIOD_CHANGED:
-            self.filter.note_period()
         if flags & PUBLISH:
             self.output = self._out[: len(data)].tobytes()
         if flags & NEW_FRAME:
@@ -198,11 +195,8 @@ class MessageFilter:
         ends = np.array(marks, np.int64)
         states, tallies = np.empty(len(ends), TELEMETRY), np.zeros(len(ends), TALLY)
         tally = np.zeros(1, TALLY)
-        done, passed = part.start, 0
-        while done < part.stop or passed < len(ends):
-            arrays = *self.filter.arrays_of_step(), results, tally, ends, passed, states, tallies
-            done, passed = filter_imus(done, part.stop, imus, *arrays)
-            self.filter.note_period()
+        arrays = self.filter.record, results, tally, ends, states, tallies
+        filter_imus(part.start, part.stop, imus, *arrays)
         reports: list[MessageReport] = []
         tallies_by_end = map(Tally._make, [*tallies.tolist(), *tally.tolist()])
         place, counted = part.start, Tally(0, 0, 0, 0, 0)
@@ -268,7 +262,7 @@ def _unfiltered(data: bytes, imu: Imu | None) -> Outcome:
 
 
 def _filtered(data: bytes, imu: Imu, result: Any) -> Outcome:
-    if result['status'] == REFUSED:
+    if result['status'] == SampleStatus.REFUSED:
         return Outcome(None, imu, result)
     patched = patch_imu(
         data,

@@ -103,11 +103,12 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 def read_telemetry(state: Any, out: Any) -> None:
     """Write what a record of STATE tells into one of TELEMETRY."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
+    checks, paper = state['checks'], state['methods']['paper']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']
     out['refused'] = counts['refused']
-    out['beyond_range'] = counts['beyond_range']
-    out['times_stuck'] = counts['stuck']
+    out['beyond_range'] = checks['beyond_range']
+    out['times_stuck'] = checks['times_stuck']
     out['period'] = clock['period']
     out['blocks'] = clock['blocks']
     out['gaps'] = clock['gaps']
@@ -116,23 +117,23 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['zero_stamps'] = clock['zero_stamps']
     out['same_stamps'] = clock['same_stamps']
     out['backward_stamps'] = clock['backward_stamps']
-    out['stuck'] = state['stuck']
+    out['stuck'] = checks['stuck']
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
-    out['packages'] = bias['packages']
+    out['packages'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
     out['all_zero'] = True
     for axis in range(3):
-        if state['measured'][axis] != 0.0:
+        if checks['measured'][axis] != 0.0:
             out['all_zero'] = False
-        out['unusable'][axis] = counts['unusable'][axis]
-        out['clipped'][axis] = counts['clipped'][axis]
+        out['unusable'][axis] = checks['unusable'][axis]
+        out['clipped'][axis] = checks['clipped'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]
-        out['divergences'][axis] = state['paper'][axis]['divergences']
+        out['divergences'][axis] = paper[axis]['divergences']
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
         out['bias'][axis] = bias['bias'][axis]

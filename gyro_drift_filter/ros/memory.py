@@ -27,7 +27,7 @@ class BiasMemory:
         self._node = node
         self._filter = filter_
         self._frame = ''
-        self._saved_packages = 0
+        self._saved_segments = 0
         self._saved_at = -np.inf
         self._warned = False
 
@@ -65,10 +65,10 @@ class BiasMemory:
     def save(self) -> None:
         """Save what was learned since the last time, if anything was."""
         bias = self._filter.state['bias']
-        packages = int(bias['packages'])
-        if not self._filter.parameters.bias_memory or packages in (0, self._saved_packages):
+        segments = int(bias['segments'])
+        if not self._filter.parameters.bias_memory or segments in (0, self._saved_segments):
             return
-        self._saved_packages, self._saved_at = packages, time.monotonic()
+        self._saved_segments, self._saved_at = segments, time.monotonic()
         deviation = self._filter.bias_deviation.tolist()
         try:
             name = self._node.get_fully_qualified_name()

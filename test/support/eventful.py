@@ -97,7 +97,7 @@ def messages():
     from gyro_drift_filter.bags.replay_run import payload
     from gyro_drift_filter.bags.statistics import Moments
     from gyro_drift_filter.core import Parameters
-    from gyro_drift_filter.core.filter import RESULT
+    from gyro_drift_filter.core.sample import RESULT
     from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
     from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
     from gyro_drift_filter.messages.message_filter import MessageFilter
@@ -228,7 +228,7 @@ def main(out, way):
         )
         saved |= {f'{method} {name}': results[name] for name in results.dtype.names}
         bias = filter_.state['bias']
-        saved |= {f'{method} {name}': bias[name] for name in ('packages', 'turning', 'beyond_max')}
+        saved |= {f'{method} {name}': bias[name] for name in ('segments', 'turning', 'beyond_max')}
     still = Filter(Parameters(bias_initial=(0.01, 0.0, 0.0)))
     silent = np.full_like(data[2][:1500], np.nan)
     results = still.run(data[0][:1500], data[1][:1500] * 0.0, silent)

@@ -19,8 +19,8 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.cli.main import main as gyro_drift
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.filter import LARGEST_RATE, REFUSED
 from gyro_drift_filter.core.methods.noise import LEAST_NOISE
+from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from harness.live_node import LOSSLESS, LiveNode
@@ -111,7 +111,7 @@ def soak_core(hours):
         with_faults(random, stamps, piece, forces)
         now = int(stamps.max()) + 5_000_000
         results = filter_.run(stamps, piece, forces)
-        good = results[results['status'] != REFUSED]
+        good = results[results['status'] != SampleStatus.REFUSED]
         for name in results.dtype.names:
             assert np.isfinite(good[name]).all(), name
         assert np.abs(good['angular_velocity']).max() < 2.0 * LARGEST_RATE
@@ -129,7 +129,7 @@ def soak_core(hours):
     growth = min(memories[-10:]) - min(memories[10:20], default=np.inf)
     print(
         f'{done:,} samples, {counts["outliers"].sum():,} outliers, {counts["stuck"]} times stuck, '
-        f'{filter_.state["clock"]["restarts"]} restarts, {filter_.state["bias"]["packages"]:,} '
+        f'{filter_.state["clock"]["restarts"]} restarts, {filter_.state["bias"]["segments"]:,} '
         f'rests; noise {np.sqrt(least):.2g} to {np.sqrt(largest):.2g} rad/s; '
         f'memory {growth:+.1f} MB'
     )

@@ -1,40 +1,48 @@
 """Method `adaptive`: interacting Kalman filters per axis, from rest to fast motion.
 
-Each level of the ladder (`ladder.py`) is a Kalman filter with another Q. How well each predicted
+Each mode of the mode set (`mode_set.py`) is a Kalman filter with another Q. How well each predicted
 the sample gives its probability (interacting multiple models; Blom and Bar-Shalom, IEEE
-Transactions on Automatic Control 33, 1988): the probabilities are the adaptive Q. R and the noise's
-correlation are learned at rest (`noise.py`). A doubtful sample is held back (`outliers.py`).
+Transactions on Automatic Control 33, 1988): the mode probabilities are the adaptive Q. R and the
+noise's correlation are learned at rest (`noise.py`). A doubtful sample is held back
+(`outliers.py`).
 
-Rates are in rad/s, variances in (rad/s)^2, slope and bend in rad/s per sample. Equation numbers are
-the paper's.
+Rates are in rad/s, variances in (rad/s)^2. Acceleration and jerk are angular, in rad/s per sample
+and per sample squared. Equation numbers are the paper's.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.accelerate.records import in_lines
-from gyro_drift_filter.core.methods.mode_set import FALLS, LADDER, LANES, LEVELS, derive_ladder
+from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.methods.mode_set import (
+    DOWN,
+    LANES,
+    MODES,
+    Derivation,
+    ModeSet,
+    PerMode,
+    derive_mode_set,
+)
 from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
     LEAST_BLOCK,
-    NOISE,
+    Noise,
     interrupt_block,
     learn_noise,
     restart_block,
     start_noise,
 )
 from gyro_drift_filter.core.methods.outliers import (
-    BELIEVE,
-    DOUBT,
     FIRST_CHANGE,
-    HOLD,
-    JOLTS,
-    OUTLIER_LIMITS,
-    RESTART,
+    Doubt,
+    Jolt,
+    OutlierLimits,
+    Verdict,
     derive_limits,
     feel_jolt,
     is_constant,
@@ -44,240 +52,281 @@ from gyro_drift_filter.core.methods.outliers import (
     note_verdict,
     start_doubt,
 )
+from gyro_drift_filter.core.sample import Sample, is_usable
 
-# A probability below this is none.
+if TYPE_CHECKING:
+    from gyro_drift_filter.core.settings import Settings
+
+# A mode probability below this is none.
 SMALLEST = 1e-300
-# What was motion among held samples is made up for within this time, so that the heading holds, as
-# far as it is no more than this angle: more at once no knock turns a body.
-MAKE_UP_SECONDS = 0.2
-LARGEST_DEBT = 0.02  # rad
-LEAST_DEBT = 1e-9  # rad: as processors are slow with numbers next to zero
+# What was motion among held samples is given back within this time, so that the heading holds, as
+# far as it is no more than this angle: no knock turns a body by more at once.
+COMPENSATION_SECONDS = 0.2
+LARGEST_COMPENSATION = 0.02  # rad
+LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
-# deviations of the noise, or steps of its resolution. A driver with nothing to say reports zeros;
-# a robot at rest may, too.
+# deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
+# so may a robot at rest.
 DROPOUT = 3.0
 
-_LEVEL_ARRAY = (LANES,)
-
-ADAPTIVE_COEFFICIENTS = in_lines(
-    [
-        ('ladder', LADDER),
-        ('limits', OUTLIER_LIMITS),
-        ('block_samples', np.int64),
-        ('block_forgetting', np.float64),  # b of equation (13), from block to block of noise
-    ]
-)
-
-ADAPTIVE_STATE = in_lines(
-    [
-        ('tracking', np.bool_),  # the ladder stands at the sample before
-        ('learning', np.bool_),  # the noise has been given a first value
-        # the ladder after the last sample
-        ('probability', np.float64, _LEVEL_ARRAY),
-        ('rate', np.float64, _LEVEL_ARRAY),
-        ('slope', np.float64, _LEVEL_ARRAY),
-        ('bend', np.float64, _LEVEL_ARRAY),
-        # the ladder before the present sample
-        ('prior', np.float64, _LEVEL_ARRAY),
-        ('predicted_rate', np.float64, _LEVEL_ARRAY),
-        ('predicted_slope', np.float64, _LEVEL_ARRAY),
-        ('predicted_bend', np.float64, _LEVEL_ARRAY),
-        ('expected', np.float64, _LEVEL_ARRAY),  # the sample: with what is foretold of its noise
-        # of the innovation of each level: variance, half its inverse, and the square root of that
-        ('variance', np.float64, _LEVEL_ARRAY),
-        ('half_precision', np.float64, _LEVEL_ARRAY),
-        ('density', np.float64, _LEVEL_ARRAY),
-        ('of_noise', np.float64, (3,)),  # variance, roughness and correlation that they belong to
-        # room for what is on its way along the chain, and for what arrives on each level:
-        # probability, and by it rate, slope and bend
-        ('climbing', np.float64, (4, LANES)),
-        ('falling', np.float64, (4, LANES)),
-        ('climbed', np.float64, (4, LANES)),
-        ('fallen', np.float64, (4, LANES)),
-        # room for terms of sums over the levels
-        ('means', np.float64, _LEVEL_ARRAY),
-        ('squares', np.float64, _LEVEL_ARRAY),
-        ('others', np.float64, _LEVEL_ARRAY),
-        ('prediction', np.float64),
-        ('prediction_variance', np.float64),  # of the innovation
-        ('spread', np.float64),  # typical innovation, rad/s: the yardstick of outliers
-        ('sample_believed', np.bool_),  # the last sample
-        ('believed', np.float64),  # the last sample that was, rad/s
-        ('noise', NOISE),
-        ('doubt', DOUBT),
-        ('jolt', JOLTS),  # of the accelerometer along the same axis
-        ('confirmed', np.bool_),  # the last sample showed those held back to be motion
-        ('knocked', np.bool_),  # a jolt was felt while samples were held back
-        ('withheld', np.float64),  # rad, what the held samples turned beyond what was put out
-        ('owed', np.float64),  # rad, of it that was motion and is still to be made up for
-    ]
-)
+Terms = Annotated[NDArray[np.float64], np.float64, (4, LANES)]
+Three = Annotated[NDArray[np.float64], np.float64, (3,)]
 
 
-def derive_adaptive(
-    forgetting_factor: float,
-    threshold: float,
-    acceleration: float,
-    run: int,
+class AdaptiveCoefficients(TypedDict):
+    """What is derived from settings and sample period; for all axes."""
+
+    modes: ModeSet
+    limits: OutlierLimits
+    block_samples: int
+    block_forgetting: float  # b of equation (13), from block to block of noise
+
+
+class AdaptiveAxis(TypedDict):
+    """State of one axis after a sample."""
+
+    tracking: bool  # the modes stand at the sample before
+    learning: bool  # the noise has been given a first value
+    # by mode
+    probability: PerMode
+    rate: PerMode
+    acceleration: PerMode
+    jerk: PerMode
+    sample_accepted: bool  # whether the last sample was
+    accepted: float  # the last sample that was, rad/s
+    noise: Noise
+    doubt: Doubt
+    jolt: Jolt  # of the accelerometer along the same axis
+    knocked: bool  # a jolt was felt while samples were held back
+    held_back: float  # rad, what the held samples turned beyond what was put out
+    compensation: float  # rad, of it what was motion and is still to be given back
+
+
+class AdaptiveAxisWorkspace(TypedDict):
+    """What one axis needs from its prediction to its estimate."""
+
+    # by mode, before the sample
+    prior: PerMode
+    rate: PerMode
+    acceleration: PerMode
+    jerk: PerMode
+    expected: PerMode  # the sample: the rate with what can be predicted of its noise
+    # of the innovation of each mode: variance, half its inverse, and the square root of that
+    variance: PerMode
+    half_precision: PerMode
+    density: PerMode
+    of_noise: Three  # variance, roughness and correlation that these three belong to
+    # The shares of probability, and by it of rate, acceleration and jerk: what leaves a mode
+    # upwards or downwards and ends one mode further, and all that arrives in it.
+    leaving_up: Terms
+    leaving_down: Terms
+    arriving_up: Terms
+    arriving_down: Terms
+    # terms of sums over the modes
+    means: PerMode
+    squares: PerMode
+    others: PerMode
+    prediction: float  # of the sample by all modes together
+    prediction_variance: float  # of the innovation
+    typical_innovation: float  # rad/s, by which outliers are judged
+    confirmed: bool  # the sample showed those held back before to be motion
+
+
+ADAPTIVE_COEFFICIENTS = record(AdaptiveCoefficients, in_cache_lines=True)
+ADAPTIVE_AXIS = record(AdaptiveAxis, in_cache_lines=True)
+ADAPTIVE_AXIS_WORKSPACE = record(AdaptiveAxisWorkspace, in_cache_lines=True)
+
+
+class AdaptiveWorkspace(TypedDict):
+    """What all axes need between prediction and estimate."""
+
+    axes: Annotated[Sequence[AdaptiveAxisWorkspace], ADAPTIVE_AXIS_WORKSPACE, (3,)]
+    dropout: bool  # the sensor had nothing to report
+    jolted: bool  # the accelerometer was shaken
+    derivation: Derivation
+
+
+ADAPTIVE_WORKSPACE = record(AdaptiveWorkspace, in_cache_lines=True)
+
+
+@kernel
+def derive(
+    settings: 'Settings',
     period: float,
-    coefficients: Any,
+    coefficients: AdaptiveCoefficients,
+    workspace: AdaptiveWorkspace,
 ) -> None:
     """Fill the coefficients for a sample period in s.
 
-    The forgetting factor is for `FORGETTING_SECONDS`; the others are as for `derive_limits`.
+    The forgetting factor is for `FORGETTING_SECONDS`.
     """
-    derive_ladder(period, coefficients['ladder'])
-    derive_limits(threshold, acceleration, run, period, coefficients['limits'])
+    derive_mode_set(period, coefficients['modes'], workspace['derivation'])
+    derive_limits(settings, period, coefficients['limits'])
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
     coefficients['block_samples'] = samples
-    coefficients['block_forgetting'] = forgetting_factor ** (samples * period / FORGETTING_SECONDS)
+    exponent = samples * period / FORGETTING_SECONDS
+    coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
+    for axis in range(3):
+        workspace['axes'][axis]['of_noise'][0] = 0.0  # the variances are of other modes
 
 
 @kernel
-def start_adaptive(axis: Any, sample: float, deviation: float, phi: float) -> None:
-    """Begin at a sample: nothing known but that the rate is near it.
+def start(state: AdaptiveAxis, rate: float, deviation: float, phi: float) -> None:
+    """Start at a rate: nothing is known but that the true one is near it.
 
     What was learned of the noise is kept; before that it is as for `start_noise`.
     """
-    if not axis['learning']:
-        start_noise(axis['noise'], deviation, phi)
-        axis['jolt']['usual_change'] = FIRST_CHANGE
-        axis['learning'] = True
-    restart_block(axis['noise'])
-    _restart(axis, sample)
-    _believe_level(axis, LEVELS - 1)
-    axis['withheld'] = 0.0
-    axis['owed'] = 0.0
-    axis['knocked'] = False
-    axis['tracking'] = True
-    axis['sample_believed'] = False
-    axis['believed'] = sample
-    start_doubt(axis['doubt'], sample)
+    if not state['learning']:
+        start_noise(state['noise'], deviation, phi)
+        state['jolt']['usual_change'] = FIRST_CHANGE
+        state['learning'] = True
+    restart_block(state['noise'])
+    _put_modes_at(state, rate)
+    _make_certain(state, MODES - 1)
+    state['held_back'] = 0.0
+    state['compensation'] = 0.0
+    state['knocked'] = False
+    state['tracking'] = True
+    state['sample_accepted'] = False
+    state['accepted'] = rate
+    start_doubt(state['doubt'], rate)
 
 
 @kernel
-def _restart(axis: Any, sample: float) -> None:
-    """Put all levels on a sample."""
-    rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
-    for j in range(LEVELS):
-        rate[j] = sample
-        slope[j] = 0.0
-        bend[j] = 0.0
-    axis['doubt']['held'] = 0
-    axis['doubt']['agreeing'] = 0
+def _put_modes_at(state: AdaptiveAxis, rate: float) -> None:
+    """Start all modes at a rate."""
+    rates, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    for j in range(MODES):
+        rates[j] = rate
+        acceleration[j] = 0.0
+        jerk[j] = 0.0
+    state['doubt']['held'] = 0
+    state['doubt']['agreeing'] = 0
 
 
 @kernel
-def _believe_level(axis: Any, level: int) -> None:
-    """Put one level on top of the others."""
-    probability = axis['probability']
-    for j in range(LEVELS):
+def _make_certain(state: AdaptiveAxis, mode: int) -> None:
+    """Give nearly all probability to one mode."""
+    probability = state['probability']
+    for j in range(MODES):
         probability[j] = 1e-9
-    probability[level] = 1.0
+    probability[mode] = 1.0
 
 
 @kernel
-def believe_all_levels(axis: Any) -> None:
-    """Leave it to the next sample which level holds, after `start_adaptive` at a rate."""
-    probability = axis['probability']
-    for j in range(LEVELS):
-        probability[j] = 1.0 / LEVELS
+def make_equally_likely(state: AdaptiveAxis) -> None:
+    """Leave it to the next sample which mode holds, after `start` at a rate."""
+    probability = state['probability']
+    for j in range(MODES):
+        probability[j] = 1.0 / MODES
 
 
 @kernel
-def rescale_adaptive(axis: Any, periods: float) -> None:
-    """Carry slope and bend, which are per sample, over to another period, `periods` old ones."""
-    slope, bend = axis['slope'], axis['bend']
-    for j in range(LEVELS):
-        slope[j] *= periods
-        bend[j] *= periods * periods
-    axis['of_noise'][0] = 0.0
+def rescale(state: AdaptiveAxis, periods: float) -> None:
+    """Carry acceleration and jerk, which are per sample, over to a period of `periods` old ones."""
+    acceleration, jerk = state['acceleration'], state['jerk']
+    for j in range(MODES):
+        acceleration[j] *= periods
+        jerk[j] *= periods * periods
 
 
 @kernel
-def predict_adaptive(axis: Any, ladder: Any) -> None:
-    """Predict the next sample: its mean and variance are in the state then."""
-    _mix(axis, ladder)
-    _predict(axis, ladder)
+def predict(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+    """Predict the next sample, into the workspace: each mode, and all together."""
+    _mix(state, workspace, modes)
+    _predict_modes(state, workspace, modes)
 
 
 @kernel
-def coast_adaptive(axis: Any) -> None:
-    """Take the prediction for the state: the sample is missing or not believed."""
-    probability, prior = axis['probability'], axis['prior']
-    rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
-    predicted_rate, predicted_slope = axis['predicted_rate'], axis['predicted_slope']
-    predicted_bend = axis['predicted_bend']
-    for j in range(LEVELS):
+def coast(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+    """Pass over a sample that is missing or no number: the prediction is the state then."""
+    predict(state, workspace, modes)
+    _take_prediction(state, workspace)
+    state['sample_accepted'] = False
+    note_missing(state['doubt'], workspace['typical_innovation'])
+    interrupt_block(state['noise'])
+
+
+@kernel
+def _take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> None:
+    """Take the prediction for the state."""
+    probability, rate = state['probability'], state['rate']
+    acceleration, jerk = state['acceleration'], state['jerk']
+    prior, predicted_rate = workspace['prior'], workspace['rate']
+    predicted_acceleration, predicted_jerk = workspace['acceleration'], workspace['jerk']
+    for j in range(MODES):
         probability[j] = prior[j]
         rate[j] = predicted_rate[j]
-        slope[j] = predicted_slope[j]
-        bend[j] = predicted_bend[j]
+        acceleration[j] = predicted_acceleration[j]
+        jerk[j] = predicted_jerk[j]
 
 
 @kernel
-def miss_adaptive(axis: Any) -> None:
-    """Pass over a sample that is missing or no number, after its prediction."""
-    coast_adaptive(axis)
-    axis['sample_believed'] = False
-    note_missing(axis['doubt'], axis['spread'])
-    interrupt_block(axis['noise'])
+def compare_axes(
+    axes: Sequence[AdaptiveAxis], workspace: AdaptiveWorkspace, sample: Sample, settings: 'Settings'
+) -> None:
+    """Look at all axes together, between prediction and update: jolts, and drop-outs."""
+    rate, linear_acceleration = sample['angular_velocity'], sample['linear_acceleration']
+    jolted = surprised = False
+    for axis in range(3):
+        state = axes[axis]
+        if not state['tracking']:
+            continue
+        if feel_jolt(state['jolt'], linear_acceleration[axis]):
+            jolted = True
+        if is_usable(rate[axis]) and _surprises(state, workspace['axes'][axis], rate[axis]):
+            surprised = True
+    all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
+    workspace['dropout'] = all_zero and surprised and settings['outlier_enabled']
+    workspace['jolted'] = jolted
 
 
 @kernel
-def jolts(axis: Any, acceleration: float) -> bool:
-    """Tell whether the acceleration along the axis (m/s^2) has just jumped; call once a sample."""
-    return feel_jolt(axis['jolt'], acceleration)
-
-
-@kernel
-def surprises(axis: Any, sample: float) -> bool:
-    """Tell whether a sample is far from its prediction and the last one, measured by the noise."""
-    noise = axis['noise']
-    surprise = min(abs(sample - axis['prediction']), abs(sample - axis['believed']))
+def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: float) -> bool:
+    """Return whether a sample is far from its prediction and from the one before."""
+    noise = state['noise']
+    surprise = min(abs(sample - workspace['prediction']), abs(sample - state['accepted']))
     usual = DROPOUT * max(math.sqrt(noise['variance']), noise['resolution'])
-    return bool(noise['blocks'] > 0 and surprise > max(usual, axis['spread']))
+    return bool(noise['blocks'] > 0 and surprise > max(usual, workspace['typical_innovation']))
 
 
 @kernel
-def update_adaptive(
-    axis: Any,
+def update(
+    state: AdaptiveAxis,
+    workspace: AdaptiveWorkspace,
+    axis: int,
+    coefficients: AdaptiveCoefficients,
     sample: float,
-    dropout: bool,
-    jolted: bool,
-    coefficients: Any,
 ) -> bool:
-    """Take a sample (rad/s) in after its prediction; return whether it was held back.
-
-    `dropout` says that the sensor had nothing to say, `jolted` that the accelerometer was shaken.
-    """
-    doubt, noise, limits = axis['doubt'], axis['noise'], coefficients['limits']
-    prediction, spread = axis['prediction'], axis['spread']
-    verdict = judge(doubt, sample, prediction, spread, dropout, jolted, limits)
+    """Take a sample (rad/s) in after its prediction; return whether it was held back."""
+    own, dropout, jolted = workspace['axes'][axis], workspace['dropout'], workspace['jolted']
+    doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
+    prediction, typical = own['prediction'], own['typical_innovation']
+    verdict = judge(doubt, sample, prediction, typical, dropout, jolted, limits)
     if is_constant(doubt, sample, noise['variance']):
-        _restart(axis, sample)
-        verdict = BELIEVE
-    elif verdict == HOLD:
-        note_held(doubt, sample, prediction, spread, dropout, limits)
-        coast_adaptive(axis)
-        _stay_within_reach(axis, limits['growth_limit'] * doubt['held'])
-    elif verdict == RESTART:
-        _restart(axis, sample)
+        _put_modes_at(state, sample)
+        verdict = Verdict.ACCEPT
+    elif verdict == Verdict.HOLD:
+        note_held(doubt, sample, prediction, typical, dropout, limits)
+        _take_prediction(state, own)
+        _stay_within_reach(state, limits['growth_limit'] * doubt['held'])
+    elif verdict == Verdict.START_ANEW:
+        _put_modes_at(state, sample)
         jump = abs(sample - prediction)
-        _believe_level(axis, _level_of(jump, noise['variance'], coefficients['ladder']))
+        _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
     else:
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
-        _correct(axis, sample, steps, coefficients['ladder'])
-    axis['confirmed'] = verdict == RESTART
+        _correct(state, own, sample, steps, coefficients['modes'])
+    own['confirmed'] = verdict == Verdict.START_ANEW
     doubt['sample'] = sample
-    note_verdict(doubt, verdict == HOLD and not dropout)
-    axis['sample_believed'] = verdict != HOLD
-    if verdict == HOLD:
+    note_verdict(doubt, verdict == Verdict.HOLD and not dropout)
+    state['sample_accepted'] = verdict != Verdict.HOLD
+    if verdict == Verdict.HOLD:
         interrupt_block(noise)
         return True
-    axis['believed'] = sample
-    if verdict == BELIEVE:
+    state['accepted'] = sample
+    if verdict == Verdict.ACCEPT:
         learn_noise(noise, sample, coefficients['block_samples'], coefficients['block_forgetting'])
     else:
         restart_block(noise)
@@ -285,47 +334,52 @@ def update_adaptive(
 
 
 @kernel
-def make_up(axis: Any, sample: float, rate: float, jolted: bool, period: float) -> float:
-    """Return what to add to `rate`, the output in rad/s, for motion that was held back before.
+def compensate(
+    state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, sample: float, period: float
+) -> float:
+    """Return what to add to the estimate, in rad/s, for motion that was held back before.
 
-    Motion it was where it was confirmed, or where the accelerometer felt a knock.
+    Motion it was where a later sample confirmed it, or where the accelerometer felt a knock. Call
+    it after `estimate`; `sample` in rad/s less the estimate, `period` in s.
     """
-    if axis['doubt']['held'] > 0:
-        axis['withheld'] += (sample - rate) * period
-        axis['knocked'] = axis['knocked'] or jolted
-    elif axis['withheld'] != 0.0:
-        moved = axis['confirmed'] or axis['knocked']
-        if moved and abs(axis['withheld']) <= LARGEST_DEBT:
-            owed = axis['owed'] + axis['withheld']
-            axis['owed'] = min(max(owed, -LARGEST_DEBT), LARGEST_DEBT)
-        axis['withheld'] = 0.0
-        axis['knocked'] = False
-    if abs(axis['owed']) < LEAST_DEBT:
-        axis['owed'] = 0.0
-    payment = axis['owed'] * min(period / MAKE_UP_SECONDS, 1.0)
-    axis['owed'] -= payment
-    return float(payment / period)
+    if state['doubt']['held'] > 0:
+        state['held_back'] += sample * period
+        state['knocked'] = state['knocked'] or workspace['jolted']
+    elif state['held_back'] != 0.0:
+        moved = workspace['axes'][axis]['confirmed'] or state['knocked']
+        if moved and abs(state['held_back']) <= LARGEST_COMPENSATION:
+            angle = state['compensation'] + state['held_back']
+            state['compensation'] = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
+        state['held_back'] = 0.0
+        state['knocked'] = False
+    if abs(state['compensation']) < LEAST_COMPENSATION:
+        state['compensation'] = 0.0
+    angle = state['compensation'] * min(period / COMPENSATION_SECONDS, 1.0)
+    state['compensation'] -= angle
+    return float(angle / period)
 
 
 @kernel
-def _stay_within_reach(axis: Any, reach: float) -> None:
-    """Keep an extrapolation within `reach` (rad/s) of the last sample that was believed."""
-    rate, believed = axis['rate'], axis['believed']
-    for j in range(LEVELS):
-        rate[j] = min(max(rate[j], believed - reach), believed + reach)
+def _stay_within_reach(state: AdaptiveAxis, reach: float) -> None:
+    """Keep an extrapolation within `reach` (rad/s) of the last sample that was accepted."""
+    rate, accepted = state['rate'], state['accepted']
+    for j in range(MODES):
+        rate[j] = min(max(rate[j], accepted - reach), accepted + reach)
 
 
 @kernel
-def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
-    """Return what the levels say together: rate, its variance, and Q, in place of (17)."""
-    probability, rate = axis['probability'], axis['rate']
-    means, squares, others = axis['means'], axis['squares'], axis['others']
-    gain, ratio = ladder['gain_rate'], ladder['innovation_ratio']
-    process = ladder['process_ratio']
-    noise = axis['noise']['variance']
+def estimate(
+    state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+) -> tuple[float, float, float]:
+    """Return what the modes say together: rate, its variance, and Q, in place of (17)."""
+    probability, rate = state['probability'], state['rate']
+    means, squares, others = workspace['means'], workspace['squares'], workspace['others']
+    gain, ratio = modes['gain_rate'], modes['innovation_ratio']
+    process = modes['process_ratio']
+    noise = state['noise']['variance']
     # The error of an extrapolation grows about as the number of samples.
-    growth = 1.0 * axis['doubt']['held'] * axis['doubt']['held']
-    origin = rate[LEVELS - 1]
+    growth = 1.0 * state['doubt']['held'] * state['doubt']['held']
+    origin = rate[MODES - 1]
     for j in range(LANES):
         distance = rate[j] - origin
         own = gain[j] if growth == 0.0 else (ratio[j] - 1.0) * growth
@@ -337,14 +391,14 @@ def estimate_adaptive(axis: Any, ladder: Any) -> tuple[float, float, float]:
     return origin + mean, variance, _sum(others) * noise
 
 
-# The loops below are cut so that compilers turn them into vector instructions: what can be done on
-# each level apart from what goes from level to level, and sums by `_sum`. They go over LANES where
-# what is beyond LEVELS stays zero.
+# The loops below are cut so that compilers turn them into vector instructions: what can be done in
+# each mode apart from what goes from mode to mode, and sums by `_sum`. They go over LANES where
+# what is beyond MODES stays zero.
 
 
 @kernel
-def _sum(values: Any) -> float:
-    """Return the sum over the levels: four sums side by side, as each waits for its last term."""
+def _sum(values: PerMode) -> float:
+    """Return the sum over the modes: four sums side by side, as each waits for its last term."""
     a = b = c = d = 0.0
     for j in range(0, LANES, 4):
         a += values[j]
@@ -355,135 +409,143 @@ def _sum(values: Any) -> float:
 
 
 @kernel
-def _largest(values: Any) -> float:
-    """Return the largest value over the levels, as `_sum` does."""
+def _largest(values: PerMode) -> float:
+    """Return the largest value over the modes, as `_sum` does."""
     a = b = c = d = values[0]
-    for j in range(0, LEVELS - 3, 4):
+    for j in range(0, MODES - 3, 4):
         a = max(a, values[j])
         b = max(b, values[j + 1])
         c = max(c, values[j + 2])
         d = max(d, values[j + 3])
-    for j in range(LEVELS - LEVELS % 4, LEVELS):
+    for j in range(MODES - MODES % 4, MODES):
         a = max(a, values[j])
     largest: float = max(max(a, b), max(c, d))
     return largest
 
 
 @kernel
-def _mix(axis: Any, ladder: Any) -> None:
-    """Move probability, and the states with it, along the chain: interacting models.
+def _mix(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+    """Multiply by the transition matrix: the mixing step of interacting models.
 
-    Each level passes on a share upwards and a share downwards, which end with falling probability
-    on one of the levels beyond. One pass each way does it, as the shares are geometric. What
-    arrives on a level is averaged into its state. Leaves the mixed states in predicted_*, and the
-    prior.
+    Each mode passes on a share of its probability upwards and one downwards, which end with
+    falling probability in one of the modes beyond. One pass each way does it, as the shares are
+    geometric. What arrives in a mode is averaged into its state. Leaves the mixed states and the
+    prior in the workspace.
     """
-    probability, prior = axis['probability'], axis['prior']
-    rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
-    mixed_rate, mixed_slope = axis['predicted_rate'], axis['predicted_slope']
-    mixed_bend = axis['predicted_bend']
-    climbing, falling = axis['climbing'], axis['falling']
-    climbed, fallen = axis['climbed'], axis['fallen']
-    stay, climb, climb_on = ladder['stay'], ladder['climb_near'], ladder['climb_on']
-    fall = ladder['fall_near']
-    fall_slope, fall_bend = ladder['fall_slope'], ladder['fall_bend']
-    slope_on, bend_on = ladder['slope_on'], ladder['bend_on']
+    probability, prior = state['probability'], workspace['prior']
+    rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    mixed_rate, mixed_acceleration = workspace['rate'], workspace['acceleration']
+    mixed_jerk = workspace['jerk']
+    leaving_up, leaving_down = workspace['leaving_up'], workspace['leaving_down']
+    arriving_up, arriving_down = workspace['arriving_up'], workspace['arriving_down']
+    stay, up_first, up_further = modes['stay'], modes['up_first'], modes['up_further']
+    down_first = modes['down_first']
+    down_first_acceleration = modes['down_first_acceleration']
+    down_first_jerk = modes['down_first_jerk']
+    down_further_acceleration = modes['down_further_acceleration']
+    down_further_jerk = modes['down_further_jerk']
     for j in range(LANES):
         weight = probability[j]
         mixed_rate[j] = weight * rate[j]
-        mixed_slope[j] = weight * slope[j]
-        mixed_bend[j] = weight * bend[j]
+        mixed_acceleration[j] = weight * acceleration[j]
+        mixed_jerk[j] = weight * jerk[j]
     for j in range(LANES):
-        climbing[0, j] = probability[j] * climb[j]
-        climbing[1, j] = mixed_rate[j] * climb[j]
-        climbing[2, j] = mixed_slope[j] * climb[j]
-        climbing[3, j] = mixed_bend[j] * climb[j]
-        falling[0, j] = probability[j] * fall[j]
-        falling[1, j] = mixed_rate[j] * fall[j]
-        falling[2, j] = mixed_slope[j] * fall_slope[j]
-        falling[3, j] = mixed_bend[j] * fall_bend[j]
-    up = up_rate = up_slope = up_bend = 0.0
-    down = down_rate = down_slope = down_bend = 0.0
-    for i in range(1, LEVELS):
+        leaving_up[0, j] = probability[j] * up_first[j]
+        leaving_up[1, j] = mixed_rate[j] * up_first[j]
+        leaving_up[2, j] = mixed_acceleration[j] * up_first[j]
+        leaving_up[3, j] = mixed_jerk[j] * up_first[j]
+        leaving_down[0, j] = probability[j] * down_first[j]
+        leaving_down[1, j] = mixed_rate[j] * down_first[j]
+        leaving_down[2, j] = mixed_acceleration[j] * down_first_acceleration[j]
+        leaving_down[3, j] = mixed_jerk[j] * down_first_jerk[j]
+    up = up_rate = up_acceleration = up_jerk = 0.0
+    down = down_rate = down_acceleration = down_jerk = 0.0
+    for i in range(1, MODES):
         # Both ways at once, as each waits for its last step: to i from below and to k from above.
-        on = climb_on[i]
-        up = up * on + climbing[0, i - 1]
-        up_rate = up_rate * on + climbing[1, i - 1]
-        up_slope = up_slope * on + climbing[2, i - 1]
-        up_bend = up_bend * on + climbing[3, i - 1]
-        climbed[0, i] = up
-        climbed[1, i] = up_rate
-        climbed[2, i] = up_slope
-        climbed[3, i] = up_bend
-        k = LEVELS - 1 - i
-        down = down * FALLS + falling[0, k + 1]
-        down_rate = down_rate * FALLS + falling[1, k + 1]
-        down_slope = down_slope * slope_on[k] + falling[2, k + 1]
-        down_bend = down_bend * bend_on[k] + falling[3, k + 1]
-        fallen[0, k] = down
-        fallen[1, k] = down_rate
-        fallen[2, k] = down_slope
-        fallen[3, k] = down_bend
+        further = up_further[i]
+        up = up * further + leaving_up[0, i - 1]
+        up_rate = up_rate * further + leaving_up[1, i - 1]
+        up_acceleration = up_acceleration * further + leaving_up[2, i - 1]
+        up_jerk = up_jerk * further + leaving_up[3, i - 1]
+        arriving_up[0, i] = up
+        arriving_up[1, i] = up_rate
+        arriving_up[2, i] = up_acceleration
+        arriving_up[3, i] = up_jerk
+        k = MODES - 1 - i
+        down = down * DOWN + leaving_down[0, k + 1]
+        down_rate = down_rate * DOWN + leaving_down[1, k + 1]
+        down_acceleration = (
+            down_acceleration * down_further_acceleration[k] + leaving_down[2, k + 1]
+        )
+        down_jerk = down_jerk * down_further_jerk[k] + leaving_down[3, k + 1]
+        arriving_down[0, k] = down
+        arriving_down[1, k] = down_rate
+        arriving_down[2, k] = down_acceleration
+        arriving_down[3, k] = down_jerk
     for j in range(LANES):
-        prior[j] = probability[j] * stay[j] + climbed[0, j] + fallen[0, j]
+        prior[j] = probability[j] * stay[j] + arriving_up[0, j] + arriving_down[0, j]
         share = 1.0 / max(prior[j], SMALLEST)
-        mixed_rate[j] = (mixed_rate[j] * stay[j] + climbed[1, j] + fallen[1, j]) * share
-        mixed_slope[j] = (mixed_slope[j] * stay[j] + climbed[2, j] + fallen[2, j]) * share
-        mixed_bend[j] = (mixed_bend[j] * stay[j] + climbed[3, j] + fallen[3, j]) * share
+        mixed_rate[j] = (mixed_rate[j] * stay[j] + arriving_up[1, j] + arriving_down[1, j]) * share
+        mixed_acceleration[j] = (
+            mixed_acceleration[j] * stay[j] + arriving_up[2, j] + arriving_down[2, j]
+        ) * share
+        mixed_jerk[j] = (mixed_jerk[j] * stay[j] + arriving_up[3, j] + arriving_down[3, j]) * share
 
 
 @kernel
-def _predict(axis: Any, ladder: Any) -> None:
-    """Predict the sample with each level, equation (7), and all together: mean and variance.
+def _predict_modes(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+    """Predict the sample with each mode, equation (7), and all together: mean and variance.
 
-    The innovation of a level is the sample less the predicted rate and less the noise that the
-    last residual foretells, correlation * residual: this makes the innovations of a slow level
-    white although the sensor's noise is not.
+    The innovation of a mode is the sample less the predicted rate and less the noise that the last
+    residual predicts, correlation * residual: this makes the innovations of a slow mode white
+    although the sensor's noise is not.
     """
-    rate, slope, bend = axis['predicted_rate'], axis['predicted_slope'], axis['predicted_bend']
-    expected, variance = axis['expected'], axis['variance']
-    means, squares, others = axis['means'], axis['squares'], axis['others']
-    prior, noise = axis['prior'], axis['noise']
-    lag_ratio, logarithm = ladder['lag_ratio'], ladder['innovation_logarithm']
-    correlation = noise['correlation'] if axis['sample_believed'] else 0.0
-    of_noise = axis['of_noise']
+    rate, acceleration, jerk = workspace['rate'], workspace['acceleration'], workspace['jerk']
+    expected, variance = workspace['expected'], workspace['variance']
+    means, squares, others = workspace['means'], workspace['squares'], workspace['others']
+    prior, noise = workspace['prior'], state['noise']
+    lag_ratio, logarithm = modes['lag_ratio'], modes['innovation_logarithm']
+    correlation = noise['correlation'] if state['sample_accepted'] else 0.0
+    of_noise = workspace['of_noise']
     if (
         of_noise[0] != noise['variance']
         or of_noise[1] != noise['roughness']
         or of_noise[2] != correlation
     ):
-        _spread_levels(axis, correlation, ladder)
-    sample = axis['doubt']['sample']
-    # Mean and variance by one pass, from the fastest level, which is never far off.
-    origin = rate[LEVELS - 1]
+        _predict_variances(noise, correlation, workspace, modes)
+    sample = state['doubt']['sample']
+    # Mean and variance by one pass, from the fastest mode, which is never far off.
+    origin = rate[MODES - 1]
     for j in range(LANES):
-        foretold = correlation * (sample - rate[j])
-        rate[j] += slope[j]
-        expected[j] = rate[j] + foretold
-        slope[j] = lag_ratio[j] * slope[j] + bend[j]
-        bend[j] *= lag_ratio[j]
+        predicted_noise = correlation * (sample - rate[j])
+        rate[j] += acceleration[j]
+        expected[j] = rate[j] + predicted_noise
+        acceleration[j] = lag_ratio[j] * acceleration[j] + jerk[j]
+        jerk[j] *= lag_ratio[j]
         distance = expected[j] - origin
         means[j] = prior[j] * distance
         squares[j] = prior[j] * (variance[j] + distance * distance)
         others[j] = prior[j] * logarithm[j]
     mean = _sum(means)
-    axis['prediction'] = origin + mean
-    axis['prediction_variance'] = max(_sum(squares) - mean * mean, variance[0])
-    # The geometric mean is not blown up by the small chance of a high level.
-    axis['spread'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
+    workspace['prediction'] = origin + mean
+    workspace['prediction_variance'] = max(_sum(squares) - mean * mean, variance[0])
+    # The geometric mean is not blown up by the small chance of a fast mode.
+    workspace['typical_innovation'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
 
 
 @kernel
-def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
-    """Tell how far a sample may be from what each level expects of it.
+def _predict_variances(
+    noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+) -> None:
+    """Write the variance of each mode's innovation.
 
     With gain K the last residual holds 1 - K of the noise, so knowing it takes
-    (correlation * (1 - K)) ** 2 off the variance. A fast level sees less noise, as far as its own
+    (correlation * (1 - K)) ** 2 off the variance. A fast mode sees less noise, as far as its own
     prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
     """
-    variance, noise, of_noise = axis['variance'], axis['noise'], axis['of_noise']
-    half_precision, density = axis['half_precision'], axis['density']
-    gain, ratio = ladder['gain_rate'], ladder['innovation_ratio']
+    variance, of_noise = workspace['variance'], workspace['of_noise']
+    half_precision, density = workspace['half_precision'], workspace['density']
+    gain, ratio = modes['gain_rate'], modes['innovation_ratio']
     of_noise[0] = noise['variance']
     of_noise[1] = noise['roughness']
     of_noise[2] = correlation
@@ -497,38 +559,44 @@ def _spread_levels(axis: Any, correlation: float, ladder: Any) -> None:
 
 
 @kernel
-def _correct(axis: Any, sample: float, steps: float, ladder: Any) -> None:
-    """Correct each level, equations (10) and (11), and weigh the levels by their likelihood.
+def _correct(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    sample: float,
+    steps: float,
+    modes: ModeSet,
+) -> None:
+    """Correct each mode, equations (10) and (11), and weigh the modes by their likelihood.
 
-    `steps` is the number of samples since the last one that was believed: the innovation has built
-    up over all of them, and gains for one step would overshoot in slope and bend.
+    `steps` is the number of samples since the last one that was accepted: the innovation has built
+    up over all of them, and gains for one step would overshoot in acceleration and jerk.
     """
-    probability, prior = axis['probability'], axis['prior']
-    rate, slope, bend = axis['rate'], axis['slope'], axis['bend']
-    predicted_rate, predicted_slope = axis['predicted_rate'], axis['predicted_slope']
-    predicted_bend, expected = axis['predicted_bend'], axis['expected']
-    gain_rate, gain_slope = ladder['gain_rate'], ladder['gain_slope']
-    gain_bend = ladder['gain_bend']
-    half_precision, density = axis['half_precision'], axis['density']
-    least = ladder['least_probability']
+    probability, prior = state['probability'], workspace['prior']
+    rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    predicted_rate, predicted_acceleration = workspace['rate'], workspace['acceleration']
+    predicted_jerk, expected = workspace['jerk'], workspace['expected']
+    gain_rate, gain_acceleration = modes['gain_rate'], modes['gain_acceleration']
+    gain_jerk = modes['gain_jerk']
+    half_precision, density = workspace['half_precision'], workspace['density']
+    least = modes['least_probability']
     share = 1.0 / steps
     for j in range(LANES):
         innovation = sample - predicted_rate[j]
         rate[j] = predicted_rate[j] + gain_rate[j] * innovation
-        slope[j] = predicted_slope[j] + gain_slope[j] * innovation * share
-        bend[j] = predicted_bend[j] + gain_bend[j] * innovation * (share * share)
+        acceleration[j] = predicted_acceleration[j] + gain_acceleration[j] * innovation * share
+        jerk[j] = predicted_jerk[j] + gain_jerk[j] * innovation * (share * share)
         surprise = sample - expected[j]
         probability[j] = -(surprise * surprise * half_precision[j])
     largest = _largest(probability)
     for j in range(LANES):
-        probability[j] = prior[j] * density[j] * _decay(probability[j] - largest)
+        probability[j] = prior[j] * density[j] * _exponential(probability[j] - largest)
     whole = 1.0 / _sum(probability)
     for j in range(LANES):
         probability[j] = max(probability[j] * whole, least[j])
 
 
 @kernel
-def _decay(exponent: float) -> float:
+def _exponential(exponent: float) -> float:
     """Return exp(exponent), or that of the nearest of -80 to 0, within 1e-7 of it from -10 on.
 
     By its series for a 128th of it, and seven squares. Unlike `math.exp` it can be a vector
@@ -548,10 +616,10 @@ def _decay(exponent: float) -> float:
 
 
 @kernel
-def _level_of(size: float, variance: float, ladder: Any) -> int:
-    """Return the lowest level to which a jump of this size (rad/s) is nothing special."""
-    ratio = ladder['innovation_ratio']
-    level = LEVELS - 1
-    while level > 0 and ratio[level - 1] * variance > size * size:
-        level -= 1
-    return level
+def _mode_of(size: float, variance: float, modes: ModeSet) -> int:
+    """Return the slowest mode to which a jump of this size (rad/s) is nothing special."""
+    ratio = modes['innovation_ratio']
+    mode = MODES - 1
+    while mode > 0 and ratio[mode - 1] * variance > size * size:
+        mode -= 1
+    return mode

@@ -1,191 +1,249 @@
-"""The ladder of method `adaptive`: one model of motion at many strengths, from rest to fast motion.
+"""The mode set of method `adaptive`: one model of motion at many strengths.
 
 The model of one axis. The change of the true rate from one sample to the next is white noise that
 has passed twice through a first-order lag; the sensor adds noise v of variance R:
 
-    [rate ]      [1  1  0] [rate ]     [1     ]
-    [slope]   =  [0  r  1] [slope]  +  [2 r   ] w,      z = rate + v,      r = exp(-period / lag)
-    [bend ]      [0  0  r] [bend ]     [r ** 2]
+    [rate        ]     [1  1  0] [rate        ]   [1     ]
+    [acceleration]  =  [0  r  1] [acceleration] + [2 r   ] w,    r = exp(-period / lag)
+    [jerk        ]     [0  0  r] [jerk        ]   [r ** 2]
+    z = rate + v
 
 This is the paper's X = A X + Gamma w, Z = H X + v, equations (5) and (6), for motion in place of
 drift. What differs between rest and motion is one number, the variance Q of w. So Q takes one of
-LEVELS values, and every level has the gain that the paper's equations (8), (9) and (12) settle to
-with it. A level is named by the time over which it averages: Q = R (period / time) ** 6.
+MODES values. Each mode is a Kalman filter with the gain that the paper's equations (8), (9) and
+(12) settle to with its Q. A mode is named by the time over which it averages:
+Q = R (period / time) ** 6.
 
-Which level holds is a hidden Markov chain: motion grows unforeseen, and dies away level by level.
+Which mode holds is a hidden Markov chain with a transition matrix: motion grows without warning,
+and dies away from mode to mode. The probabilities of going several modes up or down are geometric,
+so that one pass over the modes each way multiplies by the whole matrix.
 
-Rates are in rad/s, times in s, slope and bend in rad/s per sample; variances are relative to R.
+Rates are in rad/s and times in s. Acceleration and jerk are angular, in rad/s per sample and per
+sample squared. Variances are relative to R.
 """
 
 import math
-from typing import Any
+from typing import Annotated, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.records import in_lines
+from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.matrices import Matrix, invert, multiply, multiply_transposed
 
-Array = NDArray[np.float64]
-
-LEVELS = 22
-# Arrays over the levels fill vector registers; what is beyond LEVELS has no part in anything.
+MODES = 22
+# Arrays over the modes fill vector registers; what is beyond MODES has no part in anything.
 LANES = 24
 
-# The slowest level averages over SLOWEST s: longer would lag behind a slow turn in strong noise.
-# The fastest follows changes of FASTEST ** 3 times the noise per sample.
+# The slowest mode averages over this time in s: a longer one would lag behind a slow turn in strong
+# noise. The fastest mode follows changes of FASTEST ** 3 times the noise per sample.
 SLOWEST = 0.7
 FASTEST = 25.0
 
-# How long slope and bend last: a multiple of the level's time, but no shorter than a movement of a
-# hand, and no longer than it takes to know that a robot is not turning after all, in s.
+# How long acceleration and jerk last: a multiple of the mode's time, but no shorter than a movement
+# of a hand, and no longer than it takes to know that a robot is not turning after all, in s.
 LAG_PER_TIME = 8.0
 SHORTEST_LAG = 0.03
 LONGEST_LAG = 0.7
 
-# At the fastest levels motion grows unforeseen CLIMBS times a second; the others last longer, for
-# about their own time: the probability per sample is at most that times CLIMBS_PER_TIME * period /
-# time. The same for falls: FALLS is the probability per sample, and of going one level further.
-CLIMBS = 3.0
-CLIMBS_PER_TIME = 3.0
-FALLS = 0.1
-FALLS_PER_TIME = 4.0
+# Motion grows UP_RATE times a second at the fastest modes. The others last for about their own
+# time: their probability to go up per sample is at most that times UP_PER_TIME * period / time. The
+# same holds for going down, of which DOWN is the probability per sample and per further mode.
+UP_RATE = 3.0
+UP_PER_TIME = 3.0
+DOWN = 0.1
+DOWN_PER_TIME = 4.0
 
-# A climb goes one level further with this probability, times the ratio of the innovation variances
-# to this power. A power above one keeps the predicted variance finite however high the ladder is.
-CLIMB_ON = 0.75
-CLIMB_ON_POWER = 1.2
+# A transition upwards goes one mode further with this probability, times the ratio of the
+# innovation variances to this power. A power above one keeps the predicted variance finite with any
+# number of modes.
+UP_FURTHER = 0.75
+UP_FURTHER_POWER = 1.2
 
-_LEVEL_ARRAY = (LANES,)
+LEAST_PROBABILITY = 1e-30  # of a mode
 
-LEAST_PROBABILITY = 1e-30  # of a level
-
-LADDER = in_lines(
-    [
-        ('lag_ratio', np.float64, _LEVEL_ARRAY),  # r
-        # Steady-state gains, Q and innovation variance; the variances relative to R.
-        ('gain_rate', np.float64, _LEVEL_ARRAY),
-        ('gain_slope', np.float64, _LEVEL_ARRAY),
-        ('gain_bend', np.float64, _LEVEL_ARRAY),
-        ('process_ratio', np.float64, _LEVEL_ARRAY),
-        ('innovation_ratio', np.float64, _LEVEL_ARRAY),
-        ('innovation_logarithm', np.float64, _LEVEL_ARRAY),
-        ('least_probability', np.float64, _LEVEL_ARRAY),
-        # The chain. Probability per sample of staying on a level; of leaving it upwards and ending
-        # one level above; the share of what reaches the level below that goes on to this one.
-        ('stay', np.float64, _LEVEL_ARRAY),
-        ('climb_near', np.float64, _LEVEL_ARRAY),
-        ('climb_on', np.float64, _LEVEL_ARRAY),
-        # Probability of leaving it downwards and ending one level below; times the share of slope
-        # and bend that is kept on the way; share that goes on from the level above, with that.
-        ('fall_near', np.float64, _LEVEL_ARRAY),
-        ('fall_slope', np.float64, _LEVEL_ARRAY),
-        ('fall_bend', np.float64, _LEVEL_ARRAY),
-        ('slope_on', np.float64, _LEVEL_ARRAY),
-        ('bend_on', np.float64, _LEVEL_ARRAY),
-    ]
-)
+PerMode = Annotated[NDArray[np.float64], np.float64, (LANES,)]
 
 
-def derive_ladder(period: float, ladder: Any) -> None:
-    """Fill a record of LADDER for a sample period in s."""
-    steps = [j / (LEVELS - 1) for j in range(LEVELS)]
-    times = [SLOWEST * (period / FASTEST / SLOWEST) ** step for step in steps]
-    lags = [max(SHORTEST_LAG, min(LAG_PER_TIME * time, LONGEST_LAG)) for time in times]
-    lag_ratio = np.array([math.exp(-period / lag) for lag in lags])
-    process_ratio = (period / np.array(times)) ** 6
-    covariance = _settled_covariance(lag_ratio, process_ratio)
-    innovation = covariance[:, 0, 0] + 1.0  # (9), with R = 1
-    _fill(ladder['lag_ratio'], lag_ratio)
-    _fill(ladder['process_ratio'], process_ratio)
-    _fill(ladder['innovation_ratio'], innovation, 1.0)
-    _fill(ladder['innovation_logarithm'], np.log(innovation))
-    _fill(ladder['least_probability'], np.full(LEVELS, LEAST_PROBABILITY))
-    for i, name in enumerate(('gain_rate', 'gain_slope', 'gain_bend')):
-        _fill(ladder[name], covariance[:, 0, i] / innovation)
-    fall = _derive_chain(times, innovation, period, ladder)
-    # On a fall to a slower level that level's own slopes are the prior, and the faster level's
-    # slope is a measurement of it with the faster level's error, (12).
-    wander = _wander(lag_ratio, process_ratio)
-    for i, name in ((1, 'slope'), (2, 'bend')):
-        error = covariance[:, i, i] - covariance[:, 0, i] ** 2 / innovation
-        own = wander[:-1, i - 1, i - 1]
-        keep = own / (own + error[1:])
-        _fill(ladder[f'fall_{name}'], np.append(0.0, fall[1:] * keep))
-        _fill(ladder[f'{name}_on'], FALLS * keep)
+class ModeSet(TypedDict):
+    """Constants of all modes for one sample period."""
+
+    lag_ratio: PerMode  # r
+    # Steady-state gains, Q and innovation variance; the variances relative to R.
+    gain_rate: PerMode
+    gain_acceleration: PerMode
+    gain_jerk: PerMode
+    process_ratio: PerMode
+    innovation_ratio: PerMode
+    innovation_logarithm: PerMode
+    least_probability: PerMode
+    # The transition matrix. The probability per sample to stay in a mode; to leave it upwards and
+    # end one mode above; the share of what reaches the mode below that goes on to this one.
+    stay: PerMode
+    up_first: PerMode
+    up_further: PerMode
+    # The probability to leave a mode downwards and end one mode below; the same times the share of
+    # acceleration and jerk that is kept on the way; the share of these that goes on from the mode
+    # above.
+    down_first: PerMode
+    down_first_acceleration: PerMode
+    down_first_jerk: PerMode
+    down_further_acceleration: PerMode
+    down_further_jerk: PerMode
 
 
-def _fill(lanes: Any, levels: Array, beyond: float = 0.0) -> None:
-    """Write what belongs to the levels, up to LEVELS of it, and what is beyond them."""
-    lanes[: len(levels)] = levels
-    lanes[len(levels) :] = beyond
+class Derivation(TypedDict):
+    """Matrices that are needed while a mode set is derived."""
+
+    forward: Matrix
+    covariance: Matrix
+    information: Matrix
+    weight: Matrix
+    carried: Matrix
+    product: Matrix
+    change: Matrix
 
 
-def _derive_chain(times: list[float], ratio: Array, period: float, ladder: Any) -> Array:
-    """Write the probabilities of climbing and falling; return `fall_near`, (LEVELS,)."""
-    climb, fall = np.zeros(LEVELS), np.zeros(LEVELS)
-    climb_near, fall_near = np.zeros(LEVELS), np.zeros(LEVELS)
-    climb_on = np.full(LEVELS, CLIMB_ON)
-    unforeseen = 1.0 - math.exp(-CLIMBS * period)
-    for j in range(LEVELS):
+MODE_SET = record(ModeSet, in_cache_lines=True)
+DERIVATION = record(Derivation)
+
+
+@kernel
+def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
+    """Fill the constants of all modes for a sample period in s."""
+    for j in range(MODES):
+        time = _time(period, j)
+        lag = max(SHORTEST_LAG, min(LAG_PER_TIME * time, LONGEST_LAG))
+        lag_ratio, process_ratio = math.exp(-period / lag), (period / time) ** 6.0
+        modes['lag_ratio'][j] = lag_ratio
+        modes['process_ratio'][j] = process_ratio
+        _settle_covariance(lag_ratio, process_ratio, scratch)
+        covariance = scratch['covariance']
+        innovation = covariance[0, 0] + 1.0  # (9), with R = 1
+        modes['innovation_ratio'][j] = innovation
+        modes['innovation_logarithm'][j] = math.log(innovation)
+        modes['least_probability'][j] = LEAST_PROBABILITY
+        modes['gain_rate'][j] = covariance[0, 0] / innovation
+        modes['gain_acceleration'][j] = covariance[0, 1] / innovation
+        modes['gain_jerk'][j] = covariance[0, 2] / innovation
+        # Errors of acceleration and jerk, (12); the transitions downwards need those of this mode
+        # and what the mode below gives rise to by itself.
+        modes['down_first_acceleration'][j] = _error(covariance, 1, innovation)
+        modes['down_first_jerk'][j] = _error(covariance, 2, innovation)
+    for j in range(MODES, LANES):
+        modes['innovation_ratio'][j] = 1.0
+    _derive_transitions(period, modes)
+    _derive_kept_motion(modes)
+
+
+@kernel
+def _time(period: float, mode: int) -> float:
+    """Return the time in s over which a mode averages."""
+    return float(SLOWEST * (period / FASTEST / SLOWEST) ** (mode / (MODES - 1.0)))
+
+
+@kernel
+def _error(covariance: Matrix, i: int, innovation: float) -> float:
+    """Return the variance of a part of the state after a sample."""
+    return float(covariance[i, i] - covariance[0, i] * covariance[0, i] / innovation)
+
+
+@kernel
+def _derive_transitions(period: float, modes: ModeSet) -> None:
+    """Write the transition matrix."""
+    ratio, up_further = modes['innovation_ratio'], modes['up_further']
+    unforeseen = 1.0 - math.exp(-UP_RATE * period)
+    up_further[0] = UP_FURTHER
+    for j in range(1, MODES):
+        up_further[j] = UP_FURTHER * (ratio[j - 1] / ratio[j]) ** UP_FURTHER_POWER
+    for j in range(MODES):
+        time = _time(period, j)
+        up = unforeseen * min(1.0, UP_PER_TIME * period / time) if j < MODES - 1 else 0.0
+        down = DOWN * min(1.0, DOWN_PER_TIME * period / time) if j > 0 else 0.0
+        modes['stay'][j] = 1.0 - up - down
+        # The shares of all modes above add up to one, and those of all modes below.
+        shares, share = 1.0, 1.0
+        for k in range(j + 2, MODES):
+            share *= up_further[k]
+            shares += share
+        modes['up_first'][j] = up / shares
+        modes['down_first'][j] = down * (1.0 - DOWN) / (1.0 - DOWN ** float(max(j, 1)))
+
+
+@kernel
+def _derive_kept_motion(modes: ModeSet) -> None:
+    """Write what is kept of acceleration and jerk in a transition downwards.
+
+    The slower mode's own values are the prior there, and the faster mode's value is a measurement
+    with the faster mode's error, (12).
+    """
+    for j in range(MODES):
+        error_acceleration = modes['down_first_acceleration'][j]
+        error_jerk = modes['down_first_jerk'][j]
+        modes['down_first_acceleration'][j] = 0.0
+        modes['down_first_jerk'][j] = 0.0
         if j > 0:
-            climb_on[j] *= (ratio[j - 1] / ratio[j]) ** CLIMB_ON_POWER
-        climb[j] = unforeseen * min(1.0, CLIMBS_PER_TIME * period / times[j])
-        fall[j] = FALLS * min(1.0, FALLS_PER_TIME * period / times[j])
-    climb[LEVELS - 1] = fall[0] = 0.0
-    for j in range(LEVELS):
-        # The shares of all levels above add up to one, and those of all below.
-        climb_near[j] = climb[j] / (1.0 + np.cumprod(climb_on[j + 2 :]).sum())
-        fall_near[j] = fall[j] * (1.0 - FALLS) / (1.0 - FALLS ** max(j, 1))
-    _fill(ladder['stay'], 1.0 - climb - fall)
-    _fill(ladder['climb_near'], climb_near)
-    _fill(ladder['climb_on'], climb_on)
-    _fill(ladder['fall_near'], fall_near)
-    return fall_near
+            r, process = modes['lag_ratio'][j - 1], modes['process_ratio'][j - 1]
+            # The stationary covariance of [acceleration, jerk] of the mode below.
+            jerk = r**4.0 * process / (1.0 - r * r)
+            both = (r * jerk + 2.0 * r**3.0 * process) / (1.0 - r * r)
+            acceleration = (2.0 * r * both + jerk + 4.0 * r * r * process) / (1.0 - r * r)
+            keep_acceleration = acceleration / (acceleration + error_acceleration)
+            keep_jerk = jerk / (jerk + error_jerk)
+            modes['down_first_acceleration'][j] = modes['down_first'][j] * keep_acceleration
+            modes['down_first_jerk'][j] = modes['down_first'][j] * keep_jerk
+            modes['down_further_acceleration'][j - 1] = DOWN * keep_acceleration
+            modes['down_further_jerk'][j - 1] = DOWN * keep_jerk
 
 
-def _settled_covariance(lag_ratio: Array, process_ratio: Array) -> Array:
-    """Return what P(k|k-1) of equations (8), (9) and (12) settles to, divided by R.
+@kernel
+def _settle_covariance(lag_ratio: float, process_ratio: float, scratch: Derivation) -> None:
+    """Write what P(k|k-1) of equations (8), (9) and (12) settles to, divided by R.
 
-    Of all levels at once, (n,) and (n,) to (n, 3, 3). The doubling algorithm squares the number of
-    steps in each turn (Anderson and Moore, Optimal Filtering, 1979, section 6.7), so that half a
-    second at 4 kHz takes twelve turns.
+    The doubling algorithm squares the number of steps in each turn (Anderson and Moore, Optimal
+    Filtering, 1979, section 6.7), so that half a second at 4 kHz takes twelve turns.
     """
-    identity = np.eye(3)
-    forward = np.zeros((len(lag_ratio), 3, 3))  # A'
-    forward[:, 0, 0] = forward[:, 1, 0] = forward[:, 2, 1] = 1.0
-    forward[:, 1, 1] = forward[:, 2, 2] = lag_ratio
-    drive = np.stack([np.ones_like(lag_ratio), 2.0 * lag_ratio, lag_ratio * lag_ratio], axis=1)
-    covariance = drive[:, :, None] * drive[:, None, :] * process_ratio[:, None, None]
-    information = np.zeros_like(forward)
-    information[:, 0, 0] = 1.0
+    forward, covariance = scratch['forward'], scratch['covariance']  # A', P
+    information, weight = scratch['information'], scratch['weight']
+    carried, product, change = scratch['carried'], scratch['product'], scratch['change']
+    for i in range(3):
+        drive_i = _drive(lag_ratio, i)
+        for k in range(3):
+            forward[i, k] = 0.0
+            information[i, k] = 0.0
+            covariance[i, k] = drive_i * _drive(lag_ratio, k) * process_ratio
+    forward[0, 0] = forward[1, 0] = forward[2, 1] = 1.0
+    forward[1, 1] = forward[2, 2] = lag_ratio
+    information[0, 0] = 1.0
     for _ in range(60):
-        weight = np.linalg.inv(identity + information @ covariance)
-        carried = weight @ forward
-        grown = covariance + _transposed(forward) @ covariance @ carried
-        information = information + forward @ weight @ information @ _transposed(forward)
-        forward = forward @ carried
-        change = np.abs(grown - covariance).max(axis=(1, 2))
-        covariance = grown
-        if (change <= 1e-13 * np.abs(covariance).max(axis=(1, 2))).all():
+        multiply(information, covariance, product)
+        for i in range(3):
+            product[i, i] += 1.0
+        invert(product, weight)
+        multiply(weight, forward, carried)
+        multiply(covariance, carried, product)
+        multiply_transposed(forward, product, change)
+        multiply(forward, weight, product)
+        multiply(product, information, weight)
+        largest = largest_change = 0.0
+        for i in range(3):
+            for k in range(3):
+                largest = max(largest, abs(covariance[i, k]))
+                largest_change = max(largest_change, abs(change[i, k]))
+                covariance[i, k] += change[i, k]
+                for m in range(3):
+                    information[i, k] += weight[i, m] * forward[k, m]
+        multiply(forward, carried, product)
+        for i in range(3):
+            for k in range(3):
+                forward[i, k] = product[i, k]
+        if largest_change <= 1e-13 * largest:
             break
-    return covariance
 
 
-def _wander(lag_ratio: Array, process_ratio: Array) -> Array:
-    """Return the covariance of slope and bend that the model itself gives rise to, divided by R.
-
-    Of all levels at once, (n,) and (n,) to (n, 2, 2).
-    """
-    transition = np.zeros((len(lag_ratio), 2, 2))
-    transition[:, 0, 0] = transition[:, 1, 1] = lag_ratio
-    transition[:, 0, 1] = 1.0
-    drive = np.stack([2.0 * lag_ratio, lag_ratio * lag_ratio], axis=1)
-    covariance = drive[:, :, None] * drive[:, None, :] * process_ratio[:, None, None]
-    for _ in range(40):
-        covariance = covariance + transition @ covariance @ _transposed(transition)
-        transition = transition @ transition
-    return covariance
-
-
-def _transposed(matrices: Array) -> Array:
-    return matrices.swapaxes(1, 2)
+@kernel
+def _drive(lag_ratio: float, i: int) -> float:
+    """Return an element of Gamma."""
+    if i == 0:
+        return 1.0
+    return 2.0 * lag_ratio if i == 1 else lag_ratio * lag_ratio

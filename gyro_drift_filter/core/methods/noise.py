@@ -8,11 +8,9 @@ at the scale of a sample, far less. Their ratio, a von Neumann test of third ord
 apart at every rate of turn.
 """
 
-from typing import Any
+from typing import TypedDict
 
-import numpy as np
-
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
 
 BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s.
@@ -20,7 +18,7 @@ FORGETTING_SECONDS = 0.1
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
 FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
 KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
-LEAST_THIRDS = 10  # third differences, without which a block tells nothing
+LEAST_THIRDS = 10  # third differences, without which a block says nothing
 
 # A block is noise alone where third differences carry at least this share of its variance.
 WHITE = 0.3
@@ -36,37 +34,39 @@ LEAST_ROUGHNESS = 0.1
 # Correlation and roughness never forget slower than this.
 SLOWEST_LEARNING = 0.05
 
-NOISE = np.dtype(
-    [
-        ('variance', np.float64),  # R, (rad/s)^2
-        ('correlation', np.float64),  # of consecutive samples: phi of equation (2)
-        ('roughness', np.float64),  # share of R that no smooth prediction can follow
-        ('blocks', np.int64),  # k of equation (13); 0: noise not known yet
-        ('seen', np.bool_),  # a block of noise has been learned from
-        ('bounded', np.bool_),  # R is a bound, taken from a block of motion
-        ('resolution', np.float64),  # rad/s, the smallest change seen; 0 before the first
-        # the block under way
-        ('count', np.int64),  # samples in it
-        ('place', np.int64),  # samples since its begin, held and missing ones among them
-        ('run', np.int64),  # samples in a row
-        ('origin', np.float64),
-        ('sum', np.float64),
-        ('squares', np.float64),
-        ('place_sum', np.float64),
-        ('place_squares', np.float64),
-        ('moment', np.float64),
-        ('firsts', np.int64),  # first differences in it
-        ('first_differences', np.float64),
-        ('thirds', np.int64),  # third differences in it
-        ('third_differences', np.float64),
-        ('before', np.float64, (3,)),  # the three samples before, newest first
-    ],
-    align=True,
-)
+
+class Noise(TypedDict):
+    """What is known of the noise of one axis, and the block of samples under way."""
+
+    variance: float  # R, (rad/s)^2
+    correlation: float  # of consecutive samples: phi of equation (2)
+    roughness: float  # share of R that no smooth prediction can follow
+    blocks: int  # k of equation (13); 0 where the noise is not known yet
+    seen: bool  # a block of noise has been learned from
+    bounded: bool  # R is a bound, taken from a block of motion
+    resolution: float  # rad/s, the smallest change seen; 0 before the first
+    # the block under way
+    count: int  # samples in it
+    index: int  # of the next sample in it, where held and missing ones count, too
+    run: int  # samples in a row
+    origin: float
+    sum: float
+    squares: float
+    index_sum: float
+    index_squares: float
+    moment: float
+    first_difference_count: int
+    first_differences: float  # sum of squares
+    third_difference_count: int
+    third_differences: float  # sum of squares
+    before: PerAxis  # the three samples before, newest first
+
+
+NOISE = record(Noise)
 
 
 @kernel
-def start_noise(noise: Any, deviation: float, phi: float) -> None:
+def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     """Begin with a standard deviation in rad/s, 0 where it is to be learned.
 
     `phi` is the correlation of consecutive samples that goes with it, of AR(1) noise.
@@ -86,33 +86,33 @@ def start_noise(noise: Any, deviation: float, phi: float) -> None:
 
 
 @kernel
-def restart_block(noise: Any) -> None:
+def restart_block(noise: Noise) -> None:
     """Forget the block under way."""
     noise['count'] = 0
-    noise['place'] = 0
+    noise['index'] = 0
     noise['run'] = 0
     noise['sum'] = 0.0
     noise['squares'] = 0.0
-    noise['place_sum'] = 0.0
-    noise['place_squares'] = 0.0
+    noise['index_sum'] = 0.0
+    noise['index_squares'] = 0.0
     noise['moment'] = 0.0
-    noise['firsts'] = 0
+    noise['first_difference_count'] = 0
     noise['first_differences'] = 0.0
-    noise['thirds'] = 0
+    noise['third_difference_count'] = 0
     noise['third_differences'] = 0.0
 
 
 @kernel
-def interrupt_block(noise: Any) -> None:
-    """Pass over a sample that is missing or not believed; the block goes on after it."""
+def interrupt_block(noise: Noise) -> None:
+    """Pass over a sample that is missing or not accepted; the block goes on after it."""
     noise['run'] = 0
     if noise['count'] > 0:
-        noise['place'] += 1
+        noise['index'] += 1
 
 
 @kernel
-def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting: float) -> None:
-    """Take a believed sample (rad/s) into the block, and the block into R when it is full.
+def learn_noise(noise: Noise, sample: float, block_samples: int, block_forgetting: float) -> None:
+    """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
     `block_forgetting` is b of equation (13) from one block to the next.
     """
@@ -125,31 +125,31 @@ def learn_noise(noise: Any, sample: float, block_samples: int, block_forgetting:
         change = abs(first)
         if change > 0.0 and (noise['resolution'] == 0.0 or change < noise['resolution']):
             noise['resolution'] = change
-        noise['firsts'] += 1
+        noise['first_difference_count'] += 1
     if run >= 3:
         third = sample - 3.0 * before[0] + 3.0 * before[1] - before[2]
         noise['third_differences'] += third * third
-        noise['thirds'] += 1
+        noise['third_difference_count'] += 1
     before[2] = before[1]
     before[1] = before[0]
     before[0] = sample
-    deviation, place = sample - noise['origin'], 1.0 * noise['place']
+    deviation, index = sample - noise['origin'], 1.0 * noise['index']
     noise['sum'] += deviation
     noise['squares'] += deviation * deviation
-    noise['place_sum'] += place
-    noise['place_squares'] += place * place
-    noise['moment'] += deviation * place
+    noise['index_sum'] += index
+    noise['index_squares'] += index * index
+    noise['moment'] += deviation * index
     noise['count'] += 1
-    noise['place'] += 1
+    noise['index'] += 1
     noise['run'] = run + 1
     if noise['count'] >= (block_samples if noise['seen'] else FIRST_BLOCK):
-        if noise['thirds'] >= LEAST_THIRDS:
+        if noise['third_difference_count'] >= LEAST_THIRDS:
             _judge_block(noise, block_forgetting)
         _next_block(noise)
 
 
 @kernel
-def _next_block(noise: Any) -> None:
+def _next_block(noise: Noise) -> None:
     """Begin the next block; differences go on across its border."""
     run = noise['run']
     restart_block(noise)
@@ -157,14 +157,16 @@ def _next_block(noise: Any) -> None:
 
 
 @kernel
-def _judge_block(noise: Any, block_forgetting: float) -> None:
+def _judge_block(noise: Noise, block_forgetting: float) -> None:
     """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
     n = 1.0 * noise['count']
-    centred = noise['moment'] - noise['place_sum'] * noise['sum'] / n
-    spread = noise['place_squares'] - noise['place_sum'] * noise['place_sum'] / n
-    about_line = noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / spread
+    centred = noise['moment'] - noise['index_sum'] * noise['sum'] / n
+    index_scatter = noise['index_squares'] - noise['index_sum'] * noise['index_sum'] / n
+    about_line = (
+        noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / index_scatter
+    )
     variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
-    rough = noise['third_differences'] / (20.0 * noise['thirds'])
+    rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
     if rough > WHITE * variance:
         _learn_from_noise(noise, variance, rough, block_forgetting)
     elif noise['blocks'] > 0:
@@ -183,7 +185,7 @@ def _judge_block(noise: Any, block_forgetting: float) -> None:
 
 
 @kernel
-def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgetting: float) -> None:
+def _learn_from_noise(noise: Noise, variance: float, rough: float, block_forgetting: float) -> None:
     noise['seen'] = True
     if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
         noise['variance'] = variance
@@ -194,7 +196,7 @@ def _learn_from_noise(noise: Any, variance: float, rough: float, block_forgettin
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)
-    first = noise['first_differences'] / (2.0 * noise['firsts'])
+    first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
     correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
     noise['correlation'] += shape_weight * (correlation - noise['correlation'])
     roughness = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)

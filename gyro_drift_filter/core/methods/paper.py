@@ -21,18 +21,21 @@ them. Each is named where it stands:
 - *offset*: r and the rate can't be told apart, only their sum H X + r is measured, and left alone
   r takes up some of the bias (on a real MPU6050 1.6 standard deviations of the noise). The rate
   that is reported is H X + r, so that the mean stays unchanged, as in the paper's Table 2.
-- *bridging*: q stands for what innovations have shown, and runs away where no sample corrects it.
+- *coasting*: q stands for what innovations have shown, and runs away where no sample corrects it.
   A missing sample is predicted by A X alone, and never further out than *divergence* allows.
 - *divergence*: r and q add up the same innovations and can drive each other. An estimate further
   out than `DIVERGED` times the largest sample restarts from the sample at hand.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import kernel, record
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.core.settings import Settings
 
 NOISE_FLOOR = 1e-3
 DIVERGED = 10.0
@@ -40,58 +43,62 @@ DIVERGED = 10.0
 # A period that differs by more than this share from the model's own rescales phi and Q.
 SAME_PERIOD = 0.1
 
-PAPER_COEFFICIENTS = np.dtype(
-    [
-        ('phi', np.float64),
-        ('process_noise', np.float64),  # (rad/s)^2
-        ('measurement_noise', np.float64),  # (rad/s)^2
-    ]
-)
 
-PAPER_STATE = np.dtype(
-    [
-        ('tracking', np.bool_),  # X and P are those of the sample before
-        ('rate', np.float64),  # X, rad/s
-        ('drift', np.float64),
-        ('rate_variance', np.float64),  # P, (rad/s)^2
-        ('covariance', np.float64),
-        ('drift_variance', np.float64),
-        ('carried_variance', np.float64),  # Gamma' A P(k-1) A' Gamma
-        ('samples', np.int64),  # k, 0 before the first
-        ('measurement_mean', np.float64),  # r, rad/s
-        ('rate_mean', np.float64),  # q, rad/s
-        ('drift_mean', np.float64),
-        ('measurement_noise', np.float64),  # R, (rad/s)^2
-        ('process_noise', np.float64),  # Q, (rad/s)^2
-        ('largest', np.float64),  # |Z| so far, rad/s
-        ('divergences', np.int64),
-    ],
-    align=True,
-)
+class PaperCoefficients(TypedDict):
+    """The model of one axis at the present sample period."""
+
+    phi: float
+    process_noise: float  # (rad/s)^2
+    measurement_noise: float  # (rad/s)^2
 
 
-def derive_paper(model: Any, sample_rate: float, period: float, coefficients: Any) -> None:
+class PaperAxis(TypedDict):
+    """State of one axis after a sample."""
+
+    tracking: bool  # X and P are those of the sample before
+    rate: float  # X, rad/s
+    drift: float
+    rate_variance: float  # P, (rad/s)^2
+    covariance: float
+    drift_variance: float
+    carried_variance: float  # Gamma' A P(k-1) A' Gamma
+    samples: int  # k, 0 before the first
+    measurement_mean: float  # r, rad/s
+    rate_mean: float  # q, rad/s
+    drift_mean: float
+    measurement_noise: float  # R, (rad/s)^2
+    process_noise: float  # Q, (rad/s)^2
+    largest: float  # |Z| so far, rad/s
+    divergences: int
+
+
+PAPER_COEFFICIENTS = record(PaperCoefficients)
+PAPER_AXIS = record(PaperAxis)
+
+
+@kernel
+def derive(settings: 'Settings', axis: int, period: float, coefficients: PaperCoefficients) -> None:
     """Fill the coefficients of one axis for a sample period in s.
 
     phi and Q belong to the period that they were identified at. Where the gyroscope runs at another
     one, the drift keeps its correlation time and its variance Q / (1 - phi^2). A negative or zero
     phi has no correlation time and is used as it is.
     """
-    phi = model['phi']
-    process_noise = model['process_noise']
-    periods = period * sample_rate
-    if phi > 0.0 and sample_rate > 0.0 and abs(periods - 1.0) > SAME_PERIOD:
+    phi = settings['model_phi'][axis]
+    process_noise = settings['model_process_noise'][axis]
+    periods = period * settings['sample_rate']
+    if phi > 0.0 and periods > 0.0 and abs(periods - 1.0) > SAME_PERIOD:
         scaled = phi**periods
         process_noise *= (1.0 - scaled * scaled) / (1.0 - phi * phi)
         phi = scaled
     coefficients['phi'] = phi
     coefficients['process_noise'] = process_noise
-    coefficients['measurement_noise'] = model['measurement_noise']
+    coefficients['measurement_noise'] = settings['model_measurement_noise'][axis]
 
 
 @kernel
-def start_paper(state: Any, coefficients: Any, sample: float) -> None:
-    """Begin at a sample (rad/s). Q and R, if learned before, are kept."""
+def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> None:
+    """Start at a sample (rad/s). Q and R, if learned before, are kept."""
     state['tracking'] = True
     if state['samples'] == 0:
         state['samples'] = 1  # safeguard: first sample
@@ -110,46 +117,48 @@ def start_paper(state: Any, coefficients: Any, sample: float) -> None:
 
 
 @kernel
-def paper_noise(state: Any, coefficients: Any, adaptive: bool) -> tuple[float, float]:
+def noise_of(
+    state: PaperAxis, coefficients: PaperCoefficients, adapts: bool
+) -> tuple[float, float]:
     """Return Q and R in (rad/s)^2: the adapted ones, or the identified ones."""
-    if adaptive:
+    if adapts:
         return state['process_noise'], state['measurement_noise']
     return coefficients['process_noise'], coefficients['measurement_noise']
 
 
 @kernel
-def paper_rate(state: Any, adaptive: bool) -> float:
-    """Return the rate to report, in rad/s (safeguard: offset)."""
-    rate: float = state['rate'] + (state['measurement_mean'] if adaptive else 0.0)
-    return rate
+def estimate(state: PaperAxis, adapts: bool) -> tuple[float, float]:
+    """Return rate in rad/s (safeguard: offset) and variance."""
+    mean = state['measurement_mean'] if adapts else 0.0
+    return state['rate'] + mean, state['rate_variance']
 
 
 @kernel
-def predict_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
+def predict(state: PaperAxis, coefficients: PaperCoefficients, adapts: bool) -> None:
     """One sample period ahead: equations (7), without q for the conventional filter, and (8)."""
     phi = coefficients['phi']
     state['rate'] += state['drift']  # (7)
     state['drift'] *= phi
-    if adaptive:
+    if adapts:
         state['rate'] += state['rate_mean']
         state['drift'] += state['drift_mean']
-    _predict_covariance(state, coefficients, adaptive)
+    _predict_covariance(state, coefficients, adapts)
 
 
 @kernel
-def bridge_paper(state: Any, coefficients: Any, adaptive: bool) -> None:
-    """One sample period ahead where the sample is missing (safeguard: bridging)."""
+def coast(state: PaperAxis, coefficients: PaperCoefficients, adapts: bool) -> None:
+    """One sample period ahead where the sample is missing (safeguard: coasting)."""
     furthest = DIVERGED * state['largest']
     state['rate'] = min(max(state['rate'] + state['drift'], -furthest), furthest)
     state['drift'] *= coefficients['phi']
-    _predict_covariance(state, coefficients, adaptive)
+    _predict_covariance(state, coefficients, adapts)
 
 
 @kernel
-def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
+def _predict_covariance(state: PaperAxis, coefficients: PaperCoefficients, adapts: bool) -> None:
     """Equation (8). Rounding may leave a difference of equals below zero."""
     phi = coefficients['phi']
-    process_noise, _ = paper_noise(state, coefficients, adaptive)
+    process_noise, _ = noise_of(state, coefficients, adapts)
     p00, p01, p11 = state['rate_variance'], state['covariance'], state['drift_variance']
     state['rate_variance'] = max(0.0, p00 + 2.0 * p01 + p11)
     state['carried_variance'] = phi * phi * p11
@@ -158,7 +167,7 @@ def _predict_covariance(state: Any, coefficients: Any, adaptive: bool) -> None:
 
 
 @kernel
-def _bounded_covariance(state: Any, covariance: float) -> float:
+def _bounded_covariance(state: PaperAxis, covariance: float) -> float:
     """Return a covariance that the variances allow, whatever rounding has made of it."""
     square = state['rate_variance'] * state['drift_variance']
     if covariance * covariance <= square:  # nearly always, and without waiting for a root
@@ -167,23 +176,23 @@ def _bounded_covariance(state: Any, covariance: float) -> float:
 
 
 @kernel
-def update_paper(
-    state: Any,
-    coefficients: Any,
-    adaptive: bool,
-    forgetting_factor: float,
-    epsilon: float,
+def update(
+    state: PaperAxis,
+    coefficients: PaperCoefficients,
+    settings: 'Settings',
+    adapts: bool,
     sample: float,
 ) -> tuple[float, bool]:
-    """Take a sample (rad/s) in after `predict_paper`: equations (9) to (20).
+    """Take a sample (rad/s) in after `predict`: equations (9) to (20).
 
-    `epsilon` is in (rad/s)^2, infinite where outliers are to be taken as they are. Returns the
-    innovation as it came, in rad/s, and whether the sample was flagged as an outlier.
+    Returns:
+        The innovation as it came, in rad/s, and whether the sample was flagged as an outlier.
     """
+    epsilon = settings['epsilon'] if settings['outlier_enabled'] else np.inf
     predicted = state['rate']
     p00, p01, p11 = state['rate_variance'], state['covariance'], state['drift_variance']
-    _, noise = paper_noise(state, coefficients, adaptive)
-    mean = state['measurement_mean'] if adaptive else 0.0
+    _, noise = noise_of(state, coefficients, adapts)
+    mean = state['measurement_mean'] if adapts else 0.0
     innovation_variance = p00 + noise
     precision = 1.0 / innovation_variance
     gain_rate = p00 * precision  # (9)
@@ -207,20 +216,20 @@ def update_paper(
     covariance = kept * (p01 - gain_drift * p00) + gain_rate * gain_drift * noise
     state['covariance'] = _bounded_covariance(state, covariance)
 
-    if adaptive:
-        _adapt(state, coefficients, forgetting_factor, used, gain_rate, gain_drift, p00)
+    if adapts:
+        _adapt(state, coefficients, settings['forgetting_factor'], used, gain_rate, gain_drift, p00)
     state['largest'] = max(state['largest'], abs(sample))
     if not abs(state['rate']) <= DIVERGED * state['largest']:  # safeguard: divergence
         state['divergences'] += 1
         state['samples'] = 0
-        start_paper(state, coefficients, sample)
+        start(state, coefficients, sample)
     return innovation, outlier
 
 
 @kernel
 def _adapt(
-    state: Any,
-    coefficients: Any,
+    state: PaperAxis,
+    coefficients: PaperCoefficients,
     forgetting_factor: float,
     innovation: float,
     gain_rate: float,

@@ -1,0 +1,92 @@
+"""What is done to a filter between two samples, as kernels on its record (1,)."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import entry_kernel
+from gyro_drift_filter.core import methods
+from gyro_drift_filter.core.bias import (
+    HINT_SECONDS,
+    calibrate_bias,
+    leave_rest,
+    start_bias,
+    warm_bias,
+)
+from gyro_drift_filter.core.clock import period_of, start_clock
+from gyro_drift_filter.core.records import FILTER
+from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.settings import SETTINGS
+from gyro_drift_filter.core.step import derive
+
+# A method takes over from another's output where that is so many deviations from the last sample.
+NEAR = 4.0
+
+
+@entry_kernel(FILTER, SETTINGS)
+def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
+    """Replace what was learned of the parts of the model that new settings give another value."""
+    state, before, after = filter_[0]['state'], filter_[0]['settings'], settings[0]
+    methods.change_model(filter_[0], after)
+    sample_rate = after['sample_rate']
+    if sample_rate != before['sample_rate'] and sample_rate > 0.0:
+        period = period_of(sample_rate)
+        methods.rescale(filter_[0], period / state['clock']['period'])
+        state['clock']['period'] = period
+
+
+@entry_kernel(FILTER, int)
+def take_over(filter_: NDArray[np.void], before: int) -> None:
+    """Start the method of the settings where the method `before` has ended.
+
+    So the output does not jump. Where it lags behind the samples it has to: then, and where there
+    is no output, the method starts at the next sample.
+    """
+    state, settings = filter_[0]['state'], filter_[0]['settings']
+    result, after = state['result'], settings['method']
+    derive(filter_[0], state['clock']['period'])
+    for axis in range(3):
+        settings['method'] = before
+        tracking = methods.is_tracking(filter_[0], axis)
+        settings['method'] = after
+        rate = result['angular_velocity'][axis] + result['bias'][axis]
+        distance = abs(state['checks']['measured'][axis] - rate)
+        near = distance <= NEAR * math.sqrt(result['innovation_variance'][axis])
+        methods.stop_tracking(filter_[0], axis)
+        if tracking and near and result['status'] != SampleStatus.REFUSED:
+            methods.take_over(filter_[0], axis, rate)
+
+
+@entry_kernel(FILTER)
+def start_state(filter_: NDArray[np.void]) -> None:
+    """Set a state up that is zero but for the bias."""
+    leave_rest(filter_[0]['state']['bias'])
+    start_clock(filter_[0]['state']['clock'], filter_[0]['settings']['sample_rate'])
+
+
+@entry_kernel(FILTER, np.float64, np.float64)
+def set_bias(
+    filter_: NDArray[np.void], bias: NDArray[np.float64], variance: NDArray[np.float64]
+) -> None:
+    """Start a zeroed bias: (3,) in rad/s, and its variance, infinite where nothing is known."""
+    start_bias(filter_[0]['state']['bias'], bias, variance)
+
+
+@entry_kernel(FILTER, int)
+def give_hint(filter_: NDArray[np.void], hint: int) -> None:
+    """Take a member of `Hint`."""
+    filter_[0]['state']['bias']['hint'] = hint
+    filter_[0]['state']['bias']['hint_seconds'] = HINT_SECONDS
+
+
+@entry_kernel(FILTER, float)
+def note_temperature(filter_: NDArray[np.void], temperature: float) -> None:
+    """Take the sensor's temperature in deg C."""
+    warm_bias(filter_[0]['state']['bias'], temperature, filter_[0]['settings'])
+
+
+@entry_kernel(FILTER)
+def calibrate(filter_: NDArray[np.void]) -> None:
+    """Take the mean rate of the rest under way for the bias."""
+    calibrate_bias(filter_[0]['state']['bias'])

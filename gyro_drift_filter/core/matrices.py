@@ -1,0 +1,52 @@
+"""Products and inverses of 3 by 3 matrices: kernels can't make arrays, so results go to `out`."""
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import kernel
+
+Matrix = Annotated[NDArray[np.float64], np.float64, (3, 3)]
+
+
+@kernel
+def multiply(a: Matrix, b: Matrix, out: Matrix) -> None:
+    """Write a b."""
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
+
+
+@kernel
+def multiply_transposed(a: Matrix, b: Matrix, out: Matrix) -> None:
+    """Write a' b."""
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = a[0, i] * b[0, k] + a[1, i] * b[1, k] + a[2, i] * b[2, k]
+
+
+@kernel
+def invert(a: Matrix, out: Matrix) -> None:
+    """Write the inverse of `a`, which is overwritten: Gauss and Jordan's method with pivots."""
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = 1.0 if i == k else 0.0
+    for column in range(3):
+        pivot = column
+        for i in range(column + 1, 3):
+            if abs(a[i, column]) > abs(a[pivot, column]):
+                pivot = i
+        for k in range(3):
+            a[column, k], a[pivot, k] = a[pivot, k], a[column, k]
+            out[column, k], out[pivot, k] = out[pivot, k], out[column, k]
+        share = 1.0 / a[column, column]
+        for k in range(3):
+            a[column, k] *= share
+            out[column, k] *= share
+        for i in range(3):
+            if i != column:
+                factor = a[i, column]
+                for k in range(3):
+                    a[i, k] -= factor * a[column, k]
+                    out[i, k] -= factor * out[column, k]

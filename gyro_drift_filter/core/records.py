@@ -1,0 +1,70 @@
+"""All that a filter consists of, as one record that kernels take."""
+
+from typing import Annotated, TypedDict
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
+from gyro_drift_filter.core.bias import Bias
+from gyro_drift_filter.core.clock import Clock
+from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
+from gyro_drift_filter.core.rest import RestLengths
+from gyro_drift_filter.core.sample import Result
+from gyro_drift_filter.core.sensor_checks import SensorChecks
+from gyro_drift_filter.core.settings import SETTINGS, Settings
+
+
+class Coefficients(TypedDict):
+    """What is derived from the settings and the sample period."""
+
+    period: float  # s, that the others were derived for; 0 before that, and where settings changed
+    methods: MethodCoefficients
+    rest: RestLengths
+
+
+class Counts(TypedDict):
+    """Counts of samples, and sums over them."""
+
+    samples: int
+    repeats: int
+    refused: int
+    outliers: CountPerAxis
+    # Normalised innovation squared of the samples that were accepted: sum and number.
+    nis_sum: PerAxis
+    nis_samples: CountPerAxis
+
+
+COEFFICIENTS = record(Coefficients, in_cache_lines=True)
+COUNTS = record(Counts)
+
+
+class State(TypedDict):
+    """What `Filter.reset` clears and a snapshot holds."""
+
+    clock: Clock
+    counts: Counts
+    checks: SensorChecks
+    methods: MethodStates
+    coasted: CountPerAxis  # samples in a row without a usable rate
+    bias: Bias
+    result: Result  # of the last sample
+
+
+class Workspace(TypedDict):
+    """What is needed within one step, and means nothing after it."""
+
+    methods: MethodWorkspace
+
+
+STATE = record(State, in_cache_lines=True)
+WORKSPACE = record(Workspace, in_cache_lines=True)
+
+
+class FilterRecord(TypedDict):
+    """A filter."""
+
+    settings: Annotated[Settings, SETTINGS, ()]
+    coefficients: Coefficients
+    state: State
+    workspace: Workspace
+
+
+FILTER = record(FilterRecord, in_cache_lines=True)

@@ -1,0 +1,50 @@
+"""A sample of the sensor, and what the filter makes of it."""
+
+from enum import IntEnum
+from typing import TypedDict
+
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
+
+# A rate beyond this is no rate: 50,000 times what the fastest gyroscopes measure, in rad/s.
+LARGEST_RATE = 1.0e6
+
+
+class Sample(TypedDict):
+    """What the sensor measures at one moment."""
+
+    stamp: int  # ns; 0 where the driver does not stamp
+    angular_velocity: PerAxis  # rad/s; a value that is no number is bridged by the prediction
+    linear_acceleration: PerAxis  # m/s^2; NaN where it is unknown
+
+
+class SampleStatus(IntEnum):
+    """What became of a sample."""
+
+    FILTERED = 0
+    REPEATED = 1  # same stamp and same rates as the sample before: its result once more
+    REFUSED = 2  # no usable rate yet on some axis, so there is no result
+
+
+class Result(TypedDict):
+    """What the filter makes of a sample."""
+
+    status: int  # a SampleStatus
+    angular_velocity: PerAxis  # filtered, with the bias taken off, rad/s
+    angular_velocity_variance: PerAxis  # (rad/s)^2
+    innovation: PerAxis  # rad/s
+    innovation_variance: PerAxis  # (rad/s)^2, fixed before the sample is seen
+    process_noise: PerAxis  # Q, (rad/s)^2
+    measurement_noise: PerAxis  # R, (rad/s)^2
+    outlier: PerAxis  # 0 or 1
+    bias: PerAxis  # subtracted from the rate, rad/s
+    at_rest: float  # 0 or 1
+
+
+SAMPLE = record(Sample)
+RESULT = record(Result)
+
+
+@kernel
+def is_usable(rate: float) -> bool:
+    """Tell whether a value in rad/s can be a rate at all."""
+    return abs(rate) <= LARGEST_RATE  # False for NaN

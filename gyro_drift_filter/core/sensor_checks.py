@@ -1,0 +1,103 @@
+"""What the raw values say of the sensor: is it stuck, at the end of its range, or in degrees?"""
+
+from typing import TypedDict
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.sample import Sample, is_usable
+
+# 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
+RANGE = 35.0
+
+# A sensor whose values all stay the same for so long is stuck, in s: drivers repeat the last ones
+# when the bus hangs. From so many equal samples on it says nothing of the bias.
+STUCK_SECONDS = 1.0
+STUCK_SAMPLES = 20
+# A rate that is the same so many times is the end of the range, where the one before was so many
+# steps of the resolution off, as at the top of a turn it is not, and where no rate that was stopped
+# at like this was faster. The smallest range is above this, in rad/s.
+CLIPPED_RATE = 2.0
+CLIPPED_STEPS = 10.0
+CLIPPED_SAMPLES = 3
+
+
+class SensorChecks(TypedDict):
+    """The last values as they came, how often they have come, and what was found."""
+
+    measured: PerAxis  # angular velocity of the last sample, rad/s
+    acceleration: PerAxis  # m/s^2, of the last sample
+    equal: CountPerAxis  # how often the rate has come before in a row
+    largest: PerAxis  # |rate| of those that were stopped at, rad/s
+    entered: PerAxis  # last change of the rate, rad/s
+    resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
+    equal_all: int  # how often all rates and accelerations have come before in a row
+    stuck: bool  # and that for `STUCK_SECONDS`
+    # counts
+    beyond_range: int  # samples that no gyroscope measures: degrees, not radians?
+    times_stuck: int
+    clipped: CountPerAxis
+    unusable: CountPerAxis
+
+
+SENSOR_CHECKS = record(SensorChecks)
+
+
+@kernel
+def note_values(checks: SensorChecks, sample: Sample, period: float) -> None:
+    """Take the values of a sample in, `period` s after those before."""
+    rate = sample['angular_velocity']
+    same = _note_rates(checks, sample)
+    acceleration = sample['linear_acceleration']
+    for axis in range(3):
+        # NaN, for who has no accelerometer, is the same as NaN.
+        force, before = acceleration[axis], checks['acceleration'][axis]
+        if force != before and (force == force or before == before):
+            same = False
+        checks['acceleration'][axis] = force
+    checks['equal_all'] = checks['equal_all'] + 1 if same else 0
+    seconds = checks['equal_all'] * period
+    stuck = checks['equal_all'] >= STUCK_SAMPLES and seconds >= STUCK_SECONDS
+    if stuck and not checks['stuck']:
+        checks['times_stuck'] += 1
+    checks['stuck'] = stuck
+    if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
+        _count_unlikely(checks, sample)
+
+
+@kernel
+def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
+    """Look for rates at the end of the range; return whether all are those of the sample before."""
+    rate, same = sample['angular_velocity'], True
+    equal, largest = checks['equal'], checks['largest']
+    entered, resolution = checks['entered'], checks['resolution']
+    for axis in range(3):
+        if is_usable(rate[axis]):
+            change = abs(rate[axis] - checks['measured'][axis])
+            if change > 0.0:
+                entered[axis] = change
+                if change < resolution[axis] or resolution[axis] == 0.0:
+                    resolution[axis] = change
+            elif entered[axis] > CLIPPED_STEPS * resolution[axis]:
+                largest[axis] = max(largest[axis], abs(rate[axis]))
+                fastest = abs(rate[axis]) > CLIPPED_RATE and abs(rate[axis]) == largest[axis]
+                if fastest and equal[axis] + 2 >= CLIPPED_SAMPLES:
+                    checks['clipped'][axis] += 1
+        if rate[axis] == checks['measured'][axis]:
+            equal[axis] += 1
+        else:
+            equal[axis] = 0
+            same = False
+        checks['measured'][axis] = rate[axis]
+    return same
+
+
+@kernel
+def _count_unlikely(checks: SensorChecks, sample: Sample) -> None:
+    """Count rates of which one is NaN or beyond what gyroscopes measure."""
+    rate, beyond = sample['angular_velocity'], False
+    for axis in range(3):
+        if not is_usable(rate[axis]):
+            checks['unusable'][axis] += 1
+        if abs(rate[axis]) > RANGE:
+            beyond = True
+    if beyond:
+        checks['beyond_range'] += 1

@@ -1,0 +1,181 @@
+"""One step of the filter for all three axes: live and offline both come through here."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import entry_kernel, kernel
+from gyro_drift_filter.core import methods
+from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias
+from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
+from gyro_drift_filter.core.records import FILTER, FilterRecord
+from gyro_drift_filter.core.rest import derive_lengths
+from gyro_drift_filter.core.sample import RESULT, SAMPLE, Sample, SampleStatus, is_usable
+from gyro_drift_filter.core.sensor_checks import STUCK_SAMPLES, note_values
+
+# Of a sample in the sum: a start of motion may be any number.
+LARGEST_NIS = 100.0
+
+
+@kernel
+def step(sample: Sample, filter_: FilterRecord) -> None:
+    """Take one sample in and leave its result in the state of the filter."""
+    settings, state = filter_['settings'], filter_['state']
+    clock, result, stamp = state['clock'], state['result'], sample['stamp']
+    period = clock['period']
+    if filter_['coefficients']['period'] != period:
+        derive(filter_, period)
+    state['counts']['samples'] += 1
+    if _is_repeat(sample, filter_):
+        state['counts']['repeats'] += 1
+        if result['status'] == SampleStatus.FILTERED:
+            result['status'] = SampleStatus.REPEATED
+        return
+    elapsed = elapsed_seconds(clock, stamp)
+    missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
+    result['status'] = SampleStatus.FILTERED
+    note_values(state['checks'], sample, clock['period'])
+    _stop_coasting(sample, missing, filter_)
+    _filter_axes(sample, missing, filter_)
+    _take_bias_off(sample, elapsed, missing, filter_)
+    if result['status'] == SampleStatus.REFUSED:
+        state['counts']['refused'] += 1
+    else:
+        _count_result(filter_)
+    if clock['period'] != period:
+        methods.rescale(filter_, clock['period'] / period)
+
+
+@kernel
+def derive(filter_: FilterRecord, period: float) -> None:
+    """Derive all coefficients for a sample period in s."""
+    coefficients = filter_['coefficients']
+    coefficients['period'] = period
+    methods.derive(filter_, period)
+    derive_lengths(period, coefficients['rest'])
+
+
+@kernel
+def _is_repeat(sample: Sample, filter_: FilterRecord) -> bool:
+    """Return whether stamp and rates are those of the sample before."""
+    state, stamp, rate = filter_['state'], sample['stamp'], sample['angular_velocity']
+    clock, measured = state['clock'], state['checks']['measured']
+    return bool(
+        stamp != 0
+        and clock['started']
+        and stamp == clock['stamp']
+        and rate[0] == measured[0]
+        and rate[1] == measured[1]
+        and rate[2] == measured[2]
+    )
+
+
+@kernel
+def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
+    """Start anew on axes that time has jumped on, or that had no usable rate for `gap_limit` s."""
+    state, limit = filter_['state'], filter_['settings']['gap_limit']
+    for axis in range(3):
+        usable = is_usable(sample['angular_velocity'][axis])
+        coasted = 0 if usable else state['coasted'][axis] + 1 + max(missing, 0)
+        state['coasted'][axis] = coasted
+        if missing == TIME_JUMP or coasted * state['clock']['period'] > limit:
+            methods.stop_tracking(filter_, axis)
+
+
+@kernel
+def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
+    """Predict all axes, then take in what the sample is on all of them."""
+    rate, result = sample['angular_velocity'], filter_['state']['result']
+    starting = filter_['workspace']['methods']['starting']
+    for axis in range(3):
+        usable = is_usable(rate[axis])
+        starting[axis] = not methods.is_tracking(filter_, axis)
+        if starting[axis]:
+            if not usable:
+                result['status'] = SampleStatus.REFUSED
+                continue
+            methods.start(filter_, axis, rate[axis])
+        else:
+            for _ in range(missing):
+                methods.coast(filter_, axis)
+        if usable:
+            methods.predict(filter_, axis)
+        else:
+            methods.coast(filter_, axis)
+    methods.compare_axes(filter_, sample)
+    for axis in range(3):
+        if not methods.is_tracking(filter_, axis):
+            continue
+        usable = is_usable(rate[axis])
+        methods.expect(filter_, axis, result)
+        innovation, outlier = 0.0, True
+        if usable:
+            innovation, outlier = methods.update(filter_, axis, rate[axis])
+        result['innovation'][axis] = innovation
+        result['outlier'][axis] = outlier
+        methods.estimate(filter_, axis, rate[axis] if usable else np.nan, result)
+
+
+@kernel
+def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: FilterRecord) -> None:
+    """Learn the bias if this is rest, and subtract it from the result."""
+    settings, state = filter_['settings'], filter_['state']
+    bias, result = state['bias'], state['result']
+    if missing == TIME_JUMP:
+        leave_rest(bias)
+    accepted = (
+        result['status'] == SampleStatus.FILTERED and state['checks']['equal_all'] < STUCK_SAMPLES
+    )
+    for axis in range(3):
+        if result['outlier'][axis] > 0.0:
+            accepted = False
+    lengths = filter_['coefficients']['rest']
+    track_bias(bias, sample, accepted, max(missing, 0), elapsed, lengths, settings)
+    result['at_rest'] = bias['rest']['at_rest']
+    for axis in range(3):
+        result['bias'][axis] = 0.0
+        if settings['bias_enabled']:
+            result['bias'][axis] = bias['bias'][axis]
+            result['angular_velocity'][axis] -= bias['bias'][axis]
+            result['angular_velocity_variance'][axis] += bias_variance(bias, axis)
+
+
+@kernel
+def _count_result(filter_: FilterRecord) -> None:
+    counts, result = filter_['state']['counts'], filter_['state']['result']
+    for axis in range(3):
+        if result['outlier'][axis] > 0.0:
+            counts['outliers'][axis] += 1
+        elif methods.is_noise_known(filter_, axis):
+            innovation = result['innovation'][axis]
+            squared = innovation * innovation / result['innovation_variance'][axis]
+            counts['nis_sum'][axis] += min(squared, LARGEST_NIS)
+            counts['nis_samples'][axis] += 1
+
+
+# numba takes arrays from Python faster than their records.
+
+
+@entry_kernel(SAMPLE, FILTER)
+def step_sample(sample: NDArray[np.void], filter_: NDArray[np.void]) -> None:
+    """Take one sample in: `step` for arrays (1,) of its records."""
+    step(sample[0], filter_[0])
+
+
+@entry_kernel(np.int64, (np.float64, 2), (np.float64, 2), SAMPLE, FILTER, RESULT)
+def step_samples(
+    stamps: NDArray[np.int64],
+    rates: NDArray[np.float64],
+    accelerations: NDArray[np.float64],
+    sample: NDArray[np.void],
+    filter_: NDArray[np.void],
+    results: NDArray[np.void],
+) -> None:
+    """Take n samples in by a loop over `step`, and keep the result of each."""
+    now = sample[0]
+    for i in range(len(stamps)):
+        now['stamp'] = stamps[i]
+        for axis in range(3):
+            now['angular_velocity'][axis] = rates[i, axis]
+            now['linear_acceleration'][axis] = accelerations[i, axis]
+        step(now, filter_[0])
+        results[i] = filter_[0]['state']['result']
