@@ -23,7 +23,8 @@ from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import Topics
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core.parameters import AXES, METHODS
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
 from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate

@@ -19,7 +19,8 @@ from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.parameters import DESCRIPTIONS, METHODS
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.parameters import DESCRIPTIONS
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.simulation.bag import imu_message

@@ -190,7 +190,7 @@ def main(out, way):
         sys.modules['numba'] = None  # type: ignore[assignment]  # its import fails
     from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
     from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-    from gyro_drift_filter.core.parameters import METHODS
+    from gyro_drift_filter.core.methods import METHODS
 
     assert is_extension() == (way == 'extension')
     assert is_compiled() == (way != 'plain')
