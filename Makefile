@@ -4,9 +4,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Processes that share the tests; those that need the same long preparation stay in one of them.
+# Processes that share the tests: test/conftest.py says how.
 WORKERS ?= 2
-SHARED_OUT := -n $(WORKERS) --dist loadgroup --no-loadscope-reorder
 
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -17,10 +16,10 @@ demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
 
 check: ready
-	$(BIN)/python -m pytest $(SHARED_OUT) -m 'not slow and not node'
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow and not node'
 
 test: ready
-	$(BIN)/python -m pytest $(SHARED_OUT)
+	$(BIN)/python -m pytest -n $(WORKERS)
 
 # Compiled before the workers start, as two of them would compile the same.
 ready: $(VENV)/.installed
@@ -38,7 +37,7 @@ quality: $(VENV)/.installed
 
 coverage: compile
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest $(SHARED_OUT)
+	$(BIN)/coverage run -m pytest -n $(WORKERS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --fail-under 95
 

@@ -11,7 +11,7 @@ import pytest
 from gyro_drift_filter.accelerate.kernels import is_compiled
 from support.paths import REPOSITORY, TESTS
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group('kernels')]
+pytestmark = pytest.mark.slow
 
 WAY = """
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension

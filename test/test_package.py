@@ -85,7 +85,6 @@ def workspace(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group('node')
 def test_colcon_installs_what_ros_looks_for(workspace):
     for name in (
         'lib/gyro_drift_filter/gyro_drift_filter_node',
