@@ -23,7 +23,7 @@ from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import Topics
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
@@ -44,7 +44,7 @@ def main() -> int:
     options = parser.parse_args()
     output: Path = options.output
     bag, live = output / 'simulated', output / 'live'
-    replayed = {method: output / f'replayed_{method}' for method in METHODS}
+    replayed = {method: output / f'replayed_{method}' for method in METHOD_NAMES}
     figures = [output / 'static.png', output / 'dynamic.png']
     written = [bag, truth_path(bag), live, *replayed.values(), *figures]
     output.mkdir(parents=True, exist_ok=True)

@@ -93,6 +93,7 @@ def test_numbers_in_texts(before, after, same):
     assert is_same_text(before, after, 1e-12) == same
 
 
+@pytest.mark.slow
 def test_a_checkout_writes_what_it_writes(tmp_path, capsys):
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(200)})
     arguments = [str(REPOSITORY), str(REPOSITORY), str(source), '--methods', 'kalman']

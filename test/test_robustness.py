@@ -126,6 +126,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('what', HOSTILE)
 def test_a_hostile_metadata_file(what, tmp_path):
     imu = [(10**18 + k, imu_message(10**18 + k, (0, 0, 0), (0, 0, 9.8))) for k in range(5)]

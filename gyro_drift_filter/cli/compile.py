@@ -25,7 +25,7 @@ from gyro_drift_filter.bags.chunk_kernels import (
 )
 from gyro_drift_filter.bags.statistics import Moments
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters, commands
-from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.sample import RESULT
 from gyro_drift_filter.messages.cdr import EXAMPLE
 from gyro_drift_filter.messages.diagnostics import diagnostic_arrays
@@ -68,7 +68,7 @@ def compile_all() -> None:
     messages.process_batch([EXAMPLE])
     messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     messages.filter.note_temperature(20.0)
-    for method in METHODS:
+    for method in METHOD_NAMES:
         messages.filter.configure(Parameters(method=method))
         messages.filter.step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     commands.calibrate(messages.filter.record)
