@@ -7,19 +7,19 @@ from setuptools import find_packages, setup
 
 root = Path(__file__).parent
 package = ElementTree.parse(root / 'package.xml').getroot()
-name = package.findtext('name')
+name = package.findtext('name', '')
 
 
-def files(pattern):
+def files(pattern: str) -> list[str]:
     """Return the files of a pattern, relative to this folder as setuptools wants them."""
     return [str(path.relative_to(root)) for path in sorted(root.glob(pattern))]
 
 
 setup(
     name=name,
-    version=package.findtext('version'),
-    description=package.findtext('description'),
-    license=package.findtext('license'),
+    version=package.findtext('version', ''),
+    description=package.findtext('description', ''),
+    license=package.findtext('license', ''),
     packages=find_packages(include=[name, f'{name}.*']),
     package_data={name: ['py.typed']},
     data_files=[
@@ -60,6 +60,7 @@ setup(
             'mcap>=1.2',
             'mypy>=1.13',
             'pytest>=8',
+            'pytest-xdist>=3.7',
             'ruff>=0.14',
             'scipy>=1.11',
             'types-PyYAML',

@@ -59,7 +59,7 @@ def package_method(method: str) -> Candidate:
     """
 
     def run(recording: Recording) -> Filtered:
-        parameters = {'method': method}
+        parameters: dict[str, object] = {'method': method}
         if method in ('kalman', 'sage_husa'):
             variance = recording.deviation**2
             phi = 0.218

@@ -103,8 +103,8 @@ def timed(bag: Path) -> list[list[str]]:
     for _ in range(_REPETITIONS):
         with tempfile.TemporaryDirectory() as folder:
             for name, arguments in (
-                ('identify', [command, 'identify', bag, '-o', Path(folder) / 'model.yaml']),
-                ('read and deserialize', [sys.executable, '-c', _DESERIALIZE, bag]),
+                ('identify', [str(command), 'identify', str(bag), '-o', f'{folder}/model.yaml']),
+                ('read and deserialize', [sys.executable, '-c', _DESERIALIZE, str(bag)]),
             ):
                 begin = time.perf_counter()
                 subprocess.run(arguments, capture_output=True, check=True)

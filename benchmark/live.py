@@ -136,7 +136,7 @@ class Player:
         with contextlib.suppress(TimeoutError):
             end = time.monotonic() + 5.0
             self.wait(lambda: self.arrivals[-1][0] == last or time.monotonic() > end)
-        return (sum(process.cpu_times()[:2]) - used) / (len(messages) - WARM_UP)
+        return float((sum(process.cpu_times()[:2]) - used) / (len(messages) - WARM_UP))
 
     def memory(self) -> float:
         """Return the resident memory of the process in MB."""

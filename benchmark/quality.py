@@ -9,7 +9,7 @@ A ratio of 1.00 means no better and no worse than the raw signal. What the colum
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,14 @@ from benchmark.scenarios import (
 )
 from gyro_drift_filter.cli.table import table
 
-BARS = json.loads(Path(__file__).with_name('bars.json').read_text())
+# Limits of the median, where there is one, and of the worst.
+Bar = tuple[float | None, float]
+BARS: dict[str, Bar] = {
+    name: (median, worst)
+    for name, (median, worst) in json.loads(
+        Path(__file__).with_name('bars.json').read_text()
+    ).items()
+}
 LEGEND = """\
 static      std(filtered) / std(raw) of a motionless gyroscope, after 20 s
 bursty      the same with the stamps of a driver that delivers in bursts
@@ -228,10 +235,8 @@ def worst(name: str, values: list[float]) -> float:
     return max(values)
 
 
-def falls_short(
-    figures: dict[str, list[float]], bars: dict[str, list[float | None]] = BARS
-) -> Iterator[str]:
-    """Yield a line for each bar that does not hold; a bar is [median's limit, worst's limit]."""
+def falls_short(figures: dict[str, list[float]], bars: Mapping[str, Bar] = BARS) -> Iterator[str]:
+    """Yield a line for each bar that does not hold."""
     for name, (median_bar, worst_bar) in bars.items():
         median_, worst_ = float(np.median(figures[name])), worst(name, figures[name])
         if '.nis' in name:

@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_static
 from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
-from gyro_drift_filter.bags.replay import Topics, replay
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.replay_run import Topics
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -112,7 +114,7 @@ def read_flags(bag: Path) -> NDArray[np.bool_]:
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == topic]
         vectors = [
-            reader.deserialize(data, connection.msgtype).vector
+            cast(Any, reader.deserialize(data, connection.msgtype)).vector
             for connection, _, data in reader.messages(connections)
         ]
     return np.array([(v.x, v.y, v.z) for v in vectors]) > 0

@@ -3,12 +3,13 @@
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from sensor_msgs.msg import Imu
 
 EXECUTABLE = Path(sys.executable).parent / 'gyro_drift_filter_node'
@@ -30,14 +32,29 @@ _IN_FLIGHT = 100
 _PATIENCE = 120.0  # a first start compiles
 # Of requests, too, one may go before both sides have found each other.
 _ATTEMPTS = 60
+_BLOCK = 10  # ROS domains of a process
+_BLOCKS = 10  # with more of them, DDS would use ports that the system gives to others
+_count = itertools.count()
 
 
-_domains = itertools.count(os.getpid())
+@cache
+def _own_block() -> tuple[int, socket.socket | None]:
+    """Return a block of domains, and the socket that keeps other processes from taking it."""
+    for block in range(_BLOCKS):
+        mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            mark.bind(f'\0gyro_drift_filter_domains_{block}')  # a name without a file
+        except OSError:
+            mark.close()
+        else:
+            return block, mark
+    return os.getpid() % _BLOCKS, None
 
 
 def own_domain() -> int:
-    """Return a ROS domain that no other node of this process has, and others hardly."""
-    return 1 + next(_domains) % 100
+    """Return a ROS domain that no other process takes, and none of the last nodes of this one."""
+    block, _ = _own_block()
+    return 1 + _BLOCK * block + next(_count) % _BLOCK
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -126,8 +143,8 @@ class LiveNode:
     def _meet(self) -> None:
         """Wait until the node hears the player: what is sent before would be lost.
 
-        That the player has found the node does not tell it. But DDS tells of a process's endpoints
-        in the order in which they were made, so that a node that answers a client that is younger
+        That the player has found the node does not say so. But DDS announces the endpoints of a
+        process in the order in which they were made: a node that answers a client that is younger
         than the player's publisher and subscription has found these, too.
         """
         self.wait(self._player.get_subscription_count, 'the node to listen')
@@ -135,14 +152,18 @@ class LiveNode:
         self.wait(client.service_is_ready, 'the services of the node')
         for _ in range(_ATTEMPTS):
             answer = client.call_async(GetParameters.Request())
-            end = time.monotonic() + _PATIENCE / _ATTEMPTS
-            self.wait(lambda a=answer, e=end: a.done() or time.monotonic() > e, 'an answer')
-            if answer.done():
+            if self._is_done(answer, _PATIENCE / _ATTEMPTS):
                 break
             client.remove_pending_request(answer)
         else:
             raise TimeoutError(f'the node has not answered {_ATTEMPTS} requests')
         self.node.destroy_client(client)
+
+    def _is_done(self, answer: Future, seconds: float) -> bool:
+        """Wait for an answer for so long at the most."""
+        end = time.monotonic() + seconds
+        self.wait(lambda: answer.done() or time.monotonic() > end, 'an answer')
+        return bool(answer.done())
 
     def wait(self, condition: Callable[[], object], what: str) -> None:
         """Run callbacks until a condition holds.
@@ -159,7 +180,15 @@ class LiveNode:
                 raise TimeoutError(
                     f'waited {_PATIENCE:g} s for {what}; {len(self.received)} messages have come'
                 )
-            self._executor.spin_once(timeout_sec=0.05)
+            self.spin(0.05)
+
+    def wait_for(self, count: int, what: str) -> None:
+        """Run callbacks until so many messages have been received since the start."""
+        self.wait(lambda: len(self.received) >= count, what)
+
+    def spin(self, seconds: float) -> None:
+        """Run the callbacks that come within this time, the first of them at once."""
+        self._executor.spin_once(timeout_sec=seconds)
 
     def restart_player(self) -> None:
         """End the publisher of the input, and begin another one, as a driver that starts anew."""
@@ -179,9 +208,6 @@ class LiveNode:
         first = len(self.received)
         for sent, message in enumerate(messages, 1):
             self.publish(message)
-            self.wait(
-                lambda least=first + sent - in_flight: len(self.received) >= least,
-                'the node to keep up',
-            )
-        self.wait(lambda: len(self.received) >= first + len(messages), 'the last message')
+            self.wait_for(first + sent - in_flight, 'the node to keep up')
+        self.wait_for(first + len(messages), 'the last message')
         return self.received[first:]

@@ -4,12 +4,11 @@ ros2 launch gyro_drift_filter gyro_drift_filter.launch.py input:=camera/imu name
 """
 
 from launch.actions import DeclareLaunchArgument
+from launch.launch_description import LaunchDescription
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -114,8 +114,8 @@ def test_after_a_slow_turn_short_rests_are_believed_again(random):
     assert filter_.state['bias']['turning'] > 0
     truth = np.array([0.1, -0.1, 0.1]) * DEGREE
     spells = 4 * [(20, True), (3, False)] + [(1, True)]
-    data = moving_and_resting(random, spells, lambda time: truth)
-    results = run(filter_, *data, start=START + 20 * 10**9)
+    rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
+    results = run(filter_, rates, accelerations, start=START + 20 * 10**9)
     np.testing.assert_allclose(results['bias'][-1], truth, atol=0.06 * DEGREE)
 
 

@@ -168,6 +168,7 @@ MESSAGES = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=25,
     deadline=None,

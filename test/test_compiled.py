@@ -11,6 +11,8 @@ import pytest
 from gyro_drift_filter.accelerate.kernels import is_compiled
 from support.paths import REPOSITORY, TESTS
 
+pytestmark = pytest.mark.slow
+
 WAY = """
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
 from gyro_drift_filter.core import Filter

@@ -1,5 +1,7 @@
 """The types that are written, beside those of rosbags' store of all of Jazzy."""
 
+from typing import Any
+
 import pytest
 
 from gyro_drift_filter.bags.message_types import all_types, message_type, serialize, types_with
@@ -24,6 +26,7 @@ def test_other_types_are_jazzys():
     vector = message_type('geometry_msgs/msg/Vector3')
     twist = message_type('geometry_msgs/msg/Twist')(vector(1.0, 2.0, 3.0), vector(4.0, 5.0, 6.0))
     data = serialize(twist, 'geometry_msgs/msg/Twist')
-    assert all_types().deserialize_cdr(data, 'geometry_msgs/msg/Twist').angular.z == 6.0
+    read: Any = all_types().deserialize_cdr(data, 'geometry_msgs/msg/Twist')
+    assert read.angular.z == 6.0
     with pytest.raises(KeyError):
         message_type('nobody_knows/msg/This')

@@ -25,7 +25,7 @@ def test_the_version_stands_once():
     package = ElementTree.parse(REPOSITORY / 'package.xml').getroot()
     assert package.get('format') == '3'
     assert version('gyro_drift_filter') == package.findtext('version')
-    assert (REPOSITORY / 'resource' / package.findtext('name')).exists()
+    assert (REPOSITORY / 'resource' / package.findtext('name', '')).exists()
 
 
 def test_package_xml_names_what_is_imported():
@@ -35,7 +35,7 @@ def test_package_xml_names_what_is_imported():
     for path in (REPOSITORY / 'gyro_drift_filter' / 'ros').glob('*.py'):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
-                imported.add(node.module.split('.')[0])
+                imported.add(str(node.module).split('.')[0])
     standard = set(sys.stdlib_module_names) | {'gyro_drift_filter'}
     assert imported - standard <= declared
 
@@ -84,6 +84,7 @@ def workspace(tmp_path_factory):
     return root / 'install' / 'gyro_drift_filter'
 
 
+@pytest.mark.slow
 def test_colcon_installs_what_ros_looks_for(workspace):
     for name in (
         'lib/gyro_drift_filter/gyro_drift_filter_node',
@@ -98,6 +99,7 @@ def test_colcon_installs_what_ros_looks_for(workspace):
     assert {'core', 'bags', 'ros', 'cli'} <= modules
 
 
+@pytest.mark.node
 def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp_path):
     """Nothing of what comes while the kernels are compiled is lost, and the next start is warm."""
     site = next(workspace.rglob('site-packages'))
@@ -120,6 +122,7 @@ def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp
     assert 'compil' not in node.log
 
 
+@pytest.mark.node
 def test_the_demo(tmp_path):
     done = subprocess.run(
         [sys.executable, '-m', 'demo.main', str(tmp_path / 'output')],

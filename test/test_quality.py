@@ -9,20 +9,22 @@ import pytest
 pytest.importorskip('filterpy', reason="the benchmark's other filters are not installed")
 
 from benchmark.candidates import package_method
-from benchmark.quality import BARS, falls_short, make_world, score
+from benchmark.quality import BARS, Bar, falls_short, make_world, score
+
+pytestmark = pytest.mark.slow
 
 # Worst values, by rate in Hz: [median, worst] as in bars.json. At 50 Hz the same seconds hold half
 # the samples that the bars are made for.
-MEASURED = {
+MEASURED: dict[float, dict[str, Bar]] = {
     50.0: {
-        'static.std': [None, 0.20],
-        'bursty.std': [None, 0.21],
-        'slow.rmse': [None, 0.50],
-        'motion.rest': [None, 0.31],
-        'motion.nis_move': [None, 1.9],
-        'spikes.ratio': [1.2, 4.5],
+        'static.std': (None, 0.20),
+        'bursty.std': (None, 0.21),
+        'slow.rmse': (None, 0.50),
+        'motion.rest': (None, 0.31),
+        'motion.nis_move': (None, 1.9),
+        'spikes.ratio': (1.2, 4.5),
     },
-    100.0: {'motion.rest': [None, 0.22]},
+    100.0: {'motion.rest': (None, 0.22)},
     400.0: {},
     1000.0: {},
 }
@@ -49,7 +51,7 @@ def test_sensors_from_good_to_poor(deviation, kind):
     """Nothing is tuned to a sensor: 1e-4 to 1e-1 rad/s, at 400 Hz."""
     figures = score(package_method('adaptive'), make_world(400.0, deviation, kind, seed=0))
     # In 0.1 rad/s of noise a turn of 0.5 deg/s is a tenth of it: what comes through of it is noisy.
-    poor = {'slow.gain': [None, 0.6], 'motion.nis_move': [None, 1.9]}
+    poor: dict[str, Bar] = {'slow.gain': (None, 0.6), 'motion.nis_move': (None, 1.9)}
     bars = BARS | (poor if deviation == 0.1 else {})
     assert list(falls_short(figures, bars)) == []
 

@@ -15,7 +15,7 @@ from gyro_drift_filter.core import GyroDriftFilterError
 try:
     from rclpy.experimental import EventsExecutor
 except ImportError:
-    EventsExecutor = None
+    EventsExecutor = None  # type: ignore[assignment]
 
 # How long a signal may wait, where no message comes.
 _LATEST_SECONDS = 0.2
@@ -76,7 +76,7 @@ def spin(node: Node, asked: Sequence[int]) -> None:
             'this rclpy has no EventsExecutor: falling back to SingleThreadedExecutor, at several '
             'times the processor load'
         )
-    executor = (EventsExecutor or SingleThreadedExecutor)()
+    executor = SingleThreadedExecutor() if EventsExecutor is None else EventsExecutor()
     # EventsExecutor.spin() of rclpy 7.1 turns without running a callback; spin_once does not.
     try:
         executor.add_node(node)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -65,7 +66,7 @@ class GyroDriftFilterNode(Node):
         ParameterError: A parameter has a wrong value.
     """
 
-    def __init__(self, **options: object) -> None:
+    def __init__(self, **options: Any) -> None:
         try:
             super().__init__(
                 NODE_NAME, automatically_declare_parameters_from_overrides=True, **options

@@ -1,6 +1,7 @@
 """The filter's parameters as ROS 2 parameters: declared with descriptions, checked as a whole."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -39,9 +40,11 @@ class LiveParameters:
         """
         self._node = node
         self._changed = changed
+        # It is annotated to return values.
+        found = cast(Mapping[str, Parameter], node.get_parameters_by_prefix(''))
         given = {
             name: parameter.value
-            for name, parameter in node.get_parameters_by_prefix('').items()
+            for name, parameter in found.items()
             if name.split('.')[0] not in OF_EVERY_NODE
         }
         for name in given:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from mcap.writer import Writer as McapWriter
@@ -49,7 +49,7 @@ def write(
     topics: Mapping[tuple[str, str], Messages],
     plugin: StoragePlugin = StoragePlugin.MCAP,
     mode: CompressionMode | None = None,
-    version: int = 9,
+    version: Literal[8, 9] = 9,
 ) -> Path:
     """Write a bag; topics is {(topic, type): [(log time, data), ...]}, in order of log time."""
     writer = Writer(path, version=version, storage_plugin=plugin)

@@ -187,7 +187,7 @@ def main(out, way):
     """Save all results."""
     if way == 'plain':
         os.environ['NUMBA_DISABLE_JIT'] = '1'
-        sys.modules['numba'] = None
+        sys.modules['numba'] = None  # type: ignore[assignment]  # its import fails
     from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
     from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
     from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -214,13 +214,17 @@ def main(out, way):
         14_100: lambda f: f.configure(Parameters(model_noise_deviation=(0.004,) * 3)),
         14_400: lambda f: f.configure(Parameters(sample_rate=100.0, outlier_enabled=False)),
     }
-    data = recording(np.random.default_rng(1))
+    stamps, rates, accelerations = data = recording(np.random.default_rng(1))
     saved = messages()
     for method in METHOD_NAMES:
-        n = len(data[0]) if method == 'adaptive' else 2500
+        n = len(stamps) if method == 'adaptive' else 2500
         filter_ = Filter(Parameters(method=method))
         results = through(
-            filter_, *(part[:n] for part in data), {k: f for k, f in told.items() if k < n}
+            filter_,
+            stamps[:n],
+            rates[:n],
+            accelerations[:n],
+            {k: f for k, f in told.items() if k < n},
         )
         saved |= {f'{method} {name}': results[name] for name in results.dtype.names}
         bias = filter_.state['bias']

@@ -1,6 +1,7 @@
 """Serialized messages, made on the spot."""
 
 import struct
+from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
@@ -9,7 +10,7 @@ from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 START = 10**18
-STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE: Any = get_typestore(Stores.ROS2_JAZZY)
 TEXT = 'std_msgs/msg/String'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
 

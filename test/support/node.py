@@ -30,7 +30,7 @@ def call(live: LiveNode, kind: Any, name: str, request: Any) -> Any:
     return future.result()
 
 
-def set_parameters(live: LiveNode, **values: Any) -> Sequence[SetParametersResult]:
+def set_parameters(live: LiveNode, **values: Any) -> list[SetParametersResult]:
     """Set parameters, one by one, and return the node's answers; `__` stands for a dot."""
     request = SetParameters.Request(
         parameters=[
@@ -38,7 +38,7 @@ def set_parameters(live: LiveNode, **values: Any) -> Sequence[SetParametersResul
             for name, value in values.items()
         ]
     )
-    return call(live, SetParameters, 'set_parameters', request).results
+    return list(call(live, SetParameters, 'set_parameters', request).results)
 
 
 def get_parameter(live: LiveNode, name: str) -> ParameterValue:

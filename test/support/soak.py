@@ -124,11 +124,11 @@ def soak_core(hours):
         least, largest = min(least, noise.min()), max(largest, noise.max())
         done += PIECE
         memories.append(memory())
-    counts = filter_.state['counts']
+    counts, stuck = filter_.state['counts'], filter_.state['checks']['times_stuck']
     # The least of several pieces, as the array of one comes and goes.
     growth = min(memories[-10:]) - min(memories[10:20], default=np.inf)
     print(
-        f'{done:,} samples, {counts["outliers"].sum():,} outliers, {counts["stuck"]} times stuck, '
+        f'{done:,} samples, {counts["outliers"].sum():,} outliers, {stuck} times stuck, '
         f'{filter_.state["clock"]["restarts"]} restarts, {filter_.state["bias"]["segments"]:,} '
         f'rests; noise {np.sqrt(least):.2g} to {np.sqrt(largest):.2g} rad/s; '
         f'memory {growth:+.1f} MB'
@@ -154,11 +154,11 @@ class Player:
             self._publish()
             end = time.monotonic() + 0.2
             while len(self.live.received) == before and time.monotonic() < end:
-                self.live._executor.spin_once(timeout_sec=0.01)
+                self.live.spin(0.01)
         # Let those that do arrive late do so.
         end = time.monotonic() + 0.5
         while time.monotonic() < end:
-            self.live._executor.spin_once(timeout_sec=0.01)
+            self.live.spin(0.01)
         self.lost = self.sent - len(self.live.received)
         self._begin = time.monotonic() - self.sent / self.rate
 
@@ -168,7 +168,7 @@ class Player:
         while time.monotonic() < end:
             while self.sent < (time.monotonic() - self._begin) * self.rate:
                 self._publish()
-            self.live._executor.spin_once(timeout_sec=0.002)
+            self.live.spin(0.002)
 
     def _publish(self):
         k = self.sent % len(self._rates)
