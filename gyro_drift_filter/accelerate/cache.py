@@ -15,7 +15,6 @@ import hashlib
 import os
 import platform
 import re
-import shutil
 import sys
 import time
 from contextlib import suppress
@@ -31,8 +30,9 @@ NO_EXTENSION = 'no_extension'  # a note: it can't be built, so no start has to t
 BUILD_PREFIX = 'build_'
 
 _PACKAGE = Path(__file__).parent.parent
-_KERNEL = re.compile(rb'^@(?:entry_)?kernel\b', re.MULTILINE)
-_IMPORT = re.compile(rb'^[ \t]*from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
+# Plain text in front, as each start looks for it in all files.
+_KERNEL = re.compile(rb'\n@(?:entry_)?kernel\b')
+_IMPORT = re.compile(rb'from (gyro_drift_filter[\w.]*) import (\([^)]*\)|.*)')
 _OTHERS_KEPT = 3  # other versions of the package, and the one before an update
 _BUILD_SECONDS = 3600.0  # a folder of a build that is older belongs to one that was killed
 
@@ -70,12 +70,14 @@ def covered_files() -> dict[Path, bytes]:
 
 def _modules() -> dict[str, Path]:
     """Return the files of this package by the names of their modules."""
-    return {
-        '.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts).removesuffix(
-            '.__init__'
-        ): path
-        for path in sorted(_PACKAGE.rglob('*.py'))
-    }
+    modules = {}
+    for folder, _, files in os.walk(_PACKAGE):
+        package = _PACKAGE.name + folder[len(str(_PACKAGE)) :].replace(os.sep, '.')
+        for file in files:
+            if file.endswith('.py'):
+                name = f'{package}.{file[:-3]}'.removesuffix('.__init__')
+                modules[name] = Path(folder, file)
+    return modules
 
 
 @functools.cache
@@ -156,6 +158,8 @@ def make_note(note: str) -> None:
 
 def remove_old() -> None:
     """Remove the folders of other versions but the newest, and what killed builds have left."""
+    import shutil  # here, as it loads all kinds of compression, and hardly any process needs it
+
     place = folder()
     if place is None:
         return
