@@ -10,7 +10,7 @@ from OneEuroFilter import OneEuroFilter
 from scipy import signal
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
 
 Array = NDArray[np.float64]
 
@@ -147,4 +147,4 @@ CANDIDATES: dict[str, Candidate] = {
     'Hampel of 7': hampel,
     'One-Euro': one_euro,
     'filterpy': filterpy_kalman,
-} | {method: package_method(method) for method in METHODS}
+} | {method: package_method(method) for method in METHOD_NAMES}

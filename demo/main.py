@@ -21,7 +21,8 @@ from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
 from gyro_drift_filter.bags.replay import Topics, replay
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core.parameters import AXES, METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
 from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate
@@ -41,7 +42,7 @@ def main() -> int:
     options = parser.parse_args()
     output: Path = options.output
     bag, live = output / 'simulated', output / 'live'
-    replayed = {method: output / f'replayed_{method}' for method in METHODS}
+    replayed = {method: output / f'replayed_{method}' for method in METHOD_NAMES}
     figures = [output / 'static.png', output / 'dynamic.png']
     written = [bag, truth_path(bag), live, *replayed.values(), *figures]
     output.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,8 @@ from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags.recording import messages, open_bag
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.parameters import DESCRIPTIONS, METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.parameters import DESCRIPTIONS
 from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
 from gyro_drift_filter.simulation.bag import imu_message
@@ -50,7 +51,7 @@ def fresh(live):
     return live
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', METHOD_NAMES)
 def test_publishes_the_same_bits_as_replay(fresh, method):
     set_parameters(fresh, method=method)
     data = simulated(3000)

@@ -148,9 +148,8 @@ def test_no_input_breaks_a_covariance_or_the_output(
         result = filter_.step(int(stamp), sample, (0.0, 0.0, 0.0))
         for name in result.dtype.names:
             assert np.isfinite(result[name]).all(), name
-        for state in filter_.state['methods']['paper'][
-            filter_.state['methods']['paper']['tracking']
-        ]:
+        states = filter_.state['methods']
+        for state in states['paper'][states['tracking'] == 1]:
             p00, p01, p11 = (
                 state[name] for name in ('rate_variance', 'covariance', 'drift_variance')
             )

@@ -10,7 +10,7 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
@@ -27,7 +27,7 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
     command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
-    command.add_argument('--method', choices=METHODS, help='overrides the parameter file')
+    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
     command.add_argument(
         '--diagnostics',
         action='store_true',

@@ -36,25 +36,23 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
         state['clock']['period'] = period
 
 
-@entry_kernel(FILTER, int)
-def take_over(filter_: NDArray[np.void], before: int) -> None:
-    """Start the method of the settings where the method `before` has ended.
+@entry_kernel(FILTER)
+def take_over(filter_: NDArray[np.void]) -> None:
+    """Start the method of the settings where another one has ended.
 
     So the output does not jump. Where it lags behind the samples it has to: then, and where there
     is no output, the method starts at the next sample.
     """
-    state, settings = filter_[0]['state'], filter_[0]['settings']
-    result, after = state['result'], settings['method']
+    state = filter_[0]['state']
+    result, tracking = state['result'], state['methods']['tracking']
     derive(filter_[0], state['clock']['period'])
     for axis in range(3):
-        settings['method'] = before
-        tracking = methods.is_tracking(filter_[0], axis)
-        settings['method'] = after
         rate = result['angular_velocity'][axis] + result['bias'][axis]
         distance = abs(state['checks']['measured'][axis] - rate)
         near = distance <= NEAR * math.sqrt(result['innovation_variance'][axis])
-        methods.stop_tracking(filter_[0], axis)
-        if tracking and near and result['status'] != SampleStatus.REFUSED:
+        was_tracking = tracking[axis] == 1 and result['status'] != SampleStatus.REFUSED
+        tracking[axis] = 0
+        if was_tracking and near:
             methods.take_over(filter_[0], axis, rate)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias import BIAS, Hint
-from gyro_drift_filter.core.methods import METHODS, share_state
+from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
@@ -64,9 +64,11 @@ class Filter:
         self._derive_anew()
         if parameters.bias_initial != before.bias_initial:
             self.set_bias(parameters.bias_initial)
-        old, new = METHODS.index(before.method), METHODS.index(parameters.method)
-        if not share_state(old, new):
-            commands.take_over(self.record, old)
+        old, new = (
+            METHODS[METHOD_NAMES.index(method)] for method in (before.method, parameters.method)
+        )
+        if old.state != new.state:
+            commands.take_over(self.record)
 
     def _derive_anew(self) -> None:
         """Have the next step derive the coefficients."""

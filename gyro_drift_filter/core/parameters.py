@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import ParameterError
 
 # Parameters that every ROS 2 node has.
@@ -123,7 +123,7 @@ class Parameters:
         'Filter: adaptive follows motion and smooths at rest; kalman is the conventional Kalman '
         'filter of the paper, equations (5) to (12), and sage_husa the one that adapts its noise '
         'statistics, equations (7) to (17): both for a gyroscope that hardly moves.',
-        choices=METHODS,
+        choices=METHOD_NAMES,
     )
     forgetting_factor: float = _parameter(
         0.98,

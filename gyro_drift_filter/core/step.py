@@ -78,7 +78,7 @@ def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         coasted = 0 if usable else state['coasted'][axis] + 1 + max(missing, 0)
         state['coasted'][axis] = coasted
         if missing == TIME_JUMP or coasted * state['clock']['period'] > limit:
-            methods.stop_tracking(filter_, axis)
+            state['methods']['tracking'][axis] = 0
 
 
 @kernel
@@ -86,9 +86,10 @@ def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     """Predict all axes, then take in what the sample is on all of them."""
     rate, result = sample['angular_velocity'], filter_['state']['result']
     starting = filter_['workspace']['methods']['starting']
+    tracking = filter_['state']['methods']['tracking']
     for axis in range(3):
         usable = is_usable(rate[axis])
-        starting[axis] = not methods.is_tracking(filter_, axis)
+        starting[axis] = 1 - tracking[axis]
         if starting[axis]:
             if not usable:
                 result['status'] = SampleStatus.REFUSED
@@ -103,16 +104,21 @@ def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             methods.coast(filter_, axis)
     methods.compare_axes(filter_, sample)
     for axis in range(3):
-        if not methods.is_tracking(filter_, axis):
+        if not tracking[axis]:
             continue
         usable = is_usable(rate[axis])
-        methods.expect(filter_, axis, result)
+        result['innovation_variance'][axis] = methods.innovation_variance(filter_, axis)
         innovation, outlier = 0.0, True
         if usable:
             innovation, outlier = methods.update(filter_, axis, rate[axis])
         result['innovation'][axis] = innovation
         result['outlier'][axis] = outlier
-        methods.estimate(filter_, axis, rate[axis] if usable else np.nan, result)
+        sample_or_none = rate[axis] if usable else np.nan
+        estimate, variance, process, measurement = methods.estimate(filter_, axis, sample_or_none)
+        result['angular_velocity'][axis] = estimate
+        result['angular_velocity_variance'][axis] = variance
+        result['process_noise'][axis] = process
+        result['measurement_noise'][axis] = measurement
 
 
 @kernel

@@ -190,7 +190,7 @@ def main(out, way):
         sys.modules['numba'] = None
     from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
     from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-    from gyro_drift_filter.core.parameters import METHODS
+    from gyro_drift_filter.core.methods import METHOD_NAMES
 
     assert is_extension() == (way == 'extension')
     assert is_compiled() == (way != 'plain')
@@ -216,7 +216,7 @@ def main(out, way):
     }
     data = recording(np.random.default_rng(1))
     saved = messages()
-    for method in METHODS:
+    for method in METHOD_NAMES:
         n = len(data[0]) if method == 'adaptive' else 2500
         filter_ = Filter(Parameters(method=method))
         results = through(

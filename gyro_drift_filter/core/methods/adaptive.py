@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
 from gyro_drift_filter.core.methods.mode_set import (
     DOWN,
     LANES,
@@ -85,7 +85,6 @@ class AdaptiveCoefficients(TypedDict):
 class AdaptiveAxis(TypedDict):
     """State of one axis after a sample."""
 
-    tracking: bool  # the modes stand at the sample before
     learning: bool  # the noise has been given a first value
     # by mode
     probability: PerMode
@@ -171,12 +170,13 @@ def derive(
 
 
 @kernel
-def start(state: AdaptiveAxis, rate: float, deviation: float, phi: float) -> None:
+def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> None:
     """Start at a rate: nothing is known but that the true one is near it.
 
-    What was learned of the noise is kept; before that it is as for `start_noise`.
+    What was learned of the noise is kept; before that it is what the settings say.
     """
     if not state['learning']:
+        deviation, phi = settings['model_noise_deviation'][axis], settings['model_phi'][axis]
         start_noise(state['noise'], deviation, phi)
         state['jolt']['usual_change'] = FIRST_CHANGE
         state['learning'] = True
@@ -186,7 +186,6 @@ def start(state: AdaptiveAxis, rate: float, deviation: float, phi: float) -> Non
     state['held_back'] = 0.0
     state['compensation'] = 0.0
     state['knocked'] = False
-    state['tracking'] = True
     state['sample_accepted'] = False
     state['accepted'] = rate
     start_doubt(state['doubt'], rate)
@@ -219,6 +218,14 @@ def make_equally_likely(state: AdaptiveAxis) -> None:
     probability = state['probability']
     for j in range(MODES):
         probability[j] = 1.0 / MODES
+
+
+@kernel
+def change_model(state: AdaptiveAxis, before: 'Settings', after: 'Settings', axis: int) -> None:
+    """Start the noise anew where other settings give it."""
+    deviation = after['model_noise_deviation'][axis]
+    if deviation != 0.0 and deviation != before['model_noise_deviation'][axis]:
+        start_noise(state['noise'], deviation, after['model_phi'][axis])
 
 
 @kernel
@@ -263,14 +270,18 @@ def _take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> N
 
 @kernel
 def compare_axes(
-    axes: Sequence[AdaptiveAxis], workspace: AdaptiveWorkspace, sample: Sample, settings: 'Settings'
+    axes: Sequence[AdaptiveAxis],
+    workspace: AdaptiveWorkspace,
+    tracking: CountPerAxis,
+    sample: Sample,
+    settings: 'Settings',
 ) -> None:
     """Look at all axes together, between prediction and update: jolts, and drop-outs."""
     rate, linear_acceleration = sample['angular_velocity'], sample['linear_acceleration']
     jolted = surprised = False
     for axis in range(3):
         state = axes[axis]
-        if not state['tracking']:
+        if not tracking[axis]:
             continue
         if feel_jolt(state['jolt'], linear_acceleration[axis]):
             jolted = True
@@ -334,19 +345,19 @@ def update(
 
 
 @kernel
-def compensate(
-    state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, sample: float, period: float
+def _compensate(
+    state: AdaptiveAxis, confirmed: bool, jolted: bool, missed: float, period: float
 ) -> float:
     """Return what to add to the estimate, in rad/s, for motion that was held back before.
 
-    Motion it was where a later sample confirmed it, or where the accelerometer felt a knock. Call
-    it after `estimate`; `sample` in rad/s less the estimate, `period` in s.
+    Motion it was where a later sample confirmed it, or where the accelerometer felt a knock.
+    `missed` is the sample less the estimate in rad/s, `period` in s.
     """
     if state['doubt']['held'] > 0:
-        state['held_back'] += sample * period
-        state['knocked'] = state['knocked'] or workspace['jolted']
+        state['held_back'] += missed * period
+        state['knocked'] = state['knocked'] or jolted
     elif state['held_back'] != 0.0:
-        moved = workspace['axes'][axis]['confirmed'] or state['knocked']
+        moved = confirmed or state['knocked']
         if moved and abs(state['held_back']) <= LARGEST_COMPENSATION:
             angle = state['compensation'] + state['held_back']
             state['compensation'] = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
@@ -369,9 +380,30 @@ def _stay_within_reach(state: AdaptiveAxis, reach: float) -> None:
 
 @kernel
 def estimate(
+    state: AdaptiveAxis,
+    workspace: AdaptiveWorkspace,
+    axis: int,
+    modes: ModeSet,
+    sample: float,
+    period: float,
+) -> tuple[float, float, float, float]:
+    """Return rate in rad/s, its variance, Q in place of (17), and R.
+
+    `sample` in rad/s is NaN where there is none, `period` in s.
+    """
+    own = workspace['axes'][axis]
+    rate, variance, process_noise = _combine_modes(state, own, modes)
+    if sample == sample and not workspace['dropout']:
+        missed, jolted = sample - rate, workspace['jolted']
+        rate += _compensate(state, own['confirmed'], jolted, missed, period)
+    return rate, variance, process_noise, state['noise']['variance']
+
+
+@kernel
+def _combine_modes(
     state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet
 ) -> tuple[float, float, float]:
-    """Return what the modes say together: rate, its variance, and Q, in place of (17)."""
+    """Return what the modes say together: rate, its variance, and Q."""
     probability, rate = state['probability'], state['rate']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
     gain, ratio = modes['gain_rate'], modes['innovation_ratio']

@@ -28,6 +28,7 @@ them. Each is named where it stands:
 """
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -55,7 +56,6 @@ class PaperCoefficients(TypedDict):
 class PaperAxis(TypedDict):
     """State of one axis after a sample."""
 
-    tracking: bool  # X and P are those of the sample before
     rate: float  # X, rad/s
     drift: float
     rate_variance: float  # P, (rad/s)^2
@@ -72,8 +72,17 @@ class PaperAxis(TypedDict):
     divergences: int
 
 
+class PaperWorkspace(TypedDict):
+    """What one axis needs from its prediction to its estimate."""
+
+    # that the sample is taken in with, (rad/s)^2
+    process_noise: float
+    measurement_noise: float
+
+
 PAPER_COEFFICIENTS = record(PaperCoefficients)
 PAPER_AXIS = record(PaperAxis)
+PAPER_WORKSPACE = record(PaperWorkspace)
 
 
 @kernel
@@ -99,7 +108,6 @@ def derive(settings: 'Settings', axis: int, period: float, coefficients: PaperCo
 @kernel
 def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> None:
     """Start at a sample (rad/s). Q and R, if learned before, are kept."""
-    state['tracking'] = True
     if state['samples'] == 0:
         state['samples'] = 1  # safeguard: first sample
         state['process_noise'] = coefficients['process_noise']
@@ -117,6 +125,17 @@ def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> N
 
 
 @kernel
+def expect(
+    state: PaperAxis, workspace: PaperWorkspace, coefficients: PaperCoefficients, adapts: bool
+) -> float:
+    """Return the variance of the innovation to come; keep Q and R that the sample meets."""
+    process, measurement = noise_of(state, coefficients, adapts)
+    workspace['process_noise'] = process
+    workspace['measurement_noise'] = measurement
+    return state['rate_variance'] + measurement
+
+
+@kernel
 def noise_of(
     state: PaperAxis, coefficients: PaperCoefficients, adapts: bool
 ) -> tuple[float, float]:
@@ -127,10 +146,30 @@ def noise_of(
 
 
 @kernel
-def estimate(state: PaperAxis, adapts: bool) -> tuple[float, float]:
-    """Return rate in rad/s (safeguard: offset) and variance."""
-    mean = state['measurement_mean'] if adapts else 0.0
-    return state['rate'] + mean, state['rate_variance']
+def estimate(
+    state: PaperAxis, workspace: PaperWorkspace, adapts: bool
+) -> tuple[float, float, float, float]:
+    """Return rate in rad/s (safeguard: offset), its variance, and Q and R before the sample."""
+    rate = state['rate'] + (state['measurement_mean'] if adapts else 0.0)
+    process, measurement = workspace['process_noise'], workspace['measurement_noise']
+    return rate, state['rate_variance'], process, measurement
+
+
+@kernel
+def change_model(
+    states: Sequence[PaperAxis], before: 'Settings', after: 'Settings', axis: int
+) -> None:
+    """Replace Q and R, which may have been adapted, where other settings give them anew."""
+    process = measurement = False
+    for i in range(3):
+        if after['model_process_noise'][i] != before['model_process_noise'][i]:
+            process = True
+        if after['model_measurement_noise'][i] != before['model_measurement_noise'][i]:
+            measurement = True
+    if process:
+        states[axis]['process_noise'] = after['model_process_noise'][axis]
+    if measurement:
+        states[axis]['measurement_noise'] = after['model_measurement_noise'][axis]
 
 
 @kernel
