@@ -1,20 +1,33 @@
-# make demo: the main job end to end. make test: lint, types and all tests. make bench: how fast.
-# make quality: how good. make coverage: what of the code the tests run. make parameters: write
-# config/ and docs/parameters.md from the table of parameters.
+# make demo: the main job end to end. make check: lint, types and quick tests, within a minute.
+# make test: lint, types and all tests. make coverage: what of the code the tests run.
+# make bench: how fast. make quality: how good. make parameters: write config/ and
+# docs/parameters.md from the table of parameters.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Processes that share the tests: test/conftest.py says how.
+WORKERS ?= 2
 
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo test lint bench quality coverage parameters clean
+.PHONY: demo check test ready lint compile bench quality coverage parameters clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
 
-test: lint
-	$(BIN)/python -m pytest
+check: ready
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow and not node'
+
+test: ready
+	$(BIN)/python -m pytest -n $(WORKERS)
+
+# Compiled before the workers start, as two of them would compile the same.
+ready: $(VENV)/.installed
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint compile
+
+compile: $(VENV)/.installed
+	$(BIN)/python -m gyro_drift_filter.cli.main compile
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m benchmark.speed --json benchmark_output.json
@@ -23,9 +36,9 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
 	$(BIN)/python -m benchmark.bias
 
-coverage: $(VENV)/.installed
+coverage: compile
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage run -m pytest -n $(WORKERS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --fail-under 95
 

@@ -63,6 +63,7 @@ setup(
             'mcap>=1.2',
             'mypy>=1.13',
             'pytest>=8',
+            'pytest-xdist>=3.7',
             'ruff>=0.14',
             'scipy>=1.11',
             'types-PyYAML',

@@ -49,7 +49,9 @@ def loop(source: Path, destination: Path, diagnostics: bool) -> None:
                 imu: Any = reader.deserialize(data, IMU_TYPE)
                 stamp = imu.header.stamp.sec * 10**9 + imu.header.stamp.nanosec
                 rate, push = imu.angular_velocity, imu.linear_acceleration
-                result = filter_.step(stamp, (rate.x, rate.y, rate.z), (push.x, push.y, push.z))
+                result: Any = filter_.step(
+                    stamp, (rate.x, rate.y, rate.z), (push.x, push.y, push.z)
+                )
                 rate.x, rate.y, rate.z = result['angular_velocity'].tolist()
                 variance = np.diag(result['angular_velocity_variance']).ravel()
                 imu = replace(imu, angular_velocity_covariance=variance)

@@ -3,12 +3,13 @@
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +32,29 @@ _IN_FLIGHT = 100
 _PATIENCE = 120.0  # a first start compiles
 # Of requests, too, one may go before both sides have found each other.
 _ATTEMPTS = 60
+_BLOCK = 10  # ROS domains of a process
+_BLOCKS = 10  # with more of them, DDS would use ports that the system gives to others
+_count = itertools.count()
 
 
-_domains = itertools.count(os.getpid())
+@cache
+def _own_block() -> tuple[int, socket.socket | None]:
+    """Return a block of domains, and the socket that keeps other processes from taking it."""
+    for block in range(_BLOCKS):
+        mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            mark.bind(f'\0gyro_drift_filter_domains_{block}')  # a name without a file
+        except OSError:
+            mark.close()
+        else:
+            return block, mark
+    return os.getpid() % _BLOCKS, None
 
 
 def own_domain() -> int:
-    """Return a ROS domain that no other node of this process has, and others hardly."""
-    return 1 + next(_domains) % 100
+    """Return a ROS domain that no other process takes, and none of the last nodes of this one."""
+    block, _ = _own_block()
+    return 1 + _BLOCK * block + next(_count) % _BLOCK
 
 
 def environment(domain: int) -> dict[str, str]:

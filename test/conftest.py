@@ -1,6 +1,7 @@
 """What the tests share: real recordings where they are there, and bags made on the spot."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,45 @@ def path_of(name):
     if not path.exists():
         pytest.skip(f'the real recording {name} is not beside this clone')
     return path
+
+
+# Files whose tests stay together in one of several workers: they wait for the real node, and would
+# only wait for a processor where there were several nodes at once, or share what takes minutes.
+TOGETHER = {
+    'test_node.py': 'node',
+    'test_node_bias.py': 'node',
+    'test_package.py': 'node',
+    'test_robustness.py': 'node',
+    'test_compiled.py': 'kernels',
+}
+
+
+def together(nodeid):
+    """Return what the test stays together with: a group of files, or nothing but itself."""
+    file, _, _ = nodeid.partition('::')
+    return TOGETHER.get(Path(file).name, nodeid)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Share tests out one by one, but for those that stay together."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    config.option.loadscopereorder = False  # the order is that of `pytest_collection_modifyitems`
+    scheduling = LoadScopeScheduling(config, log)
+    scheduling._split_scope = together
+    return scheduling
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes longest, so that no worker is left with it in the end."""
+
+    def rank(item):
+        if together(item.nodeid) != item.nodeid:
+            return 0
+        return 1 if item.get_closest_marker('slow') else 2
+
+    items.sort(key=rank)
 
 
 @pytest.fixture(params=NAMES)

@@ -171,6 +171,7 @@ def sequence(parts):
     return np.concatenate(out) if out else np.zeros((0, 3))
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(parts=pieces, last=st.tuples(values, values, values), rate=st.sampled_from(RATES))
 def test_never_locked_out_and_always_finite(parts, last, rate):

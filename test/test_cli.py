@@ -32,6 +32,7 @@ def run(*arguments, **environment):
     )
 
 
+@pytest.mark.slow
 def test_simulate_then_replay(tmp_path):
     bag, out = tmp_path / 'bag', tmp_path / 'out'
     done = run('simulate', '-o', bag, '--seed', 5, '--static', 5, '--dynamic', 10)
@@ -49,6 +50,7 @@ def test_simulate_then_replay(tmp_path):
     assert (out / 'metadata.yaml').exists()
 
 
+@pytest.mark.slow
 def test_replay_loads_only_what_it_needs(tmp_path):
     """Start-up is an eighth of the time of a million messages."""
     write(tmp_path / 'bag', {(TOPIC, IMU_TYPE): simulated(300)})
@@ -175,6 +177,7 @@ def test_a_missing_library_is_named_in_one_sentence(tmp_path, module, hint):
     assert done.stderr.count('\n') == 1
 
 
+@pytest.mark.slow
 def test_the_offline_tools_run_without_ros(tmp_path):
     bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
     ros = 'rclpy,sensor_msgs,std_msgs,geometry_msgs,diagnostic_msgs'
@@ -182,6 +185,7 @@ def test_the_offline_tools_run_without_ros(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_an_interrupted_replay_leaves_nothing(tmp_path):
     bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): 60 * simulated(3000)})
     with subprocess.Popen(

@@ -1,5 +1,7 @@
 """Time: gaps, bursts, and stamps that go wrong."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -86,7 +88,7 @@ def test_a_gap_beyond_the_limit_restarts_at_the_sample():
 
 
 def test_a_restart_keeps_what_was_learned_of_the_noise():
-    filter_ = Filter(Parameters(method='sage_husa'))
+    filter_: Any = Filter(Parameters(method='sage_husa'))
     feed(filter_, regular(500))
     learned = filter_.state['methods']['paper']['measurement_noise'].copy()
     filter_.step(START + 3600 * 10**9, (3.0, 2.0, 1.0), ZERO)
@@ -106,7 +108,7 @@ def test_backward_stamps():
 
 
 def test_a_duplicate_is_repeated_and_moves_nothing():
-    filter_ = Filter()
+    filter_: Any = Filter()
     feed(filter_, regular(500))
     first = filter_.step(START + 500 * 10 * MS, (0.1, 0.2, 0.3), ZERO).copy()
     before = filter_.state['methods']['paper'].copy()

@@ -1,5 +1,7 @@
 """The step and the class around it: live against batch, snapshots, unusable rates."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -192,7 +194,7 @@ def test_an_unusable_rate_is_bridged_by_the_prediction(bad, method):
     kept = data.angular_velocity[-1, 0]
     stamp = int(data.stamps[-1])
     for k in range(1, 20):
-        result = filter_.step(stamp + k * 10_000_000, (kept, bad, kept), ZERO)
+        result: Any = filter_.step(stamp + k * 10_000_000, (kept, bad, kept), ZERO)
         assert result['status'] == SampleStatus.FILTERED
         for name in RESULT.names:
             assert np.isfinite(result[name]).all()

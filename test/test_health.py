@@ -134,7 +134,9 @@ def test_the_worst_comes_first():
     ],
 )
 def test_the_text_of_a_rate_that_is_off(changes, text):
-    assert RULES['wrong rate'].text(span(**changes)).startswith(text)
+    rule = RULES['wrong rate'].text
+    assert callable(rule)
+    assert rule(span(**changes)).startswith(text)
 
 
 def test_each_method_has_advice_of_its_own_and_a_new_one_general_advice():

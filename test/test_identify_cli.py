@@ -15,6 +15,8 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
 
+pytestmark = pytest.mark.slow
+
 START = 10**18
 
 

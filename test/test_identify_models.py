@@ -14,6 +14,8 @@ from gyro_drift_filter.identify.models import (
     paper_noise,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def arma(n, phi, theta, seed, deviation=1.0):
     driving = deviation * np.random.default_rng([seed, 17]).standard_normal(n + 500)

@@ -82,6 +82,8 @@ def uses(module, node):
     """Yield each use of something of the package in a node: line, module and name there."""
     for part in ast.walk(node):
         found = None
+        if not isinstance(part, ast.expr):
+            continue
         if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load):
             found = meaning(module, part.id)
         elif isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):

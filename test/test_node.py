@@ -30,6 +30,8 @@ from support.messages import imu_fields, simulated
 from support.node import call, diagnostics, get_parameter, offline, set_parameters, values
 from support.paths import REPOSITORY
 
+pytestmark = pytest.mark.node
+
 SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
 

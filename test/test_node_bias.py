@@ -17,6 +17,8 @@ from support.messages import imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
 from support.sensor import DEGREE, at_rest, by_hand
 
+pytestmark = pytest.mark.node
+
 FILTER = 'gyro_drift_filter: filter'
 
 

@@ -84,6 +84,7 @@ def workspace(tmp_path_factory):
     return root / 'install' / 'gyro_drift_filter'
 
 
+@pytest.mark.slow
 def test_colcon_installs_what_ros_looks_for(workspace):
     for name in (
         'lib/gyro_drift_filter/gyro_drift_filter_node',
@@ -98,6 +99,7 @@ def test_colcon_installs_what_ros_looks_for(workspace):
     assert {'core', 'bags', 'ros', 'cli'} <= modules
 
 
+@pytest.mark.node
 def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp_path):
     """Nothing of what comes while the kernels are compiled is lost, and the next start is warm."""
     site = next(workspace.rglob('site-packages'))
@@ -120,6 +122,7 @@ def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp
     assert 'compil' not in node.log
 
 
+@pytest.mark.node
 def test_the_demo(tmp_path):
     done = subprocess.run(
         [sys.executable, '-m', 'demo.main', str(tmp_path / 'output')],

@@ -1,5 +1,7 @@
 """The paper's filters against a dense transcription, their claims, and any input."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,6 +21,7 @@ def run(z, **parameters):
     return filter_, filter_.run(stamps, z, np.zeros_like(z))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('outliers', [False, True])
 @pytest.mark.parametrize('phi', [0.218, 0.9, -0.3, 0.0])
@@ -117,6 +120,7 @@ sequences = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     pieces=sequences,
@@ -134,7 +138,7 @@ def test_no_input_breaks_a_covariance_or_the_output(
     z = np.repeat([rate for rate, *_ in pieces], [length for _, length, _ in pieces])
     z = np.column_stack([z, -z[::-1], z * np.where(np.arange(len(z)) % 2, 1, -1)])
     steps = np.concatenate([[step, *([1] * (length - 1))] for _, length, step in pieces])
-    filter_ = Filter(
+    filter_: Any = Filter(
         Parameters(
             method=method,
             forgetting_factor=forgetting_factor,
@@ -163,6 +167,7 @@ def test_no_input_breaks_a_covariance_or_the_output(
             assert (result['angular_velocity_variance'] >= 0).all()
 
 
+@pytest.mark.slow
 def test_agrees_with_the_dense_transcription_through_divergence():
     """Outliers taken as they are: r and q drive each other until the safeguard restarts."""
     z = simulate(SimulationSettings(static_seconds=50, dynamic_seconds=50)).angular_velocity
@@ -185,7 +190,7 @@ def test_agrees_with_the_dense_transcription_through_divergence():
 
 def test_divergence_restarts_from_the_sample():
     """R and q feed each other on growing motion; the safeguard must fire, and be counted."""
-    filter_ = Filter(Parameters(method='sage_husa', outlier_enabled=False))
+    filter_: Any = Filter(Parameters(method='sage_husa', outlier_enabled=False))
     filter_.step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     filter_.state['methods']['paper'][0]['drift'] = 1e5
     result = filter_.step(10**18 + 10_000_000, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))

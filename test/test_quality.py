@@ -11,6 +11,8 @@ pytest.importorskip('filterpy', reason="the benchmark's other filters are not in
 from benchmark.candidates import package_method
 from benchmark.quality import BARS, Bar, falls_short, make_world, score
 
+pytestmark = pytest.mark.slow
+
 # Worst values, by rate in Hz: [median, worst] as in bars.json. At 50 Hz the same seconds hold half
 # the samples that the bars are made for.
 MEASURED: dict[float, dict[str, Bar]] = {

@@ -140,6 +140,7 @@ MESSAGES = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=25,
     deadline=None,

@@ -32,6 +32,7 @@ def found(path):
         return [(c.topic, time, data) for c, time, data in messages(reader)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('form', FORMS)
 def test_all_whole_messages_are_read(form, tmp_path, random, caplog):
     rows = [

@@ -54,6 +54,7 @@ def test_the_rate_changes_in_mid_stream(first, then, random):
     assert np.sqrt((error[-1000:] ** 2).mean()) < 0.005
 
 
+@pytest.mark.node
 def test_a_publisher_that_dies_and_returns():
     data = simulated(600)
     with LiveNode(LOSSLESS) as live:
@@ -64,6 +65,7 @@ def test_a_publisher_that_dies_and_returns():
     assert first + rest == offline(data)
 
 
+@pytest.mark.node
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch, random):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
@@ -80,6 +82,7 @@ def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch
     assert 'Traceback' not in live.log
 
 
+@pytest.mark.node
 def test_sim_time_that_stands_jumps_and_runs_fast():
     """Nothing in the node waits for it: filter, reports and stamps of the output go on."""
     data = simulated(900)
@@ -124,6 +127,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('what', HOSTILE)
 def test_a_hostile_metadata_file(what, tmp_path):
     imu = [(10**18 + k, imu_message(10**18 + k, (0, 0, 0), (0, 0, 9.8))) for k in range(5)]

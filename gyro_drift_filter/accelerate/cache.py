@@ -15,7 +15,6 @@ import hashlib
 import os
 import platform
 import re
-import shutil
 import sys
 import time
 from contextlib import suppress
@@ -31,8 +30,9 @@ NO_EXTENSION = 'no_extension'  # a note: it can't be built, so no start has to t
 BUILD_PREFIX = 'build_'
 
 _PACKAGE = Path(__file__).parent.parent
-_KERNEL = re.compile(rb'^@(?:entry_)?kernel\b', re.MULTILINE)
-_IMPORT = re.compile(rb'^[ \t]*from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
+# Plain text in front, as each start looks for it in all files.
+_KERNEL = re.compile(rb'\n@(?:entry_)?kernel\b')
+_IMPORT = re.compile(rb'from (gyro_drift_filter[\w.]*) import (\([^)]*\)|.*)')
 _OTHERS_KEPT = 3  # other versions of the package, and the one before an update
 _BUILD_SECONDS = 3600.0  # a folder of a build that is older belongs to one that was killed
 
@@ -70,12 +70,14 @@ def covered_files() -> dict[Path, bytes]:
 
 def _modules() -> dict[str, Path]:
     """Return the files of this package by the names of their modules."""
-    return {
-        '.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts).removesuffix(
-            '.__init__'
-        ): path
-        for path in sorted(_PACKAGE.rglob('*.py'))
-    }
+    modules = {}
+    for folder, _, files in os.walk(_PACKAGE):
+        package = _PACKAGE.name + folder[len(str(_PACKAGE)) :].replace(os.sep, '.')
+        for file in files:
+            if file.endswith('.py'):
+                name = f'{package}.{file[:-3]}'.removesuffix('.__init__')
+                modules[name] = Path(folder, file)
+    return modules
 
 
 @functools.cache
@@ -88,44 +90,38 @@ def processor() -> str:
     return ''
 
 
-def _root() -> Path | None:
-    """Return the folder of all versions, None for a user without a home."""
+def _root() -> Path:
+    """Return the folder of all versions."""
     for place in (os.environ.get('NUMBA_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME')):
         if place and Path(place).is_absolute():
             return Path(place) / _PACKAGE.name
     with suppress(RuntimeError):
         if os.environ.get('HOME') != '':  # else the home would be the root folder
             return Path.home() / '.cache' / _PACKAGE.name
-    return None
+    return Path(os.devnull, 'no home')  # where nothing can be made
 
 
 @functools.cache
-def folder() -> Path | None:
-    """Return where this version of the kernels is kept, None for a user without a home."""
-    root = _root()
-    if root is None:
-        return None
+def folder() -> Path:
+    """Return where this version of the kernels is kept; it need not be there."""
     key = hashlib.sha256(
         f'{sys.version} {np.__version__} {platform.machine()} {processor()}'.encode()
     )
     for path, content in covered_files().items():
         key.update(f'{path.relative_to(_PACKAGE)} {len(content)} '.encode())
         key.update(content)
-    return root / key.hexdigest()[:16]
+    return _root() / key.hexdigest()[:16]
 
 
 def why_unusable() -> str:
     """Make the folder, and return why nothing can be kept in it, empty where it can be."""
-    place = folder()
-    if place is None:
-        return 'there is no home folder'
-    if _unusable:
-        return _unusable
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        return str(error)
-    return '' if os.access(place, os.W_OK) else f'no permission to write in {place}'
+    if not _unusable:
+        try:
+            folder().mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            return str(error)
+        return '' if os.access(folder(), os.W_OK) else 'no permission to write'
+    return _unusable
 
 
 def report_unusable(reason: str) -> None:
@@ -142,45 +138,35 @@ def report_unusable(reason: str) -> None:
 
 def is_noted(note: str) -> bool:
     """Tell whether there is a note of this name."""
-    place = folder()
-    return place is not None and (place / note).exists()
+    return (folder() / note).exists()
 
 
 def make_note(note: str) -> None:
     """Leave a note of this name where later processes find it."""
-    place = folder()
-    if place is not None:
-        with suppress(OSError):
-            (place / note).touch()
+    with suppress(OSError):
+        (folder() / note).touch()
 
 
 def remove_old() -> None:
     """Remove the folders of other versions but the newest, and what killed builds have left."""
-    place = folder()
-    if place is None:
-        return
-    for build in place.glob(f'{BUILD_PREFIX}*'):
-        if _age(build) > _BUILD_SECONDS:
-            shutil.rmtree(build, ignore_errors=True)
-    others = [
-        path
-        for path in place.parent.iterdir()
-        if re.fullmatch('[0-9a-f]{16}', path.name) and path != place and path.is_dir()
-    ]
-    for path in sorted(others, key=_age)[_OTHERS_KEPT:]:
-        shutil.rmtree(path, ignore_errors=True)
+    import shutil  # here, as it loads all kinds of compression, and hardly any process needs it
+
+    with suppress(OSError):  # another process does the same
+        folders = [
+            (path.stat().st_mtime, path)
+            for path in folder().parent.iterdir()
+            if re.fullmatch('[0-9a-f]{16}', path.name) and path != folder() and path.is_dir()
+        ]
+        oldest = time.time() - _BUILD_SECONDS
+        builds = [
+            path for path in folder().glob(f'{BUILD_PREFIX}*') if path.stat().st_mtime < oldest
+        ]
+        for path in [path for _, path in sorted(folders)[:-_OTHERS_KEPT]] + builds:
+            shutil.rmtree(path, ignore_errors=True)
 
 
-def _age(path: Path) -> float:
-    try:
-        return time.time() - path.stat().st_mtime
-    except OSError:  # removed by another process
-        return 0.0
-
-
-def _extension_path() -> Path | None:
-    place = folder()
-    return None if place is None else place / f'{EXTENSION}.so'
+def _extension_path() -> Path:
+    return folder() / f'{EXTENSION}.so'
 
 
 def keep_extension(built: Path) -> None:
@@ -189,40 +175,31 @@ def keep_extension(built: Path) -> None:
     Raises:
         OSError: It can't be kept.
     """
-    path = _extension_path()
-    assert path is not None
     content = built.read_bytes()
-    built.write_bytes(content + _checksum(content))
-    built.replace(path)
+    built.write_bytes(content + hashlib.sha256(content).digest())
+    built.replace(_extension_path())
 
 
 def is_extension_whole() -> bool:
     """Tell whether it is there and undamaged: a cut-off one would kill the process."""
-    path = _extension_path()
-    if path is None:
-        return False
     try:
-        content = path.read_bytes()
+        content = _extension_path().read_bytes()
     except OSError:
         return False
-    size = len(_checksum(b''))
-    return len(content) > size and content[-size:] == _checksum(content[:-size])
-
-
-def _checksum(content: bytes) -> bytes:
-    return hashlib.sha256(content).digest()
+    size = hashlib.sha256().digest_size
+    return len(content) > size and content[-size:] == hashlib.sha256(content[:-size]).digest()
 
 
 def load_extension() -> ModuleType | None:
     """Return the extension module, None where there is none that can be used."""
-    path = _extension_path()
-    if path is None or not is_extension_whole():
+    if not is_extension_whole():
         return None
-    loader = ExtensionFileLoader(EXTENSION, str(path))
-    spec = spec_from_file_location(EXTENSION, path, loader=loader)
+    path = str(_extension_path())
+    spec = spec_from_file_location(EXTENSION, path, loader=ExtensionFileLoader(EXTENSION, path))
     assert spec is not None
+    assert spec.loader is not None
     with suppress(ImportError):  # of libraries that are gone
         module = module_from_spec(spec)
-        loader.exec_module(module)
+        spec.loader.exec_module(module)
         return module
     return None

@@ -3,7 +3,7 @@
 setup.py says which versions of numba have been tested. Where a later one lacks
 
 - the option `_nrt`: kernels count references to arrays, and are slower;
-- the classes of `numba.core.caching`: nothing is kept, each start compiles, and that is logged;
+- `NullCache`, `CompileResult` or `dumps`: nothing is kept, each start compiles, and that is logged;
 - `_compile_for_args`: a call with other types than the declared ones compiles another version;
 - `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
   without a C++ compiler;
@@ -12,12 +12,14 @@ setup.py says which versions of numba have been tested. Where a later one lacks
 
 import functools
 import hashlib
+import os
+import pickle
 import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -81,7 +83,8 @@ def compile_declared(dispatcher: Any, types: tuple[Any, ...]) -> None:
 def keep_on_disk(dispatcher: Any) -> None:
     """Have what numba compiles of a kernel kept in the cache's folder, and loaded from there.
 
-    Unlike numba's option `cache`, this makes no folder before there is something to keep.
+    Unlike numba's option `cache`, this makes no folder before there is something to keep, and works
+    on where nothing can be kept.
     """
     kernel_cache = _cache_class()
     if kernel_cache is not None:
@@ -90,57 +93,50 @@ def keep_on_disk(dispatcher: Any) -> None:
 
 @functools.cache
 def _cache_class() -> Any:
-    """Return the class of numba's cache with our folder, None where numba has changed too much."""
+    """Return the class of our cache for one kernel, None where numba has changed too much."""
     try:
-        from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+        from numba.core.caching import NullCache
+        from numba.core.compiler import CompileResult
+        from numba.core.serialize import dumps
     except ImportError as error:
         cache.report_unusable(str(error))
         return None
 
-    class Locator(_CacheLocator):  # type: ignore[misc]
-        def __init__(self, function: Any, file: str) -> None:
+    class KernelCache(NullCache):  # type: ignore[misc]
+        """A file for each kernel and the types that it is compiled for."""
+
+        def __init__(self, function: Any) -> None:
             self._function = function
-            self._py_file = file
 
-        @classmethod
-        def from_function(cls, function: Any, file: str) -> 'Locator':
-            return cls(function, file)
+        def _path(self, types: Any, codegen: Any) -> Path:
+            code = self._function.__code__
+            # The folder's name stands for the files of this package alone.
+            kind = numba.__version__, codegen.magic_tuple(), _checksum(code.co_filename), types
+            name = f'{self._function.__module__}.{self._function.__name__}'
+            return cache.folder() / f'{name}.{hashlib.sha256(str(kind).encode()).hexdigest()[:16]}'
 
-        def get_cache_path(self) -> str:
-            return str(cache.folder())
-
-        def get_source_stamp(self) -> str:
-            return _checksum(self._py_file)  # for kernels of others: the folder knows ours
-
-        def get_disambiguator(self) -> str:
-            return f'{self._function.__module__}-{self._function.__code__.co_firstlineno}'
-
-    class Implementation(CompileResultCacheImpl):  # type: ignore[misc]
-        _locator_classes = (Locator,)
-
-    class KernelCache(FunctionCache):  # type: ignore[misc]
-        _impl_class = Implementation
-
-        def load_overload(self, *arguments: Any) -> Any:
+        def load_overload(self, types: Any, context: Any) -> Any:
             """Return a compiled kernel, None where there is none, or a damaged one."""
-            found = None
-            if cache.folder() is not None:
-                try:
-                    found = super().load_overload(*arguments)
-                except Exception:  # whatever unpickling raises
-                    with suppress(OSError):
-                        self.flush()
-            if found is None and (why := cache.why_unusable()):
+            context.refresh()
+            with suppress(Exception):  # whatever unpickling raises
+                kept = self._path(types, context.codegen()).read_bytes()
+                return CompileResult._rebuild(context, *pickle.loads(kept))
+            if why := cache.why_unusable():
                 cache.report_unusable(why)
-            return found
+            return None
 
-        def save_overload(self, *arguments: Any) -> None:
+        def save_overload(self, types: Any, compiled: Any) -> None:
             """Keep a compiled kernel, if it can be."""
-            if not cache.why_unusable():
-                try:
-                    super().save_overload(*arguments)
-                except OSError as error:  # as on a full disk
-                    cache.report_unusable(str(error))
+            if cache.why_unusable():
+                return
+            unfinished = cache.folder() / f'unfinished.{os.getpid()}'
+            try:
+                path = self._path(types, compiled.codegen)
+                unfinished.write_bytes(dumps(compiled._reduce()))
+                unfinished.replace(path)
+            except (OSError, AttributeError) as error:  # a full disk, or another numba
+                cache.report_unusable(str(error))
+                unfinished.unlink(missing_ok=True)
 
     return KernelCache
 
@@ -177,13 +173,15 @@ def build_extension(kernels: Mapping[str, tuple[Any, tuple[Any, ...]]], folder: 
     Raises:
         Exception: Whatever compilers and linkers raise.
     """
+    from unittest.mock import patch  # here, as it loads much
+
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
         from numba.pycc import CC, compiler
     # pycc has no option for what `kernel` asks for, and leaves its folder behind where it fails.
     with (
-        _replaced(compiler, 'Flags', functools.partial(_flags_of_kernels, compiler.Flags)),
-        _replaced(tempfile, 'tempdir', str(folder)),
+        patch.object(compiler, 'Flags', functools.partial(_flags_of_kernels, compiler.Flags)),
+        patch.object(tempfile, 'tempdir', str(folder)),
     ):
         library = CC(cache.EXTENSION)
         library.output_dir = str(folder)
@@ -201,14 +199,3 @@ def _flags_of_kernels(flags: Callable[[], Any]) -> Any:
     made.release_gil = True
     made.error_model = 'numpy'
     return made
-
-
-@contextmanager
-def _replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Have an attribute replaced for a while."""
-    before = getattr(owner, name)
-    setattr(owner, name, value)
-    try:
-        yield
-    finally:
-        setattr(owner, name, before)

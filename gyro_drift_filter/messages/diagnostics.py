@@ -58,7 +58,7 @@ def diagnostic_arrays(
     texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
     joined = np.frombuffer(texts.encode(), np.uint8)
     heads = [(*divmod(stamp, 1_000_000_000), len(of_report)) for stamp, of_report in reports]
-    numbers = [(s.level, s.listed.count('\0') // 2) for s in statuses]
+    numbers = [(int(s.level), s.listed.count('\0') // 2) for s in statuses]
     # A length of four bytes is put before each text, and up to three that align it.
     size = len(joined) + 7 * texts.count('\0') + 8 * len(statuses) + 24 * len(reports)
     out, ends = np.empty(size, np.uint8), np.empty(len(reports), np.int64)

@@ -124,11 +124,11 @@ def soak_core(hours):
         least, largest = min(least, noise.min()), max(largest, noise.max())
         done += PIECE
         memories.append(memory())
-    counts = filter_.state['counts']
+    counts, stuck = filter_.state['counts'], filter_.state['checks']['times_stuck']
     # The least of several pieces, as the array of one comes and goes.
     growth = min(memories[-10:]) - min(memories[10:20], default=np.inf)
     print(
-        f'{done:,} samples, {counts["outliers"].sum():,} outliers, {counts["stuck"]} times stuck, '
+        f'{done:,} samples, {counts["outliers"].sum():,} outliers, {stuck} times stuck, '
         f'{filter_.state["clock"]["restarts"]} restarts, {filter_.state["bias"]["segments"]:,} '
         f'rests; noise {np.sqrt(least):.2g} to {np.sqrt(largest):.2g} rad/s; '
         f'memory {growth:+.1f} MB'
