@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 
 from benchmark.compare_outputs import compare_bags, is_same_text, main
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
