@@ -12,11 +12,13 @@ from gyro_drift_filter.accelerate.kernels import kernel
 @kernel
 def unsigned(data: NDArray[np.uint8], offset: int, size: int, big_endian: bool) -> int:
     """Return an unsigned integer of up to seven bytes; of eight, from 2**63 on, it is negative."""
-    value = np.int64(0)
-    start = np.uint64(offset)
-    for i in range(size):
-        byte = data[start + np.uint64(i if big_endian else size - 1 - i)]
-        value = (value << 8) | np.int64(byte)
+    value, start = np.int64(0), np.uint64(offset)
+    if big_endian:
+        for i in range(size):
+            value = (value << 8) | np.int64(data[start + np.uint64(i)])
+    else:
+        for i in range(size):
+            value |= np.int64(data[start + np.uint64(i)]) << (8 * i)
     return int(value)
 
 
