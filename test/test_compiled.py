@@ -1,83 +1,95 @@
-"""Kernels as an extension module, by numba and as plain Python; and a cache that sees edits."""
+"""Kernels as an extension module, by numba and as plain Python; and their cache on disk.
 
+How kernels are kept is tried on a small package that has two of them: all of `accelerate`, the
+command `compile`, and nothing else.
+"""
+
+import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
+from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.kernels import is_compiled
 from support.paths import REPOSITORY, TESTS
 
 pytestmark = pytest.mark.slow
 
-WAY = """
-from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
-from gyro_drift_filter.core import Filter
-Filter().step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-print('extension' if is_extension() else 'numba' if is_compiled() else 'plain')
-"""
+COMPILE = 'import sys; from gyro_drift_filter.cli.compile import run; run(None)'
 
 
 def run(code, cwd=None, **environment):
-    return run_command([sys.executable, '-c', code], cwd, **environment)
-
-
-def run_command(command, cwd=None, **environment):
     return subprocess.run(
-        command,
+        [sys.executable, '-c', code],
         env=os.environ | environment,
         cwd=cwd,
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
-    )
-
-
-def results(way, folder):
-    """Return all that happens to an eventful recording, with the kernels that are in `folder`."""
-    out = folder / f'{way}.npz'
-    search_path = os.pathsep.join([str(TESTS), os.environ.get('PYTHONPATH', '')])
-    done = subprocess.run(
-        [sys.executable, '-m', 'support.eventful', str(out), way],
-        env=os.environ | {'XDG_CACHE_HOME': str(folder), 'PYTHONPATH': search_path},
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
         timeout=600,
     )
+
+
+def output(code, cwd=None, **environment):
+    done = run(code, cwd, **environment)
     assert done.returncode == 0, done.stderr
-    return np.load(out)
+    return done.stdout.strip()
+
+
+# --- the whole package
 
 
 @pytest.fixture(scope='module')
-def by_numba(tmp_path_factory):
-    """Folder of the kernels, and what they give."""
+def compiled(tmp_path_factory):
+    """Folder with all that `gyro_drift compile` makes, and what it said on stderr."""
     folder = tmp_path_factory.mktemp('kernels')
-    return folder, results('numba', folder)
+    if cache.folder().is_dir():  # what is there need not be compiled again
+        shutil.copytree(
+            cache.folder(),
+            folder / 'gyro_drift_filter' / cache.folder().name,
+            ignore=shutil.ignore_patterns('*.so', cache.NO_EXTENSION, 'build_*', '*.tmp.*'),
+        )
+    environment = {'XDG_CACHE_HOME': str(folder), 'NUMBA_CACHE_DIR': ''}
+    done = run("from gyro_drift_filter.cli.main import main; main(['compile'])", **environment)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stderr
 
 
 @pytest.fixture(scope='module')
-def extension(by_numba):
-    """Folder with the extension module in it, and its path."""
-    folder, _ = by_numba
-    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
-    done = run_command(command, XDG_CACHE_HOME=str(folder))
-    assert done.returncode == 0, done.stderr
-    if 'no extension module' in done.stderr:
-        pytest.skip(f'no C++ compiler here: {done.stderr}')
-    (path,) = folder.rglob('*.so')
-    return folder, path
+def results(compiled):
+    """Return a function of a way to what happens to an eventful recording, by it."""
+    folder, complaint = compiled
+    known = {}
+
+    def by(way):
+        if way == 'extension' and 'no extension module' in complaint:
+            pytest.skip(f'no C++ compiler here: {complaint}')
+        if way not in known:
+            out = folder / f'{way}.npz'
+            # Where numba is asked for, a folder of notes and numba's own files alone.
+            place = folder if way == 'extension' else folder / 'no_extension'
+            if not place.exists():
+                shutil.copytree(folder, place, ignore=shutil.ignore_patterns('*.so', '*.npz'))
+            code = f'from support.eventful import main; main({str(out)!r}, {way!r})'
+            search_path = os.pathsep.join([str(TESTS), os.environ.get('PYTHONPATH', '')])
+            environment = {'XDG_CACHE_HOME': str(place), 'NUMBA_CACHE_DIR': ''}
+            done = run(code, cwd=REPOSITORY, PYTHONPATH=search_path, **environment)
+            assert done.returncode == 0, done.stderr
+            known[way] = np.load(out)
+        return known[way]
+
+    return by
 
 
-def test_numba_and_plain_python_agree(by_numba):
+def test_numba_and_plain_python_agree(results):
     """In everything that can happen."""
-    folder, compiled = by_numba
-    plain = results('plain', folder)
+    compiled, plain = results('numba'), results('plain')
     assert len(compiled.files) > 45
     for name in compiled.files:
         a, b = compiled[name], plain[name]
@@ -89,104 +101,316 @@ def test_numba_and_plain_python_agree(by_numba):
         assert compiled[f'adaptive {name}'] > 0, f'the recording has to have {name}'
 
 
-def test_the_extension_module_gives_numbas_bits(by_numba, extension):
-    ahead = results('extension', extension[0])
-    assert set(ahead.files) == set(by_numba[1].files)
+def test_the_extension_module_gives_numbas_bits(results):
+    ahead, numba = results('extension'), results('numba')
+    assert set(ahead.files) == set(numba.files)
     for name in ahead.files:
-        np.testing.assert_array_equal(ahead[name], by_numba[1][name], err_msg=name)
+        np.testing.assert_array_equal(ahead[name], numba[name], err_msg=name)
 
 
-def test_a_process_with_the_extension_module_does_not_load_numba(extension):
-    folder, _ = extension
-    code = f'{WAY}\nimport sys; assert not {{"numba", "llvmlite"}} & set(sys.modules)'
-    done = run(code, XDG_CACHE_HOME=str(folder))
-    assert (done.returncode, done.stdout.strip()) == (0, 'extension'), done.stderr
-    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
-    assert run_command(command, XDG_CACHE_HOME=str(folder)).stdout == 'compiled already\n'
+SIGNATURES = """
+import sys
+from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, is_compiled, is_extension
+from gyro_drift_filter.accelerate.numba_internals import signature
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.messages.cdr import EXAMPLE
+from gyro_drift_filter.messages.message_filter import MessageFilter
 
-
-def test_the_extension_module_is_found_where_nothing_can_be_written(extension):
-    folder, _ = extension
-    code = f'import os; os.access = lambda *_: False\n{WAY}'
-    done = run(code, XDG_CACHE_HOME=str(folder))
-    assert (done.returncode, done.stdout.strip()) == (0, 'extension'), done.stderr
-
-
-MISSING = """
-from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_extension_missing
-print(is_cache_cold(), is_extension_missing())
+assert is_compiled() and not is_extension()
+main(['simulate', '-o', sys.argv[1] + '/bag', '--static', '20', '--dynamic', '5'])
+main(['replay', sys.argv[1] + '/bag', '-o', sys.argv[1] + '/out', '--diagnostics', '--quiet'])
+MessageFilter(Parameters()).step(EXAMPLE)
+Filter().step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+called = 0
+for name, entry in ENTRY_KERNELS.items():
+    signatures = entry.compiled.signatures
+    assert signatures in ([], [signature(entry.types)]), name
+    called += len(signatures)
+print(called, 'called')
 """
 
 
-def test_a_damaged_extension_module_is_passed_over_and_built_anew(extension):
-    folder, path = extension
-    whole = path.read_bytes()
-    assert run(MISSING, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'False False'
-    for damaged in (b'', b'nothing of the kind', whole[:3000], whole[:-1]):
-        path.write_bytes(damaged)
-        done = run(WAY, XDG_CACHE_HOME=str(folder))
-        assert (done.returncode, done.stdout.strip()) == (0, 'numba'), done.stderr
-    assert run(MISSING, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'False True'
-    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'compile']
-    assert run_command(command, XDG_CACHE_HOME=str(folder)).returncode == 0
-    assert run(WAY, XDG_CACHE_HOME=str(folder)).stdout.strip() == 'extension'
-    assert not list(path.parent.glob('build_*'))
-
-
-@pytest.mark.parametrize('lacking', ['compiler', 'headers', 'setuptools'])
-def test_without_a_compiler_numba_is_loaded(lacking, by_numba, tmp_path):
-    """Nor without what it needs; the reason is told in one line, and no start tries again."""
-    shutil.copytree(by_numba[0] / 'gyro_drift_filter', tmp_path / 'gyro_drift_filter')
-    for built in tmp_path.rglob('*.so'):
-        built.unlink()
-    wrapper = tmp_path / 'compiler'
-    wrapper.write_text('#!/bin/sh\necho "Python.h: error: no such file" >&2; exit 1\n')
-    wrapper.chmod(0o755)
-    environment = {'XDG_CACHE_HOME': str(tmp_path), 'TMPDIR': str(tmp_path)}
-    code = "import sys; from gyro_drift_filter.cli.main import main; sys.exit(main(['compile']))"
-    if lacking == 'compiler':
-        environment |= {'PATH': '', 'CC': '/no/compiler', 'CXX': '/no/compiler'}
-    elif lacking == 'headers':
-        environment |= {'CC': str(wrapper), 'CXX': str(wrapper)}
-    else:
-        code = f"import sys; sys.modules['setuptools'] = None\n{code}"
-    done = run(code, **environment)
-    assert done.returncode == 0, done.stderr
-    assert 'no extension module: it needs a C++ compiler' in done.stderr
-    assert done.stderr.count('\n') == 1
-    assert run(WAY, **environment).stdout.strip() == 'numba'
-    assert run(MISSING, **environment).stdout.strip() == 'False False'
-    assert not list(tmp_path.rglob('*pycc*'))
-    assert not list(tmp_path.rglob('build_*'))
+def test_kernels_are_compiled_for_the_declared_types_alone(results, compiled, tmp_path):
+    """In a replay and in the node's way: nothing else is compiled, nor missing ahead of time."""
+    results('numba')  # makes the folder without the extension module
+    place = str(compiled[0] / 'no_extension')
+    code = SIGNATURES.replace('sys.argv[1]', repr(str(tmp_path)))
+    count, _ = output(code, XDG_CACHE_HOME=place, NUMBA_CACHE_DIR='').split('\n')[-1].split()
+    assert int(count) >= 8
 
 
 def test_the_tests_run_on_compiled_kernels():
     assert is_compiled() or os.environ.get('NUMBA_DISABLE_JIT')
 
 
-def test_an_edit_of_a_callee_in_another_file_is_seen(tmp_path):
-    """Numba's own cache keeps a caller's old code when only the callee's file changes."""
-    shutil.copytree(REPOSITORY / 'gyro_drift_filter', tmp_path / 'gyro_drift_filter')
-    callee = tmp_path / 'gyro_drift_filter' / 'core' / 'methods' / 'paper.py'
+def test_importing_the_package_leaves_no_trace(tmp_path):
     code = """
-from gyro_drift_filter.core import Filter, Parameters
-filter_ = Filter(Parameters(method='kalman'))
-filter_.step(10**18, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-print(filter_.step(10**18 + 10**7, (2.0, 2.0, 2.0), (0.0, 0.0, 0.0))['innovation'][0])
+import gyro_drift_filter.core
+import importlib
+from gyro_drift_filter.accelerate.cache import kernel_modules
+for name in kernel_modules():
+    importlib.import_module(name)
 """
-    environment = {'PYTHONPATH': str(tmp_path), 'XDG_CACHE_HOME': str(tmp_path / 'cache')}
-    first = run(code, cwd=tmp_path, **environment)
-    assert first.stdout.strip() == '1.0', first.stderr
-    assert any((tmp_path / 'cache').rglob('*.nbi'))
-    text = callee.read_text()
-    line = 'innovation = sample - predicted  # (10)'
-    assert line in text
-    callee.write_text(text.replace(line, 'innovation = sample - predicted + 5.0'))
-    assert run(code, cwd=tmp_path, **environment).stdout.strip() == '6.0'
+    environment = {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'HOME': str(tmp_path / 'home')}
+    output(code, **environment, PYTHONDONTWRITEBYTECODE='1', NUMBA_CACHE_DIR='')
+    assert list(tmp_path.rglob('*')) == []
 
 
-def test_works_where_the_cache_is_a_file(tmp_path):
-    """As with a read-only home: no directory can be made, so nothing is kept."""
+def test_the_installed_numba_is_one_that_has_been_tested():
+    """Otherwise: see at the bounds in setup.py."""
+    numba = pytest.importorskip('numba')
+    packaging = pytest.importorskip('packaging.requirements')
+    texts = [
+        str(node.value)
+        for node in ast.walk(ast.parse((REPOSITORY / 'setup.py').read_text()))
+        if isinstance(node, ast.Constant) and re.match(r'numba\b', str(node.value))
+    ]
+    (text,) = texts
+    assert packaging.Requirement(text).specifier.contains(numba.__version__)
+    assert '<' in text
+
+
+# --- a small package
+
+# What kernels give and where they come from; whether they and the extension module are missing.
+WAY = """
+import sys
+from gyro_drift_filter.accelerate import kernels
+from gyro_drift_filter.core.outer import counted, twice
+missing = kernels.is_cache_cold(), kernels.is_extension_missing()
+way = 'extension' if kernels.is_extension() else 'numba' if kernels.is_compiled() else 'plain'
+assert counted(b'abc') == 294
+print(twice(2.0), way, *missing)
+"""
+INNER = """
+from gyro_drift_filter.accelerate import kernel
+STEP = 1.0
+@kernel
+def shifted(value):
+    return value + STEP
+"""
+OUTER = """
+import numpy as np
+from gyro_drift_filter.accelerate import entry_kernel, read_only
+from gyro_drift_filter.core.inner import shifted
+@entry_kernel(float)
+def twice(value):
+    return 2.0 * shifted(value)
+@entry_kernel(read_only(np.uint8))
+def sum_of(data):
+    total = 0
+    for i in range(len(data)):
+        total += int(data[i])
+    return total
+def counted(text):
+    return sum_of(np.frombuffer(text, np.uint8))
+"""
+
+
+@pytest.fixture(scope='module')
+def built(tmp_path_factory):
+    """The small package, with its kernels compiled."""
+    root = tmp_path_factory.mktemp('small')
+    package, small = REPOSITORY / 'gyro_drift_filter', root / 'gyro_drift_filter'
+    shutil.copytree(package / 'accelerate', small / 'accelerate')
+    for name in ('', 'core/', 'cli/'):
+        (small / name).mkdir(exist_ok=True)
+        (small / name / '__init__.py').touch()
+    for name in ('errors.py', 'cli/compile.py'):
+        shutil.copy(package / name, small / name)
+    (small / 'core' / 'inner.py').write_text(INNER)
+    (small / 'core' / 'outer.py').write_text(OUTER)
+    (small / 'core' / 'text.py').write_text('TEXT = 1')
+    done = run(COMPILE, root, **environment_of(root))
+    assert done.returncode == 0, done.stderr
+    return root, done.stderr
+
+
+def environment_of(root):
+    return {
+        'PYTHONPATH': str(root),
+        'XDG_CACHE_HOME': str(root / 'cache'),
+        'HOME': str(root),
+        'NUMBA_CACHE_DIR': '',
+    }
+
+
+class Small:
+    """The small package, with its cache, in a folder of its own."""
+
+    def __init__(self, root, tmp_path):
+        self.root = tmp_path / 'small'
+        shutil.copytree(root, self.root)
+        self.environment = environment_of(self.root)
+        (self.kept,) = (self.root / 'cache' / 'gyro_drift_filter').iterdir()
+        self.extension = self.kept / 'gyro_drift_filter_kernels.so'
+
+    def output(self, code, **environment):
+        return output(code, self.root, **self.environment | environment)
+
+    def run(self, code, **environment):
+        return run(code, self.root, **self.environment | environment)
+
+
+@pytest.fixture
+def small(built, tmp_path):
+    """The small package without an extension module."""
+    copied = Small(built[0], tmp_path)
+    copied.extension.unlink(missing_ok=True)
+    return copied
+
+
+@pytest.fixture
+def extended(built, tmp_path):
+    """The small package with one."""
+    if 'no extension module' in built[1]:
+        pytest.skip(f'no C++ compiler here: {built[1]}')
+    return Small(built[0], tmp_path)
+
+
+def test_a_process_with_the_extension_module_does_not_load_numba(extended):
+    code = f'{WAY}\nassert not {{"numba", "llvmlite"}} & set(sys.modules)'
+    assert extended.output(code) == '6.0 extension False False'
+    assert extended.output(COMPILE) == 'compiled already'
+    assert extended.output(WAY, NUMBA_DISABLE_JIT='1') == '6.0 plain False False'
+    without = f'import sys; sys.modules["numba"] = None\n{WAY}'
+    extended.extension.unlink()
+    assert extended.output(without) == '6.0 plain False False'
+
+
+def test_the_extension_module_is_found_where_nothing_can_be_written(extended):
+    code = f'import os; os.access = lambda *_: False\n{WAY}'
+    assert extended.output(code) == '6.0 extension False False'
+
+
+def test_a_damaged_extension_module_is_passed_over_and_built_anew(extended, monkeypatch):
+    monkeypatch.setattr(cache, 'folder', lambda: extended.kept)
+    whole = extended.extension.read_bytes()
+    assert cache.is_extension_whole()
+    for damaged in (b'', b'nothing of the kind', whole[:-1], whole[:3000]):
+        extended.extension.write_bytes(damaged)
+        assert not cache.is_extension_whole()
+    assert extended.output(WAY) == '6.0 numba False True'
+    extended.output(COMPILE)
+    assert extended.output(WAY) == '6.0 extension False False'
+    assert not list(extended.kept.glob('build_*'))
+
+
+def test_a_damaged_file_of_a_kernel_is_made_anew(small):
+    files = list(small.kept.glob('gyro_drift_filter.core.*'))
+    assert len(files) == 3
+    for path, size in zip(files, (0, 1, 100), strict=True):
+        path.write_bytes(path.read_bytes()[:size])
+    done = small.run(WAY)
+    assert (done.stdout, done.stderr) == ('6.0 numba False True\n', '')
+    assert min(path.stat().st_size for path in files) > 100
+
+
+@pytest.mark.parametrize('lacking', ['compiler', 'headers', 'setuptools', 'pycc'])
+def test_without_a_compiler_numba_is_loaded(lacking, small, tmp_path):
+    """Nor without what it needs; the reason is told in one line, and no start tries again."""
+    wrapper = tmp_path / 'compiler'
+    wrapper.write_text('#!/bin/sh\necho "Python.h: error: no such file" >&2; exit 1\n')
+    wrapper.chmod(0o755)
+    environment, code = {'TMPDIR': str(tmp_path)}, COMPILE
+    if lacking == 'compiler':
+        environment |= {'PATH': '', 'CC': '/no/compiler', 'CXX': '/no/compiler'}
+    elif lacking == 'headers':
+        environment |= {'CC': str(wrapper), 'CXX': str(wrapper)}
+    else:
+        module = 'numba.pycc' if lacking == 'pycc' else lacking
+        code = f'import sys; sys.modules[{module!r}] = None\n{code}'
+    done = small.run(code, **environment)
+    assert done.returncode == 0, done.stderr
+    assert 'no extension module: it needs a C++ compiler' in done.stderr
+    assert done.stderr.count('\n') == 1
+    assert (small.kept / cache.NO_EXTENSION).exists()
+    if lacking == 'compiler':
+        assert small.output(WAY) == '6.0 numba False False'
+    assert not list(tmp_path.rglob('*pycc*'))
+    assert not list(tmp_path.rglob('build_*'))
+
+
+def test_an_edit_of_a_callee_in_another_file_is_seen(small):
+    """Numba's own cache keeps a caller's old code when only the callee's file changes."""
+    inner = small.root / 'gyro_drift_filter' / 'core' / 'inner.py'
+    inner.write_text(INNER.replace('STEP = 1.0', 'STEP = 2.0'))
+    assert small.output(WAY) == '8.0 numba True True'
+    assert len(list(small.kept.parent.iterdir())) == 2
+
+
+def test_an_edit_of_a_file_without_kernels_compiles_nothing(small):
+    (small.root / 'gyro_drift_filter' / 'core' / 'text.py').write_text('TEXT = 2')
+    assert small.output(WAY) == '6.0 numba False True'
+    assert list(small.kept.parent.iterdir()) == [small.kept]
+
+
+def test_other_types_than_the_declared_ones_are_refused(small):
+    code = """
+import numpy as np
+from gyro_drift_filter.core.outer import sum_of
+assert sum_of(np.arange(4, dtype=np.uint8)) == 6  # read_only takes both
+for wrong in (np.zeros(4), np.zeros((4, 2), np.uint8)[:, 0], np.zeros((2, 2), np.uint8)):
+    try:
+        sum_of(wrong)
+    except TypeError as error:
+        assert 'No matching definition' in str(error)
+        print('refused', len(sum_of.signatures))
+"""
+    assert small.output(code).split('\n') == ['refused 1'] * 3
+
+
+def test_old_caches_are_removed_when_a_new_one_is_complete(small):
+    inner = small.root / 'gyro_drift_filter' / 'core' / 'inner.py'
+    inner.write_text(INNER.replace('STEP = 1.0', 'STEP = 2.0'))
+    root, now = small.kept.parent, time.time()
+    folders = [root / f'{k:016x}' for k in range(5)]
+    others = [root / 'notes', root / ('f' * 17), root / 'A123456789abcdef']
+    for age, folder in enumerate([*folders, *others]):
+        folder.mkdir()
+        (folder / 'complete_0.1').touch()
+        os.utime(folder, (now + 1000 - age, now + 1000 - age))
+    (root / ('0' * 15 + 'f')).touch()
+    code = 'from gyro_drift_filter.accelerate.ahead import compile_all; compile_all()'
+    assert small.output(code) == ''
+    left = set(root.iterdir())
+    assert left > {*folders[:3], *others, root / ('0' * 15 + 'f')}
+    assert not left & {*folders[3:], small.kept}
+    assert small.output(WAY) == '8.0 numba False True'
+
+
+# --- where nothing can be kept
+
+ONE_WARNING = r'kernels can not be kept in .*: .+; each start compiles them anew\n'
+
+
+def without_cache(small, limit='', **environment):
+    """Run with a cold cache that can't be used; the kernels have to work, with one warning."""
+    done = small.run(limit + WAY, **environment)
+    assert re.fullmatch(r'6.0 numba (False False|True True)\n', done.stdout), done.stderr
+    assert re.fullmatch(ONE_WARNING, done.stderr), done.stderr
+
+
+def test_works_where_the_cache_is_a_file(small, tmp_path):
+    """As with a read-only home: no folder can be made."""
     (tmp_path / 'cache').write_text('')
-    done = run(WAY, XDG_CACHE_HOME=str(tmp_path / 'cache'))
-    assert (done.returncode, done.stdout.strip()) == (0, 'numba'), done.stderr
+    without_cache(small, XDG_CACHE_HOME=str(tmp_path / 'cache'))
+
+
+def test_without_a_home_nothing_is_written_into_the_root_folder(small):
+    without_cache(small, HOME='', XDG_CACHE_HOME='')
+    code = 'from gyro_drift_filter.accelerate.cache import folder; print(folder())'
+    assert small.output(code, HOME='', XDG_CACHE_HOME='').startswith('/dev/null')
+    # A relative path has no meaning there.
+    assert small.output(code, XDG_CACHE_HOME='here').startswith(f'{small.root}/.cache/')
+
+
+def test_a_full_disk_is_one_warning(small, tmp_path):
+    limit = 'import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n'
+    environment = {'XDG_CACHE_HOME': str(tmp_path / 'full')}
+    without_cache(small, limit, **environment)
+    done = small.run(limit + COMPILE, **environment)
+    assert done.returncode == 1
+    assert 'GyroDriftFilterError: compiled kernels can not be kept' in done.stderr
+    assert not list((tmp_path / 'full').rglob('complete_*'))

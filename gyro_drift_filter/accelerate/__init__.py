@@ -3,6 +3,7 @@
 `kernel` marks a function that other kernels call, `entry_kernel` one that Python calls.
 """
 
+from gyro_drift_filter.accelerate.argument_types import read_only
 from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
 from gyro_drift_filter.accelerate.records import (
     CountPerAxis,
@@ -16,6 +17,7 @@ __all__ = [
     'PerAxis',
     'entry_kernel',
     'kernel',
+    'read_only',
     'record',
     'zeroed',
 ]

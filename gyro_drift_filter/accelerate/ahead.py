@@ -1,87 +1,53 @@
-"""Build the kernels that Python calls into an extension module, where a C++ compiler is installed.
+"""Compile all kernels ahead: into numba's cache, and into an extension module.
 
-By numba's ahead-of-time compiler, numba.pycc. Types are not checked in its functions: they take
-contiguous arrays as `compile_all` passes them, which is how they are called everywhere.
+The extension module needs a C++ compiler. The registry of entry kernels says what is compiled.
 """
 
 import os
-import shutil
 import tempfile
-import time
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from gyro_drift_filter.accelerate.kernels import (
-    EXTENSION,
-    cache_directory,
-    extension_name,
-    keep_extension,
-    processor_features,
-)
-from gyro_drift_filter.bags.chunk_kernels import (
-    end_batches,
-    group_index,
-    lay_out,
-    list_messages,
-    times_of,
-)
-from gyro_drift_filter.bags.statistics import add_results, add_samples
-from gyro_drift_filter.core import commands
-from gyro_drift_filter.core.step import step_sample, step_samples
+from gyro_drift_filter.accelerate import cache, numba_internals
+from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, complete_note
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
-from gyro_drift_filter.messages.diagnostics import serialize_arrays
-from gyro_drift_filter.messages.imu_kernels import filter_imus, filter_message, read_imus
 
-_KERNELS: tuple[Any, ...] = (
-    add_results,
-    add_samples,
-    end_batches,
-    filter_imus,
-    filter_message,
-    group_index,
-    lay_out,
-    serialize_arrays,
-    list_messages,
-    read_imus,
-    step_sample,
-    step_samples,
-    commands.change_model,
-    commands.take_over,
-    commands.start_state,
-    commands.set_bias,
-    commands.give_hint,
-    commands.note_temperature,
-    commands.calibrate,
-    times_of,
-)
-_PREFIX = 'build_'
-_LEFT_SECONDS = 3600.0  # a folder of a build that is older is one that was killed
+
+def compile_all() -> None:
+    """Compile every kernel that Python calls, and keep it.
+
+    Raises:
+        GyroDriftFilterError: It can't be kept.
+    """
+    for name in cache.kernel_modules():
+        import_module(name)
+    for entry in ENTRY_KERNELS.values():
+        numba_internals.compile_declared(entry.compiled, entry.types)
+        if why := cache.why_unusable():
+            raise GyroDriftFilterError(f'compiled kernels can not be kept: {why}')
+    cache.make_note(complete_note())
+    cache.remove_old()
 
 
 def build_extension() -> None:
-    """Build the extension module of the kernels, each of which has been called already.
+    """Build the extension module of the kernels, after `compile_all`.
 
     Raises:
-        GyroDriftFilterError: There is no C++ compiler, no Python header, or the like.
+        GyroDriftFilterError: There is no C++ compiler, no Python header, or the like. That is
+            noted, so that no start of the node tries it again.
     """
-    place = cache_directory()
-    if place is None:
-        raise GyroDriftFilterError('no extension module: there is no directory to keep it in')
-    for folder in place.glob(f'{_PREFIX}*'):
-        if time.time() - folder.stat().st_mtime > _LEFT_SECONDS:
-            shutil.rmtree(folder, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=place) as folder_name:
-        chatter = Path(folder_name, 'chatter')
+    kernels = {name: (entry.function, entry.types) for name, entry in ENTRY_KERNELS.items()}
+    with tempfile.TemporaryDirectory(prefix=cache.BUILD_PREFIX, dir=cache.folder()) as folder:
+        output = Path(folder, 'output')
         try:
-            with _told_to(chatter):
-                built = _build(Path(folder_name))
-            keep_extension(built)
+            with _output_into(output):
+                built = numba_internals.build_extension(kernels, Path(folder))
+            cache.keep_extension(built)
         except Exception as error:  # whatever compilers and linkers raise
-            lines = chatter.read_text(errors='replace').splitlines()
+            cache.make_note(cache.NO_EXTENSION)
+            lines = output.read_text(errors='replace').splitlines()
             first = next((line for line in lines if 'error' in line), reason(error))
             raise GyroDriftFilterError(
                 'no extension module: it needs a C++ compiler, the headers of Python and '
@@ -89,43 +55,9 @@ def build_extension() -> None:
             ) from error
 
 
-def _build(folder: Path) -> Path:
-    """Return the extension module, built in a folder."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
-        from unittest.mock import patch  # here, as it loads much
-
-        from numba.pycc import CC, compiler
-
-        library = CC(EXTENSION)
-        library.output_dir = str(folder)
-        library.use_nrt = False  # as in `compiled`
-        library.target_cpu = 'host' if processor_features() else ''
-        for kernel in _KERNELS:
-            signature = kernel.nopython_signatures[0]
-            library.export(extension_name(kernel.py_func), signature)(kernel.py_func)
-        # pycc leaves its folder behind where it fails.
-        with (
-            patch.object(tempfile, 'tempdir', str(folder)),
-            patch.object(compiler, 'Flags', partial(_without_lock, compiler.Flags)),
-        ):
-            library.compile()
-        return folder / str(library.output_file)
-
-
-def _without_lock(flags: Callable[[], Any]) -> Any:
-    """Return numba's flags with one more: to let go of the interpreter's lock, as `compiled` does.
-
-    pycc has no option for it.
-    """
-    made = flags()
-    made.release_gil = True
-    return made
-
-
 @contextmanager
-def _told_to(path: Path) -> Iterator[None]:
-    """Have what compilers say, processes of their own, written to a file."""
+def _output_into(path: Path) -> Iterator[None]:
+    """Have what compilers print, processes of their own, written to a file."""
     kept = os.dup(1), os.dup(2)
     with path.open('wb') as file:
         for number in (1, 2):

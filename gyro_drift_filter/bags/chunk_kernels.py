@@ -8,21 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.accelerate.kernels import kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.messages.cdr import GOOD, NOT_REPORTED
-from gyro_drift_filter.messages.imu_kernels import ENCAPSULATION, HEADER, patch_rate, unsigned
-
-# Of a message in a chunk.
-ROW = np.dtype(
-    [
-        ('log_time', np.int64),  # ns
-        ('channel', np.int64),
-        ('start', np.int64),  # of its payload
-        ('size', np.int64),  # of it
-    ],
-    align=True,
+from gyro_drift_filter.messages.imu_kernels import (
+    ENCAPSULATION,
+    HEADER,
+    IMU,
+    patch_rate,
+    unsigned,
 )
+from gyro_drift_filter.messages.imu_kernels import ROW as ROW
 
 # Of messages that are filtered together.
 BATCH = np.dtype(
@@ -49,7 +45,7 @@ _VECTOR_BYTES = 24
 RECORD_BYTES = _RECORD + _MESSAGE_HEADER  # of a message, beside its payload
 
 
-@kernel
+@entry_kernel(read_only(np.uint8), np.bool_, ROW)
 def list_messages(data: Any, known: Any, rows: Any) -> int:
     """Fill ROWs for the message records of a chunk; return their number, -1 for a broken chunk.
 
@@ -78,7 +74,7 @@ def list_messages(data: Any, known: Any, rows: Any) -> int:
     return count
 
 
-@kernel
+@entry_kernel(ROW)
 def times_of(rows: Any) -> tuple[int, int, bool]:
     """Return the earliest and latest log time of ROWs (n >= 1), and whether they ascend."""
     first = last = before = rows[0]['log_time']
@@ -91,7 +87,7 @@ def times_of(rows: Any) -> tuple[int, int, bool]:
     return first, last, ascend
 
 
-@kernel
+@entry_kernel(ROW, int, int, BATCH, BATCH)
 def end_batches(rows: Any, largest: int, span: int, batch: Any, ends: Any) -> int:
     """Cut ROWs in the order of their log times into batches.
 
@@ -117,7 +113,7 @@ def end_batches(rows: Any, largest: int, span: int, batch: Any, ends: Any) -> in
     return ended
 
 
-@kernel
+@entry_kernel(np.int64, (np.uint64, 2), np.int64, (np.uint64, 2), np.uint64)
 def group_index(channels: Any, index: Any, places: Any, grouped: Any, times: Any) -> None:
     """Sort the index of messages by their channels, each in its order.
 
@@ -171,7 +167,26 @@ def _copy(out: Any, place: int, data: Any, start: int, size: int) -> int:
     return place + size
 
 
-@kernel
+@entry_kernel(
+    read_only(np.uint8),
+    ROW,
+    np.int64,
+    np.bool_,
+    IMU,
+    RESULT,
+    (np.uint8, 2),
+    (np.uint8, np.float64),
+    int,
+    (np.int64, 2),
+    int,
+    np.float64,
+    int,
+    (np.int64, 2),
+    read_only(np.uint8),
+    np.uint8,
+    np.int64,
+    (np.int64, 2),
+)
 def lay_out(
     data: Any,
     rows: Any,

@@ -6,23 +6,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.accelerate import entry_kernel, kernel
+from gyro_drift_filter.core.sample import LARGEST_RATE, RESULT, SampleStatus
 from gyro_drift_filter.messages.cdr import GOOD
+from gyro_drift_filter.messages.imu_kernels import IMU
 
 _SUMS = np.dtype(
     [('count', np.int64), ('mean', np.float64, (3,)), ('squares', np.float64, (3,))], align=True
 )
 
 
-@kernel
+@entry_kernel((np.float64, 2), (np.float64, 2), _SUMS, _SUMS)
 def add_samples(raw: Any, filtered: Any, raw_sums: Any, filtered_sums: Any) -> None:
     """Add rates (n, 3) as they came and filtered, where the former are usable."""
     for i in range(len(raw)):
         _add(raw[i], filtered[i], raw_sums[0], filtered_sums[0])
 
 
-@kernel
+@entry_kernel(IMU, RESULT, _SUMS, _SUMS)
 def add_results(imus: Any, results: Any, raw_sums: Any, filtered_sums: Any) -> None:
     """Add the rates of IMUs (n,) and of their RESULTs (n,), where there is one."""
     for i in range(len(imus)):

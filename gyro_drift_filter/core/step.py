@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import entry_kernel, kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias
 from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
@@ -167,7 +167,14 @@ def step_sample(sample: NDArray[np.void], filter_: NDArray[np.void]) -> None:
     step(sample[0], filter_[0])
 
 
-@entry_kernel(np.int64, (np.float64, 2), (np.float64, 2), SAMPLE, FILTER, RESULT)
+@entry_kernel(
+    read_only(np.int64),
+    read_only((np.float64, 2)),
+    read_only((np.float64, 2)),
+    SAMPLE,
+    FILTER,
+    RESULT,
+)
 def step_samples(
     stamps: NDArray[np.int64],
     rates: NDArray[np.float64],

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 
 
 class Level(IntEnum):
@@ -72,7 +72,7 @@ def diagnostic_arrays(
     return out[: ends[-1] if len(ends) else 0], ends
 
 
-@entry_kernel((np.int64, 2), (np.int64, 2), np.uint8, np.uint8, np.int64)
+@entry_kernel((np.int64, 2), (np.int64, 2), read_only(np.uint8), np.uint8, np.int64)
 def serialize_arrays(
     heads: NDArray[np.int64],
     numbers: NDArray[np.int64],

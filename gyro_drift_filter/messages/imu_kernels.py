@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate.kernels import kernel
-from gyro_drift_filter.core.sample import SAMPLE, SampleStatus
+from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
+from gyro_drift_filter.core.records import FILTER
+from gyro_drift_filter.core.sample import RESULT, SAMPLE, SampleStatus
 from gyro_drift_filter.core.step import step
 from gyro_drift_filter.messages.cdr import GOOD, LARGEST_PADDING, MALFORMED, NOT_REPORTED
-from gyro_drift_filter.messages.telemetry import read_telemetry
+from gyro_drift_filter.messages.telemetry import TELEMETRY, read_telemetry
 
 IMU = np.dtype(
     [
@@ -24,6 +25,17 @@ IMU = np.dtype(
         ('doubles', np.int64),  # place of the 37 doubles in the payload
         ('big_endian', np.bool_),
         ('new_frame', np.bool_),  # the frame_id is not that of the message before
+    ],
+    align=True,
+)
+
+# Of a message in a chunk.
+ROW = np.dtype(
+    [
+        ('log_time', np.int64),  # ns
+        ('channel', np.int64),
+        ('start', np.int64),  # of its payload
+        ('size', np.int64),  # of it
     ],
     align=True,
 )
@@ -84,7 +96,15 @@ def unsigned(data: Any, place: int, size: int, big_endian: bool) -> int:
     return value  # type: ignore[return-value]
 
 
-@kernel
+@entry_kernel(
+    read_only(np.uint8),
+    ROW,
+    np.bool_,
+    (np.uint8, np.float64),
+    FRAME,
+    IMU,
+    np.int64,
+)
 def read_imus(
     data: Any, rows: Any, ours: Any, room: Any, frame: Any, imus: Any, places: Any
 ) -> int:
@@ -180,7 +200,17 @@ def read_one(data: Any, start: int, size: int, raw: Any, numbers: Any, imu: Any)
     imu['kind'] = GOOD if numbers[_RATE_COVARIANCE] != -1.0 else NOT_REPORTED
 
 
-@kernel
+@entry_kernel(
+    int,
+    int,
+    IMU,
+    FILTER,
+    RESULT,
+    TALLY,
+    np.int64,
+    TELEMETRY,
+    TALLY,
+)
 def filter_imus(
     first: int,
     stop: int,
@@ -251,7 +281,7 @@ def patch_rate(out: Any, doubles: int, result: Any, room: Any, big_endian: bool)
             out[to + np.uint64(i)] = raw[np.uint64(i)]
 
 
-@kernel
+@entry_kernel(read_only(np.uint8), np.uint8, (np.uint8, np.float64), FRAME, IMU, FILTER)
 def filter_message(
     data: Any,
     out: Any,

@@ -1,0 +1,201 @@
+"""All that uses what numba does not promise to keep, and what happens where it is gone.
+
+setup.py says which versions of numba have been tested. Where a later one lacks
+
+- the option `_nrt`: kernels count references to arrays, and are slower;
+- `NullCache`, `CompileResult` or `dumps`: nothing is kept, each start compiles, and that is logged;
+- `_compile_for_args`: a call with other types than the declared ones compiles another version;
+- `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
+  without a C++ compiler;
+- `numba.np.arraymath`: see `spare_linear_algebra`, which then spares nothing.
+"""
+
+import functools
+import hashlib
+import os
+import pickle
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+from gyro_drift_filter.accelerate import cache
+from gyro_drift_filter.accelerate.argument_types import ReadOnly
+
+_LOCK = threading.Lock()
+
+
+def options() -> dict[str, bool]:
+    """Return the option not to count references to arrays, of which no kernel makes any."""
+    known = getattr(import_module('numba.core.options'), 'DefaultOptions', None)
+    return {'_nrt': False} if hasattr(known, '_nrt') else {}
+
+
+def signature(types: Iterable[Any]) -> tuple[Any, ...]:
+    """Return numba's types for those that `entry_kernel` takes."""
+    return tuple(_numba_type(kind) for kind in types)
+
+
+def _numba_type(kind: Any) -> Any:
+    scalars = {int: numba.int64, float: numba.float64, bool: numba.boolean}
+    if isinstance(kind, type) and kind in scalars:
+        return scalars[kind]
+    if isinstance(kind, ReadOnly):
+        return _array(kind.array, readonly=True)
+    if isinstance(kind, tuple) and not isinstance(kind[1], int):
+        return numba.types.Tuple(signature(kind))
+    return _array(kind, readonly=False)
+
+
+def _array(kind: Any, readonly: bool) -> Any:
+    element, dimensions = kind if isinstance(kind, tuple) else (kind, 1)
+    element = numba.from_dtype(np.dtype(element))
+    return numba.types.Array(element, dimensions, 'C', readonly=readonly)
+
+
+def declare(dispatcher: Any, types: tuple[Any, ...]) -> None:
+    """Have a kernel compiled for these types at its first call, and for no others."""
+
+    def compile_at_first_call(*arguments: Any) -> Any:
+        compile_declared(dispatcher, types)
+        return dispatcher  # which is called once more
+
+    dispatcher._compile_for_args = compile_at_first_call
+
+
+def compile_declared(dispatcher: Any, types: tuple[Any, ...]) -> None:
+    """Compile a kernel for its declared types, or load it from the cache, if not done yet."""
+    with _LOCK:
+        wanted = signature(types)
+        if wanted not in dispatcher.overloads:
+            dispatcher.compile(wanted)
+            dispatcher.disable_compile()
+
+
+def keep_on_disk(dispatcher: Any) -> None:
+    """Have what numba compiles of a kernel kept in the cache's folder, and loaded from there.
+
+    Unlike numba's option `cache`, this makes no folder before there is something to keep, and works
+    on where nothing can be kept.
+    """
+    kernel_cache = _cache_class()
+    if kernel_cache is not None:
+        dispatcher._cache = kernel_cache(dispatcher.py_func)
+
+
+@functools.cache
+def _cache_class() -> Any:
+    """Return the class of our cache for one kernel, None where numba has changed too much."""
+    try:
+        from numba.core.caching import NullCache
+        from numba.core.compiler import CompileResult
+        from numba.core.serialize import dumps
+    except ImportError as error:
+        cache.report_unusable(str(error))
+        return None
+
+    class KernelCache(NullCache):  # type: ignore[misc]
+        """A file for each kernel and the types that it is compiled for."""
+
+        def __init__(self, function: Any) -> None:
+            self._function = function
+
+        def _path(self, types: Any, codegen: Any) -> Path:
+            code = self._function.__code__
+            # The folder's name stands for the files of this package alone.
+            kind = numba.__version__, codegen.magic_tuple(), _checksum(code.co_filename), types
+            name = f'{self._function.__module__}.{self._function.__name__}'
+            return cache.folder() / f'{name}.{hashlib.sha256(str(kind).encode()).hexdigest()[:16]}'
+
+        def load_overload(self, types: Any, context: Any) -> Any:
+            """Return a compiled kernel, None where there is none, or a damaged one."""
+            context.refresh()
+            with suppress(Exception):  # whatever unpickling raises
+                kept = self._path(types, context.codegen()).read_bytes()
+                return CompileResult._rebuild(context, *pickle.loads(kept))
+            if why := cache.why_unusable():
+                cache.report_unusable(why)
+            return None
+
+        def save_overload(self, types: Any, compiled: Any) -> None:
+            """Keep a compiled kernel, if it can be."""
+            if cache.why_unusable():
+                return
+            unfinished = cache.folder() / f'unfinished.{os.getpid()}'
+            try:
+                path = self._path(types, compiled.codegen)
+                unfinished.write_bytes(dumps(compiled._reduce()))
+                unfinished.replace(path)
+            except (OSError, AttributeError) as error:  # a full disk, or another numba
+                cache.report_unusable(str(error))
+                unfinished.unlink(missing_ok=True)
+
+    return KernelCache
+
+
+@functools.cache
+def _checksum(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def spare_linear_algebra() -> None:
+    """Keep numba from loading scipy's linear algebra.
+
+    It does so where scipy is installed, for products of matrices alone, which no kernel here has;
+    it takes a quarter of a second and 17 MB.
+    """
+    name = 'scipy.linalg.cython_blas'
+    if name in sys.modules:
+        return
+    sys.modules[name] = None  # type: ignore[assignment]  # its import fails
+    try:
+        with suppress(ImportError):
+            import_module('numba.np.arraymath')  # where numba looks for it, once
+    finally:
+        del sys.modules[name]
+
+
+def build_extension(kernels: Mapping[str, tuple[Any, tuple[Any, ...]]], folder: Path) -> Path:
+    """Return an extension module, built in a folder.
+
+    Args:
+        kernels: By their names in the module: functions, and their types as for `entry_kernel`.
+        folder: For the module, and for what is left of the build.
+
+    Raises:
+        Exception: Whatever compilers and linkers raise.
+    """
+    from unittest.mock import patch  # here, as it loads much
+
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # numba has been about to replace pycc for years
+        from numba.pycc import CC, compiler
+    # pycc has no option for what `kernel` asks for, and leaves its folder behind where it fails.
+    with (
+        patch.object(compiler, 'Flags', functools.partial(_flags_of_kernels, compiler.Flags)),
+        patch.object(tempfile, 'tempdir', str(folder)),
+    ):
+        library = CC(cache.EXTENSION)
+        library.output_dir = str(folder)
+        library.use_nrt = False
+        library.target_cpu = 'host' if cache.processor() else ''
+        for name, (function, types) in kernels.items():
+            library.export(name, signature(types))(function)
+        library.compile()
+    return folder / str(library.output_file)
+
+
+def _flags_of_kernels(flags: Callable[[], Any]) -> Any:
+    """Return numba's flags with those that `kernel` sets."""
+    made = flags()
+    made.release_gil = True
+    made.error_model = 'numpy'
+    return made
