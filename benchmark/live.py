@@ -25,7 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, environment, own_domain
 

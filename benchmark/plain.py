@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.mcap.records import ZSTD_LEVEL, zstd
-from gyro_drift_filter.messages.cdr import IMU_TYPE, VECTOR_TYPE
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, VECTOR_TYPE
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 

@@ -4,15 +4,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gyro_drift_filter.bags.chunk_kernels import RECORD_BYTES
-from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
-from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import messages
+from gyro_drift_filter.bags.writer import BagWriter
+from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
+from gyro_drift_filter.messages.imu import IMU_TYPE, read_message
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 RECORDING = Path(__file__).parents[2] / 'shared' / 'bags' / 'static_adis16405'
 _PIECE = 100_000  # messages
-_STAMP = RECORD_BYTES + 4  # place of header.stamp in a record
+_STAMP = RECORD_BYTES + 4  # offset of header.stamp in a record
 
 
 def short_one() -> tuple[str, list[tuple[int, bytes]]]:
@@ -40,7 +42,7 @@ def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) ->
         }
     )
     times = np.array([time for time, _ in rows])
-    stamps = np.array([read_imu(data).stamp for _, data in rows])
+    stamps = np.array([read_message(data)['sample']['stamp'] for _, data in rows])
     content = np.frombuffer(b''.join(data for _, data in rows), f'V{size}')
     span = int((times[-1] - times[0]) * len(rows) // (len(rows) - 1))
     with BagWriter(destination) as writer:
@@ -54,8 +56,5 @@ def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) ->
             records['log'] = records['publish'] = times[row] + tile * span
             records['data'] = content[row]
             records['sec'], records['nanosec'] = np.divmod(stamps[row] + tile * span, 10**9)
-            places = np.arange(len(number)) * record.itemsize
-            index = np.column_stack((records['log'].astype(np.int64), places))
-            channels = np.full(len(number), channel)
-            writer.write_bulk(records.view(np.uint8), channels, index)
+            writer.write_records(records.view(np.uint8))
     return destination

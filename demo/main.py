@@ -18,14 +18,17 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_static
-from gyro_drift_filter.bags.recording import BagWriter, messages, open_bag
+from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import messages
 from gyro_drift_filter.bags.replay import replay
-from gyro_drift_filter.bags.replay_run import Topics
+from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
 from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate
 from harness.live_node import LOSSLESS, LiveNode
@@ -105,7 +108,7 @@ def read_messages(bag: Path, topic: str) -> list[bytes]:
 
 def read_rates(bag: Path, topic: str) -> Rates:
     """Return the angular velocity (n, 3) in rad/s of an Imu topic."""
-    return np.array([read_imu(data).angular_velocity for data in read_messages(bag, topic)])
+    return read_imu_arrays(bag, topic).angular_velocity
 
 
 def read_flags(bag: Path) -> NDArray[np.bool_]:

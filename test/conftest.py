@@ -79,21 +79,15 @@ def random():
 @pytest.fixture(scope='session')
 def real():
     """Return a function of a recording's name to stamps (n,), rates, accelerations (n, 3)."""
-    from gyro_drift_filter.bags.recording import messages, open_bag
-    from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+    from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 
     known = {}
 
     def load(name):
         path = path_of(name)
         if name not in known:
-            with open_bag(path) as reader:
-                read = [read_imu(d) for c, _, d in messages(reader) if c.msgtype == IMU_TYPE]
-            known[name] = (
-                np.array([imu.stamp for imu in read]),
-                np.array([imu.angular_velocity for imu in read]),
-                np.array([imu.linear_acceleration for imu in read]),
-            )
+            data = read_imu_arrays(path)
+            known[name] = data.stamps, data.angular_velocity, data.linear_acceleration
         return known[name]
 
     return load

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.cli.main import main
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC
 from support.bags import simulated, write
 from support.messages import TEXT, text

@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gyro_drift_filter.bags.recording import messages, open_bag
+from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sample import SampleStatus
-from gyro_drift_filter.messages.cdr import read_imu
 from support.paths import RECORDINGS
 
 MS = 1_000_000
@@ -180,13 +179,7 @@ def test_the_real_bursty_driver_has_no_gap():
     path = RECORDINGS / 'static_mpu6050_bursty'
     if not path.exists():
         pytest.skip('the real recording static_mpu6050_bursty is not beside this clone')
-    with open_bag(path) as reader:
-        stamps = [
-            read_imu(data).stamp
-            for connection, _, data in messages(reader)
-            if connection.topic == '/imu/data_raw'
-        ]
     filter_ = Filter()
-    feed(filter_, stamps)
+    feed(filter_, read_imu_arrays(path).stamps)
     assert clock(filter_) == QUIET
     assert filter_.state['clock']['period'] == pytest.approx(0.01007, rel=0.08)

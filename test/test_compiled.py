@@ -114,13 +114,13 @@ from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, is_compiled, is_
 from gyro_drift_filter.accelerate.numba_internals import signature
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.messages.cdr import EXAMPLE
+from gyro_drift_filter.messages.imu import EXAMPLE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 
 assert is_compiled() and not is_extension()
 main(['simulate', '-o', sys.argv[1] + '/bag', '--static', '20', '--dynamic', '5'])
 main(['replay', sys.argv[1] + '/bag', '-o', sys.argv[1] + '/out', '--diagnostics', '--quiet'])
-MessageFilter(Parameters()).step(EXAMPLE)
+MessageFilter(Parameters()).take(EXAMPLE)
 Filter().step(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 called = 0
 for name, entry in ENTRY_KERNELS.items():

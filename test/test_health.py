@@ -8,7 +8,6 @@ import pytest
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHODS, Method
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.health_rules import (
@@ -25,7 +24,7 @@ from gyro_drift_filter.messages.telemetry import (
     as_telemetry,
 )
 from gyro_drift_filter.simulation.bag import imu_message
-from support.messages import simulated
+from support.messages import imu_fields, quiet, simulated
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
@@ -148,7 +147,7 @@ def test_each_method_has_advice_of_its_own_and_a_new_one_general_advice():
 
 def filter_all(filter_, messages):
     for data in messages:
-        filter_.step(data)
+        filter_.take(data)
 
 
 def report(messages, seconds=1.0):
@@ -194,13 +193,13 @@ def test_health_says_what_is_wrong(messages, level, text):
 
 def test_a_single_spike_is_no_sign_of_degrees():
     messages = simulated(100)
-    messages[50] = imu_message(read_imu(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
+    messages[50] = imu_message(imu_fields(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
     assert report(messages)[0].level == Level.OK
 
 
 def test_health_reports_unusable_rates():
     messages = simulated(100)
-    messages[50] = imu_message(read_imu(messages[50]).stamp, (np.nan, 1, 1), (0, 0, 9.8))
+    messages[50] = imu_message(imu_fields(messages[50]).stamp, (np.nan, 1, 1), (0, 0, 9.8))
     input_, _ = report(messages)
     assert input_.level == Level.WARN
     assert 'no usable number' in input_.message
@@ -218,18 +217,6 @@ def test_health_reports_a_band_that_is_too_tight():
     _, status = health.judge(filter_.report(), 4.0)
     assert status.level == Level.WARN
     assert 'set method to adaptive' in status.message
-
-
-def quiet(n, deviation, random, rate=100.0):
-    """Return messages of a sensor at rest."""
-    return [
-        imu_message(
-            10**18 + int(k * 1e9 / rate),
-            deviation * random.standard_normal(3),
-            [0, 0, 9.8] + 0.02 * random.standard_normal(3),
-        )
-        for k in range(n)
-    ]
 
 
 def test_health_reports_a_filter_that_is_inert(random):
@@ -321,14 +308,14 @@ def test_stamps_that_go_to_and_fro_or_are_none(random):
     """Two sensors of one name; a driver that does not stamp."""
     a, b = quiet(1200, 5e-3, random), quiet(1200, 5e-3, random)
     late = [
-        imu_message(read_imu(m).stamp - 20_000_000, read_imu(m).angular_velocity, (0, 0, 9.8))
+        imu_message(imu_fields(m).stamp - 20_000_000, imu_fields(m).angular_velocity, (0, 0, 9.8))
         for m in b
     ]
     both = [message for pair in zip(a, late, strict=True) for message in pair]
     filter_ = MessageFilter(Parameters())
     found = texts(Health(), [both[200 * k : 200 * k + 200] for k in range(12)], filter_)
     assert found[-1].startswith('many stamps go backward')
-    none = [imu_message(0, read_imu(m).angular_velocity, (0, 0, 9.8)) for m in a]
+    none = [imu_message(0, imu_fields(m).angular_velocity, (0, 0, 9.8)) for m in a]
     for rate, text in ((0.0, 'the driver does not stamp'), (100.0, 'receiving')):
         filter_ = MessageFilter(Parameters(sample_rate=rate))
         found = texts(Health(), [none[100 * k : 100 * k + 100] for k in range(12)], filter_)
@@ -395,7 +382,7 @@ def test_counts_that_a_reset_clears_are_no_fault(random):
     filter_, health = MessageFilter(Parameters()), Health()
     messages = quiet(500, 5e-3, random)
     for k in range(88, 100):
-        stamp = read_imu(messages[k]).stamp
+        stamp = imu_fields(messages[k]).stamp
         messages[k] = imu_message(stamp, (8.7 if k < 97 else np.nan, 0.01, 0.02), (0, 0, 9.8))
     filter_all(filter_, messages[:100])
     assert 'end of the measuring range' in health.judge(filter_.report(), 1.0)[0].message

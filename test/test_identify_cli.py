@@ -10,7 +10,7 @@ from matplotlib import image
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write

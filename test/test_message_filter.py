@@ -3,10 +3,11 @@
 import numpy as np
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.messages.cdr import read_imu
-from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.imu import ImuKind, is_published, patch_imu
+from gyro_drift_filter.messages.message_filter import LONGEST_FRAME_ID, NOTE, MessageFilter
 from gyro_drift_filter.simulation.bag import imu_message
-from support.messages import simulated
+from support.chunks import imus_of, piece_of
+from support.messages import imu_fields, offset_of_doubles, quiet, simulated
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
 
@@ -14,7 +15,7 @@ NOT_REPORTED = [-1.0] + 8 * [0.0]
 def mixed():
     """Good messages with every kind of bad one between them."""
     messages = simulated()
-    stamp = read_imu(messages[300]).stamp
+    stamp = imu_fields(messages[300]).stamp
     messages[300] = imu_message(stamp, (1.0, 2.0, 3.0), (0, 0, 9.8), covariance=NOT_REPORTED)
     messages[301] = messages[301][:50]
     messages[302] = b''
@@ -24,35 +25,96 @@ def mixed():
     return messages
 
 
-def test_batch_and_single_messages_give_the_same_bytes():
+def take_all(filter_, messages):
+    """Filter messages one by one, and return what there is to publish for each."""
+    return [filter_.take(message) for message in messages]
+
+
+def take_at_once(filter_, messages, indexes=()):
+    """Filter messages as those of a piece; return what is published, and reports on the way."""
+    piece = piece_of(messages)
+    imus, notes, published = imus_of(piece), np.zeros(len(indexes), NOTE), []
+    notes['index'] = indexes
+    filter_.take_imus(piece.data, imus, notes)
+    for k, imu in enumerate(imus):
+        if imu['kind'] == ImuKind.GOOD and is_published(imu):
+            patch_imu(piece.data, imu['start'], imu)
+        published.append(piece.message(k) if is_published(imu) else None)
+    return published, filter_.reports(notes)
+
+
+def test_a_piece_and_single_messages_give_the_same_bytes():
     messages = mixed()
-    single, batch = MessageFilter(Parameters()), MessageFilter(Parameters())
-    one_by_one = [single.process(data).data for data in messages]
-    assert one_by_one == [outcome.data for outcome in batch.process_batch(messages)]
-    assert single.malformed == batch.malformed == 2
-    assert single.filter.snapshot() == batch.filter.snapshot()
+    single, at_once = MessageFilter(Parameters()), MessageFilter(Parameters())
+    assert take_all(single, messages) == take_at_once(at_once, messages)[0]
+    assert single.reception == at_once.reception
+    assert single.reception['malformed'] == 2
+    assert single.filter.snapshot() == at_once.filter.snapshot()
+
+
+def test_notes_in_a_piece_are_the_reports_at_their_places(random):
+    """The sample period changes on the way, too."""
+    messages = [*mixed(), *quiet(500, 5e-3, random, rate=400.0)]
+    indexes = sorted([0, 40, 40, 302, *random.integers(0, 1100, 20).tolist(), len(messages)])
+    for cut in (0, 40, 700):
+        at_once, one_by_one = MessageFilter(Parameters()), MessageFilter(Parameters())
+        take_at_once(at_once, messages[:cut])
+        later = [index - cut for index in indexes if index >= cut]
+        _, reports = take_at_once(at_once, messages[cut:], later)
+        wanted = []
+        for k in range(len(messages) + 1):
+            wanted += [one_by_one.report()] * (indexes.count(k) if k >= cut else 0)
+            if k < len(messages):
+                one_by_one.take(messages[k])
+        assert len(reports) == len(later)
+        assert repr(reports) == repr(wanted)  # where NaN is like NaN
 
 
 def test_bad_messages_are_counted_and_told_apart():
     messages = mixed()
     filter_ = MessageFilter(Parameters())
-    outcomes = filter_.process_batch(messages)
-    assert outcomes[0].data is None  # no rate on axis x yet
-    assert outcomes[301].data == messages[301]  # not reported: as it came
-    assert outcomes[302].data is None
-    assert outcomes[303].data is None
-    bridged = read_imu(outcomes[304].data)
-    assert np.isfinite(bridged.angular_velocity).all()
-    assert outcomes[306].data == outcomes[305].data
-    assert (filter_.received, filter_.malformed, filter_.not_reported) == (601, 2, 1)
-    assert '0 bytes are too few' in filter_.last_malformed
+    published = take_all(filter_, messages)
+    assert published[0] is None  # no rate on axis x yet
+    assert published[301] == messages[301]  # not reported: as it came
+    assert published[302] is None
+    assert published[303] is None
+    assert np.isfinite(imu_fields(published[304]).angular_velocity).all()
+    assert published[306] == published[305]
+    report = filter_.report()
+    assert (report.received, report.malformed, report.not_reported) == (601, 2, 1)
+    assert '0 bytes are too few' in report.last_malformed
+
+
+def test_changes_of_the_frame_are_counted():
+    """Also where it differs behind what is kept of it, in length; and after one without a name."""
+    filter_ = MessageFilter(Parameters())
+    long = LONGEST_FRAME_ID * 'x'
+    frames = ['a', 'a', 'b', '', '', 'b', long, long + 'y', long + 'z', 'b\n\xe4']
+    changes = []
+    for k, frame in enumerate(frames):
+        filter_.take(imu_message(10**18 + k * 10**7, (0, 0, 0), (0, 0, 9.8), frame=frame))
+        filter_.take(b'junk')
+        changes.append(filter_.report().frame_changes)
+    assert changes == [0, 0, 1, 2, 2, 3, 4, 5, 5, 6]
+    assert filter_.report().frame == 'b \xe4'
+
+
+def test_messages_of_any_size(random):
+    """The buffers grow."""
+    filter_ = MessageFilter(Parameters())
+    for size in (0, 5000, 10, 100_000):
+        frame = size * 'f'
+        data = imu_message(10**18, (0.1, 0.2, 0.3), (0, 0, 9.8), frame=frame)
+        assert len(filter_.take(data)) == len(data)
+        assert frame.encode() in filter_.sample_message('bias')
 
 
 def test_all_but_rate_and_covariance_is_unchanged():
     data = simulated(20)[-1]
     filter_ = MessageFilter(Parameters())
-    out = filter_.process(data).data
-    begin = read_imu(data).offset + 13 * 8
+    out = filter_.take(data)
+    assert out is not None
+    begin = offset_of_doubles(data) + 13 * 8
     assert out[:begin] == data[:begin]
     assert out[begin + 12 * 8 :] == data[begin + 12 * 8 :]
     covariance = np.frombuffer(out, '<f8', 9, begin + 24).reshape(3, 3)

@@ -17,15 +17,16 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, MagneticField
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.bags.recording import messages, open_bag
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import messages
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import DESCRIPTIONS
-from gyro_drift_filter.messages.cdr import read_imu
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, LiveNode, environment, own_domain
-from support.messages import simulated
+from support.messages import imu_fields, simulated
 from support.node import call, diagnostics, get_parameter, offline, set_parameters, values
 from support.paths import REPOSITORY
 
@@ -86,7 +87,7 @@ def test_sample_topics_only_while_somebody_listens(fresh):
     sent = 0
     while not all(received.values()):
         published = fresh.play(data[sent : sent + 1])
-        probe.process(data[sent])
+        probe.take(data[sent])
         sent += 1
         assert published
         assert sent < len(data) - 50
@@ -99,10 +100,9 @@ def test_sample_topics_only_while_somebody_listens(fresh):
         lambda: all(len(received[n]) >= counts[n] + expected for n in SAMPLE_TOPICS), 'samples'
     )
     for message in data[sent:]:
-        outcome = probe.process(message)
+        probe.take(message)
         for name in SAMPLE_TOPICS:
-            wanted = sample_message(message, outcome.imu, outcome.result, name)
-            assert received[name][counts[name]] == wanted
+            assert received[name][counts[name]] == probe.sample_message(name)
             counts[name] += 1
     for subscription in subscriptions:
         fresh.node.destroy_subscription(subscription)
@@ -111,7 +111,7 @@ def test_sample_topics_only_while_somebody_listens(fresh):
 def test_bad_messages_do_no_harm(fresh):
     """Truncated and foreign bytes, NaN, covariance -1; then all is as before."""
     data = simulated(400)
-    stamp = read_imu(data[200]).stamp
+    stamp = imu_fields(data[200]).stamp
     bad = [
         data[200][:50],
         imu_message(stamp, (np.nan, 0.1, np.inf), (0, 0, 9.8)),
@@ -128,7 +128,7 @@ def test_bad_messages_do_no_harm(fresh):
     fresh.play(data[201:])
     assert fresh.received[first:] == expected
     for message in fresh.received[first : first + 201]:
-        assert np.isfinite(read_imu(message).angular_velocity).all()
+        assert np.isfinite(imu_fields(message).angular_velocity).all()
 
 
 def test_diagnostics_count_what_comes_in(fresh):
@@ -141,7 +141,8 @@ def test_diagnostics_count_what_comes_in(fresh):
     assert filter_['Method'] == Parameters().method
     flagged = [int(filter_[f'Outliers {axis}']) for axis in 'xyz']
     probe = MessageFilter(Parameters())
-    probe.process_batch(data)
+    for message in data:
+        probe.take(message)
     assert flagged == probe.filter.state['counts']['outliers'].tolist()
 
 
@@ -200,11 +201,12 @@ def test_a_valid_set_takes_effect(fresh):
     assert set_parameters(fresh, model__phi=[0, 0, 0])[0].successful
     live = fresh.play(data[500:])
     filter_ = MessageFilter(Parameters())
-    filter_.process_batch(data[:500])
+    for message in data[:500]:
+        filter_.take(message)
     filter_.filter.configure(
         Parameters(forgetting_factor=0.95, gap_limit=2.0, model_phi=(0.0, 0.0, 0.0))
     )
-    assert live == [outcome.data for outcome in filter_.process_batch(data[500:])]
+    assert live == [filter_.take(message) for message in data[500:]]
 
 
 @pytest.mark.parametrize(
@@ -370,7 +372,7 @@ def test_a_publisher_that_offers_too_little_is_named(fresh):
 def test_a_frame_that_changes_is_told(fresh):
     data = simulated(20)
     other = [
-        imu_message(read_imu(message).stamp, (0.0, 0.1, 0.2), (0, 0, 9.8), frame='rear\n')
+        imu_message(imu_fields(message).stamp, (0.0, 0.1, 0.2), (0, 0, 9.8), frame='rear\n')
         for message in data
     ]
     mixed = [message for pair in zip(data[::2], other[1::2], strict=True) for message in pair]
@@ -404,7 +406,7 @@ def test_runs_in_plain_python_without_an_events_executor(tmp_path):
         out = node.play(data)
     wanted = offline(data, method='kalman')
     for got, expected in zip(out, wanted, strict=True):
-        a, b = (np.array(read_imu(message).angular_velocity) for message in (got, expected))
+        a, b = (np.array(imu_fields(message).angular_velocity) for message in (got, expected))
         np.testing.assert_allclose(a, b, rtol=1e-12)
     assert node.returncode == 0
     assert 'no EventsExecutor: falling back' in node.log

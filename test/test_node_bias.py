@@ -10,10 +10,10 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.messages.cdr import read_imu
 from gyro_drift_filter.ros.memory_file import file_of, recall
 from gyro_drift_filter.simulation.bag import FRAME
 from harness.live_node import LOSSLESS, LiveNode
+from support.messages import imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
 from support.sensor import DEGREE, at_rest, by_hand
 
@@ -23,7 +23,7 @@ FILTER = 'gyro_drift_filter: filter'
 
 
 def rates_of(messages):
-    return np.array([read_imu(message).angular_velocity for message in messages])
+    return np.array([imu_fields(message).angular_velocity for message in messages])
 
 
 def bias_of(live):

@@ -115,8 +115,8 @@ def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp
     assert node.returncode == 0
     assert 'first start: compiling' in node.log
     assert re.search(r'compiled; \d+ messages were kept, 0 were too many', node.log)
-    outcomes = MessageFilter(Parameters()).process_batch(data)
-    assert published == [outcome.data for outcome in outcomes]
+    filter_ = MessageFilter(Parameters())
+    assert published == [filter_.take(message) for message in data]
     with LiveNode(LOSSLESS, node=executable) as node:
         assert len(node.play(data[:10])) == 10
     assert 'compil' not in node.log

@@ -5,19 +5,20 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType
 
-from gyro_drift_filter.bags.recording import BagError, messages, open_bag
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import BagError, messages
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.reader import read_layout
 from gyro_drift_filter.mcap.records import MAGIC, PREFIX
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import mixed, read, write_mcap
 from support.messages import START, TEXT, text
 
-FORMS = {
+FORMS: dict[str, dict[str, object]] = {
     'plain': {'compression': CompressionType.NONE},
     'zstd': {'compression': CompressionType.ZSTD, 'chunk_size': 30_000},
     'lz4': {'compression': CompressionType.LZ4, 'chunk_size': 10_000},
@@ -144,8 +145,8 @@ def test_what_can_not_be_recovered_is_one_line(tmp_path, random):
 def test_a_whole_file_is_not_copied(tmp_path, random, monkeypatch):
     path = write_mcap(tmp_path / 'in.mcap', mixed(random))
     assert not is_cut_off(path)
-    with open_bag(path) as reader:
-        assert [str(p) for p in reader.paths] == [str(path)]
+    with open_bag(path) as recording:
+        assert recording.path == path
 
 
 def test_force_replaces_a_bag_when_the_new_one_is_complete(tmp_path, random, caplog):

@@ -15,25 +15,25 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 
-from gyro_drift_filter.bags.recording import BagError, BagWriter
-from gyro_drift_filter.bags.replay import Topics, replay
+from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.mcap import writer as mcap_writer
-from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter
+from gyro_drift_filter.mcap.writer import McapWriter as OurWriter
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import OTHER_QOS, read, simulated, write
-from support.messages import STORE, TEXT, text
+from support.messages import STORE, TEXT, imu_fields, offset_of_doubles, text
 
 
 def expected(messages, parameters=None):
-    outcomes = MessageFilter(parameters or Parameters()).process_batch([d for _, d in messages])
-    return [
-        (time, outcome.data)
-        for (time, _), outcome in zip(messages, outcomes, strict=True)
-        if outcome.data is not None
-    ]
+    filter_ = MessageFilter(parameters or Parameters())
+    filtered = [(time, filter_.take(data)) for time, data in messages]
+    return [(time, data) for time, data in filtered if data is not None]
 
 
 def run(source, destination, **options):
@@ -45,7 +45,7 @@ def check_unchanged_but_rate(before, after):
     assert len(before) == len(after)
     for (time, old), (new_time, new) in zip(before, after, strict=True):
         assert time == new_time
-        begin = read_imu(old).offset + 13 * 8
+        begin = offset_of_doubles(old) + 13 * 8
         assert old[:begin] == new[:begin]
         assert old[begin + 96 :] == new[begin + 96 :]
 
@@ -64,7 +64,7 @@ def test_topics_times_and_fields_are_kept(tmp_path):
         assert [t for t, _ in topics[f'/gyro_drift_filter/{name}']] == [t for t, _ in imu]
     assert len(topics['/diagnostics']) >= 2
     assert summary.received == summary.written == len(imu)
-    raw = np.array([read_imu(data).angular_velocity for _, data in imu])
+    raw = np.array([imu_fields(data).angular_velocity for _, data in imu])
     np.testing.assert_allclose(summary.raw.mean, raw.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(summary.raw.deviation, raw.std(axis=0), rtol=1e-12)
 
@@ -154,7 +154,7 @@ def test_bad_messages_in_a_bag(tmp_path):
     assert len(topics['/imu/data_filtered']) == len(imu) - 1
     assert summary.written == len(imu) - 1
     for _, data in topics['/imu/data_filtered']:
-        assert np.isfinite(read_imu(data).angular_velocity).all()
+        assert np.isfinite(imu_fields(data).angular_velocity).all()
 
 
 def test_the_choice_among_several_imu_topics(tmp_path):
@@ -309,7 +309,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
     def full(self):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('gyro_drift_filter.bags.recording.Writer.close', full)
+    monkeypatch.setattr('gyro_drift_filter.bags.writer.Writer.close', full)
     with pytest.raises(BagError, match=r'can not be written.*No space left'):
         run(source, tmp_path / 'out')
     assert [path.name for path in tmp_path.iterdir()] == ['in']
@@ -419,7 +419,7 @@ def test_simulated_bag_and_truth(tmp_path):
     data = simulate(SimulationSettings(seed=3, static_seconds=2, dynamic_seconds=20))
     archive = np.load(write_simulation(tmp_path / 'bag', data))
     topics, _ = read(tmp_path / 'bag')
-    rates = np.array([read_imu(message).angular_velocity for _, message in topics[TOPIC]])
+    rates = np.array([imu_fields(message).angular_velocity for _, message in topics[TOPIC]])
     assert (rates == data.angular_velocity).all()
     assert (archive['truth'] == data.truth).all()
     assert (archive['outliers'] == data.outliers).all()
@@ -443,14 +443,14 @@ def test_real_recordings(recording, tmp_path):
     assert summary.written == len(before[TOPIC])
     assert [row for row in new_order if row[0] in before] == order
     for _, data in after['/imu/data_filtered']:
-        assert np.isfinite(read_imu(data).angular_velocity).all()
+        assert np.isfinite(imu_fields(data).angular_velocity).all()
     with next(Path(tmp_path / 'out').glob('*.mcap')).open('rb') as stream:
         statistics = make_reader(stream).get_summary().statistics
         assert statistics.message_count == len(new_order)
 
 
 def test_a_file_that_could_not_be_written_once_is_not_written_on(tmp_path, monkeypatch):
-    writer = mcap_writer.McapWriter(tmp_path / 'out.mcap', 'zstd')
+    writer = OurWriter(tmp_path / 'out.mcap', 'zstd')
     writer.add_schema(1, b'')
     writer.add_channel(1, b'')
 

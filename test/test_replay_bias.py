@@ -7,8 +7,9 @@ from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.messages.cdr import IMU_TYPE, VECTOR_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
+from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import read, write
 from support.messages import START, STORE

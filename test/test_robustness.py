@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 
-from gyro_drift_filter.bags.recording import BagError, open_bag
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.ros.memory_file import file_of
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from harness.live_node import LOSSLESS, LiveNode
 from support.bags import mixed, write, write_mcap
-from support.messages import simulated
+from support.messages import imu_fields, simulated
 from support.node import NODE, TRUTH, diagnostics, offline, serialized, values
 from support.sensor import at_rest
 
@@ -103,7 +104,7 @@ def test_sim_time_that_stands_jumps_and_runs_fast():
             clock.publish(moment)
             if k % 10 == 0:
                 play(data[300 + k : 310 + k])
-            assert read_imu(message).stamp
+            assert imu_fields(message).stamp
         diagnostics(live, lambda s: values(s[name])['Samples'] == '600')
         play(data[600:])
     assert live.returncode == 0

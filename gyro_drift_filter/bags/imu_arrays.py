@@ -1,28 +1,18 @@
 """The Imu topic of a bag as arrays, for programs that look at all of it."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.library import Connection
-from gyro_drift_filter.bags.recording import BagError, messages, open_bag
-from gyro_drift_filter.bags.replay import choose_topic
-from gyro_drift_filter.messages.cdr import (
-    IMUS,
-    MalformedMessageError,
-    frame_id,
-    read_imu,
-    read_imus,
-)
-
-Message = tuple[Connection, int, bytes]
-
-_BATCH = 4096
+from gyro_drift_filter.bags.imus import read_imus
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import BagError, by_connection
+from gyro_drift_filter.bags.topics import choose_topic
+from gyro_drift_filter.core.sample import SAMPLE
+from gyro_drift_filter.messages.imu import ImuKind, frame_id
 
 
 @dataclass(frozen=True)
@@ -61,53 +51,30 @@ def read_imu_arrays(
     Raises:
         BagError: The bag can't be read or holds no usable Imu message.
     """
-    parts: list[NDArray[np.void]] = []
-    refused = 0
-    with open_bag(bag) as reader:
-        chosen = choose_topic(reader, topic)
-        total, done, frame = reader.message_count, 0, None
-        for batch in _batches(messages(reader)):
-            done += len(batch)
-            progress(done, total)
-            ours = [data for connection, _, data in batch if connection.topic == chosen]
-            if not ours:
-                continue
-            part = read_imus(ours)
-            usable = _one_by_one(ours) if part is None else part
-            usable = usable[usable['angular_velocity_variance'] != -1.0]
-            refused += len(ours) - len(usable)
-            if frame is None and len(usable):
-                frame = _frame(ours)
-            parts.append(usable)
-    table = np.concatenate(parts) if parts else np.zeros(0, IMUS)
-    if not len(table):
+    parts = [np.zeros(0, SAMPLE)]
+    done = refused = 0
+    frame = ''
+    with open_bag(bag) as recording:
+        chosen = choose_topic(recording, topic)
+        is_imu = np.zeros(by_connection(recording), np.bool_)
+        is_imu[[c.id for c in recording.connections if c.topic == chosen]] = True
+        for piece in recording.pieces():
+            imus = read_imus(piece, is_imu)
+            good = imus[imus['kind'] == ImuKind.GOOD]
+            if len(good) and not any(map(len, parts)):
+                frame = frame_id(piece.message(good[0]['row']), good[0])
+            parts.append(good['sample'])
+            refused += len(imus) - len(good)
+            done += len(piece.rows)
+            progress(done, recording.message_count)
+    samples = np.concatenate(parts)
+    if not len(samples):
         raise BagError(f'topic {chosen} has no message with an angular velocity')
-    accelerations = table['linear_acceleration'].copy()
-    accelerations[table['linear_acceleration_variance'] == -1.0] = np.nan
     return ImuArrays(
         chosen,
-        frame or '',
-        table['stamp'].copy(),
-        table['angular_velocity'].copy(),
-        accelerations,
+        frame,
+        samples['stamp'].copy(),
+        samples['angular_velocity'].copy(),
+        samples['linear_acceleration'].copy(),
         refused,
     )
-
-
-def _batches(stream: Iterator[Message]) -> Iterator[list[Message]]:
-    while batch := list(islice(stream, _BATCH)):
-        yield batch
-
-
-def _one_by_one(messages_: Sequence[bytes]) -> NDArray[np.void]:
-    """Return what is readable of messages that differ in form."""
-    parts = [read_imus([message]) for message in messages_]
-    return np.concatenate([np.zeros(0, IMUS), *(part for part in parts if part is not None)])
-
-
-def _frame(messages_: Sequence[bytes]) -> str:
-    """Return the frame of the first message that can be read."""
-    for data in messages_:
-        with suppress(MalformedMessageError):
-            return frame_id(data, read_imu(data)).decode('utf-8', 'replace')
-    return ''

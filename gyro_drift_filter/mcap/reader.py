@@ -7,12 +7,13 @@ import struct
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.mcap.message_kernels import rows_of, times_of
 from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
@@ -32,13 +33,13 @@ _LARGEST_SUMMARY = 2**26  # bytes: enough for 600,000 chunks
 _LATEST = 2**63  # ns: log times are unsigned in a file, and signed in all that counts with them
 
 
-class ChunkPlace(NamedTuple):
-    """Where a chunk stands.
+class ChunkIndex(NamedTuple):
+    """Where a chunk stands, as the summary has it.
 
     Attributes:
         first: Log time of its first message in ns.
         last: Of its last message.
-        start: Its record's place in the file.
+        start: Offset of its record in the file.
         length: Of the record, with opcode and length.
     """
 
@@ -57,7 +58,7 @@ class Layout(NamedTuple):
     """
 
     channels: dict[int, tuple[str, str]]
-    chunks: list[ChunkPlace]
+    chunks: list[ChunkIndex]
 
 
 def read_layout(path: Path) -> Layout | None:
@@ -87,7 +88,7 @@ def read_layout(path: Path) -> Layout | None:
 def _layout(summary: bytes, end: int) -> Layout | None:
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
-    chunks: list[ChunkPlace] = []
+    chunks: list[ChunkIndex] = []
     for opcode, content in records(summary):
         fields = Fields(content)
         if opcode == SCHEMA:
@@ -97,7 +98,7 @@ def _layout(summary: bytes, end: int) -> Layout | None:
             key, schema = fields.take('HH')
             channels[key] = fields.text(), schemas[schema]
         elif opcode == CHUNK_INDEX:
-            chunks.append(ChunkPlace(*fields.take('QQQQ')))
+            chunks.append(ChunkIndex(*fields.take('QQQQ')))
             # Readers that go by the index pass over a chunk without one.
             if fields.take('I') == 0 or chunks[-1].last >= _LATEST:
                 return None
@@ -111,33 +112,43 @@ def _layout(summary: bytes, end: int) -> Layout | None:
     return Layout(channels, chunks)
 
 
-def read_chunks(path: Path, layout: Layout) -> Iterator[tuple[ChunkPlace, NDArray[np.uint8]]]:
-    """Yield the place of each chunk and its records, decompressed.
+def read_messages(
+    path: Path, layout: Layout, numbers: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.uint8], Any]]:
+    """Yield the decompressed records of each chunk, and ROWs of its messages by their log times.
+
+    `numbers` is as for `list_messages`.
 
     Raises:
         McapError: A chunk is damaged.
         OSError: The file can't be read.
     """
     with path.open('rb') as file:
-        for place in layout.chunks:
-            file.seek(place.start)
-            data = _decompressed(file.read(place.length), place)
-            yield place, np.frombuffer(data, np.uint8)
+        for chunk in layout.chunks:
+            file.seek(chunk.start)
+            data = np.frombuffer(_decompressed(file.read(chunk.length), chunk), np.uint8)
+            rows = rows_of(data, numbers)
+            first, last, ascend = chunk.first, chunk.last, True
+            if rows is not None and len(rows):
+                first, last, ascend = times_of(rows)
+            if rows is None or not chunk.first <= first <= last <= chunk.last:
+                raise McapError(f'the records in the chunk at byte {chunk.start} are not sound')
+            yield data, rows if ascend else rows[np.argsort(rows['log_time'], kind='stable')]
 
 
-def _decompressed(record: bytes, place: ChunkPlace) -> bytes:
+def _decompressed(record: bytes, chunk: ChunkIndex) -> bytes:
     if len(record) < PREFIX.size or PREFIX.unpack_from(record) != (
         CHUNK,
-        place.length - PREFIX.size,
+        chunk.length - PREFIX.size,
     ):
-        raise McapError(f'no chunk at byte {place.start}, where the index has one')
+        raise McapError(f'no chunk at byte {chunk.start}, where the index has one')
     try:
-        chunk = unpack_chunk(record[PREFIX.size :])
+        content = unpack_chunk(record[PREFIX.size :])
     except McapError as error:
-        raise McapError(f'the chunk at byte {place.start} {error}') from error
-    if not chunk.whole:
-        raise McapError(f'the chunk at byte {place.start} can not be as long as it says')
-    sound = chunk.checksum in (0, crc32(chunk.data))
-    if len(chunk.data) != chunk.size or not sound:
-        raise McapError(f'the chunk at byte {place.start} is damaged: size or checksum is wrong')
-    return chunk.data
+        raise McapError(f'the chunk at byte {chunk.start} {error}') from error
+    if not content.whole:
+        raise McapError(f'the chunk at byte {chunk.start} can not be as long as it says')
+    sound = content.checksum in (0, crc32(content.data))
+    if len(content.data) != content.size or not sound:
+        raise McapError(f'the chunk at byte {chunk.start} is damaged: size or checksum is wrong')
+    return content.data

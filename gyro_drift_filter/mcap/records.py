@@ -42,12 +42,12 @@ class Fields:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._place = 0
+        self._offset = 0
 
     def take(self, layout: str) -> Any:
         """Return the next field, or the next ones where the layout has several."""
-        values = struct.unpack_from('<' + layout, self._data, self._place)
-        self._place += struct.calcsize('<' + layout)
+        values = struct.unpack_from('<' + layout, self._data, self._offset)
+        self._offset += struct.calcsize('<' + layout)
         return values[0] if len(values) == 1 else values
 
     def text(self) -> str:
@@ -58,12 +58,12 @@ class Fields:
 
 def records(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield opcode and content of records that lie behind each other."""
-    place = 0
-    while place < len(data):
-        opcode, length = PREFIX.unpack_from(data, place)
-        place += PREFIX.size
-        yield opcode, data[place : place + length]
-        place += length
+    offset = 0
+    while offset < len(data):
+        opcode, length = PREFIX.unpack_from(data, offset)
+        offset += PREFIX.size
+        yield opcode, data[offset : offset + length]
+        offset += length
 
 
 def text(value: str) -> bytes:
@@ -102,10 +102,10 @@ def unpack_chunk(content: bytes) -> Chunk:
     """
     try:
         _, _, size, checksum, name_length = CHUNK_HEAD.unpack_from(content)
-        place = CHUNK_HEAD.size + name_length
-        compression = content[CHUNK_HEAD.size : place].decode()
-        (compressed_size,) = struct.unpack_from('<Q', content, place)
-        compressed = content[place + 8 : place + 8 + compressed_size]
+        start = CHUNK_HEAD.size + name_length
+        compression = content[CHUNK_HEAD.size : start].decode()
+        (compressed_size,) = struct.unpack_from('<Q', content, start)
+        compressed = content[start + 8 : start + 8 + compressed_size]
         if size > LARGEST_CHUNK:
             raise McapError('can not be as long as it says')
         match compression:

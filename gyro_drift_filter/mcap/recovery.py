@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES, rows_of
 from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
@@ -99,40 +98,29 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
 
 def _take_records(writer: McapWriter, data: bytes) -> None:
     """Write the whole records of a chunk."""
-    whole = _whole(writer, data)
-    array = np.frombuffer(data, np.uint8)[:whole]
-    rows = np.empty(whole // RECORD_BYTES + 1, ROW)
-    known = np.zeros(CHANNELS, np.bool_)
-    known[list(writer.counts)] = True
-    count = list_messages(array, known, rows)
-    if count < 0:
+    array = np.frombuffer(data, np.uint8, _hand_on(writer, data))
+    rows = rows_of(array, writer.numbers)
+    if rows is None:
         raise McapError('holds records that are not sound')
-    _write(writer, array, rows[:count])
+    if len(rows):
+        starts, ends = rows['start'] - RECORD_BYTES, rows['start'] + rows['size']
+        parts = [array[start:end] for start, end in zip(starts, ends, strict=True)]
+        writer.write_records(np.concatenate(parts))
 
 
-def _whole(writer: McapWriter, data: bytes) -> int:
-    """Return where the last whole record of a chunk ends; hand schemas and channels on."""
-    place = 0
-    while place + PREFIX.size <= len(data):
-        opcode, length = PREFIX.unpack_from(data, place)
-        end = place + PREFIX.size + length
+def _hand_on(writer: McapWriter, data: bytes) -> int:
+    """Hand schemas and channels of a chunk on; return where its last whole record ends."""
+    offset = 0
+    while offset + PREFIX.size <= len(data):
+        opcode, length = PREFIX.unpack_from(data, offset)
+        end = offset + PREFIX.size + length
         if end > len(data):
             break
         if opcode in (SCHEMA, CHANNEL) and length >= _KEY.size:
-            (key,) = _KEY.unpack_from(data, place + PREFIX.size)
+            (key,) = _KEY.unpack_from(data, offset + PREFIX.size)
             if opcode == SCHEMA:
-                writer.add_schema(key, data[place:end])
+                writer.add_schema(key, data[offset:end])
             elif key not in writer.counts:
-                writer.add_channel(key, data[place:end])
-        place = end
-    return place
-
-
-def _write(writer: McapWriter, array: NDArray[np.uint8], rows: NDArray[np.void]) -> None:
-    """Write the messages that ROWs tell of."""
-    if not len(rows):
-        return
-    starts, sizes = rows['start'] - RECORD_BYTES, rows['size'] + RECORD_BYTES
-    index = np.column_stack((rows['log_time'], np.append(0, np.cumsum(sizes[:-1]))))
-    pieces = [array[start : start + size] for start, size in zip(starts, sizes, strict=True)]
-    writer.write_bulk(np.concatenate(pieces), rows['channel'], index)
+                writer.add_channel(key, data[offset:end])
+        offset = end
+    return offset

@@ -1,7 +1,6 @@
-"""Write MCAP files chunk by chunk, message by message or in bulk."""
+"""Write MCAP files chunk by chunk, message by message or many at once."""
 
 import struct
-from bisect import bisect_right
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -10,13 +9,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.chunk_kernels import group_index
-from gyro_drift_filter.bags.library import (
-    CompressionMode,
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinitionFormat,
-)
+from gyro_drift_filter.mcap.message_kernels import CHANNELS, end_of_chunk, group_index, rows_of
 from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
@@ -29,7 +22,6 @@ from gyro_drift_filter.mcap.records import (
     MAGIC,
     MESSAGE,
     MESSAGE_INDEX,
-    METADATA,
     METADATA_INDEX,
     PREFIX,
     SCHEMA,
@@ -54,6 +46,7 @@ class McapWriter:
         counts: Messages by channel that are in the file; complete after `flush`, as
         first: the log time of the first of them in ns, and
         last: of the last.
+        numbers: (CHANNELS,) the number of each channel that was added, -1 for all others.
     """
 
     def __init__(self, path: Path, compression: str) -> None:
@@ -65,16 +58,18 @@ class McapWriter:
         self.path = path
         self._compression = compression
         self._file: BinaryIO = self.path.open('xb')
-        self._place = 0
+        self._offset = 0
         self._write(MAGIC + record(HEADER, text('ros2'), text('gyro_drift_filter')))
         self._schemas: dict[int, bytes] = {}
         self._channels: dict[int, bytes] = {}
         self.counts: dict[int, int] = {}
+        self.numbers = np.full(CHANNELS, -1)
         self._chunk_indexes: list[bytes] = []
         self.first, self.last = 2**64 - 1, 0
         self._worker = ThreadPoolExecutor(1)
         self._pending: list[Future[None]] = []
-        self._start_chunk()
+        self._pieces: list[bytes | memoryview | NDArray[np.uint8]] = []
+        self._size = 0
 
     def add_schema(self, key: int, schema: bytes) -> None:
         """Add a schema by its number and record, before its first channel."""
@@ -85,25 +80,19 @@ class McapWriter:
         """Add a channel by its number and record, before its first message."""
         self._channels[key] = channel
         self.counts[key] = 0
+        self.numbers[key] = key
         self._append(channel)
 
     def _write(self, data: bytes) -> None:
         self._file.write(data)
-        self._place += len(data)
+        self._offset += len(data)
 
-    def _start_chunk(self) -> None:
-        self._pieces: list[Any] = []
-        self._size = 0
-        self._entries: list[tuple[int, int, int]] = []
-        self._indexes: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
-
-    def _append(self, piece: Any) -> None:
+    def _append(self, piece: bytes | memoryview | NDArray[np.uint8]) -> None:
         self._pieces.append(piece)
         self._size += len(piece)
 
     def write_message(self, channel: int, log_time: int, data: bytes | memoryview) -> None:
         """Write a message with its log time in ns."""
-        self._entries.append((channel, log_time, self._size))
         self._append(
             struct.pack('<BQHIQQ', MESSAGE, 22 + len(data), channel, 0, log_time, log_time)
         )
@@ -111,44 +100,22 @@ class McapWriter:
         if self._size > CHUNK_BYTES:
             self._close_chunk()
 
-    def write_bulk(
-        self, records: NDArray[np.uint8], channels: NDArray[np.int64], index: NDArray[np.int64]
-    ) -> None:
+    def write_records(self, records: NDArray[np.uint8]) -> None:
         """Write message records that lie behind each other, without copying them.
 
-        Chunks end where `write_message` would end them.
-
-        Args:
-            records: The records, bytes; they may not be changed from then on.
-            channels: (n,) the channel of each.
-            index: (n, 2) log time in ns and place of each, as in a MESSAGE_INDEX; it is changed.
+        They may not be changed from then on. Chunks end where `write_message` would end them.
         """
-        self._settle_entries()
-        starts, done, written = index[:, 1], 0, 0
-        while done < len(channels):
-            stop = bisect_right(starts, CHUNK_BYTES - self._size + written, done + 1)
-            end = int(starts[stop]) if stop < len(starts) else len(records)
-            index[done:stop, 1] += self._size - written
-            self._indexes.append((channels[done:stop], index[done:stop]))
-            self._append(records[written:end])
-            done, written = stop, end
+        start = 0
+        while start < len(records):
+            end = end_of_chunk(records, start, start + CHUNK_BYTES - self._size)
+            self._append(records[start:end])
+            start = end
             if self._size > CHUNK_BYTES:
                 self._close_chunk()
 
-    def _settle_entries(self) -> None:
-        """Keep single messages and bulks in their order."""
-        if self._entries:
-            entries = np.array(self._entries, np.uint64).astype(np.int64)
-            self._indexes.append((entries[:, 0], entries[:, 1:]))
-            self._entries = []
-
     def _close_chunk(self) -> None:
-        self._settle_entries()
-        channels = np.concatenate([np.empty(0, np.int64), *(c for c, _ in self._indexes)])
-        index = np.concatenate([np.empty((0, 2), np.int64), *(i for _, i in self._indexes)])
-        writing = self._worker.submit(self._write_chunk, self._pieces, channels, index)
-        self._pending.append(writing)
-        self._start_chunk()
+        self._pending.append(self._worker.submit(self._write_chunk, self._pieces))
+        self._pieces, self._size = [], 0
         if len(self._pending) > _PENDING:
             self._await_chunk()
 
@@ -156,29 +123,29 @@ class McapWriter:
         self._pending[0].result()  # where it failed it stays, so that all that follows fails, too
         del self._pending[0]
 
-    def _write_chunk(
-        self, pieces: list[Any], channels: NDArray[np.int64], index: NDArray[np.int64]
-    ) -> None:
+    def _write_chunk(self, pieces: list[Any]) -> None:
         """Pack and write a chunk with the index of its messages: in a thread, one by one."""
-        data = pieces[0] if len(pieces) == 1 else b''.join(pieces)
-        numbers = np.bincount(channels)
+        data: Any = np.frombuffer(pieces[0] if len(pieces) == 1 else b''.join(pieces), np.uint8)
+        rows = rows_of(data, self.numbers)
+        assert rows is not None
+        numbers = np.bincount(rows['channel'])
         ends = np.cumsum(numbers)
-        grouped, times = np.empty((len(index), 2), '<u8'), np.array([2**64 - 1, 0], '<u8')
-        group_index(channels, index.view('<u8'), ends - numbers, grouped, times)
-        first, last = times.tolist() if len(grouped) else (0, 0)
+        grouped, times = np.empty((len(rows), 2), '<u8'), np.array([2**64 - 1, 0], '<u8')
+        group_index(rows, ends - numbers, grouped, times)
+        first, last = times.tolist() if len(rows) else (0, 0)
         compression = self._compression
         packed = zstd.compress(data, ZSTD_LEVEL) if compression else data
         head = CHUNK_HEAD.pack(first, last, len(data), crc32(data), len(compression))
         head += compression.encode() + struct.pack('<Q', len(packed))
-        start = self._place
-        parts = [PREFIX.pack(CHUNK, len(head) + len(packed)), head, packed]
-        place = end = start + sum(map(len, parts))
+        start = self._offset
+        parts: list[Any] = [PREFIX.pack(CHUNK, len(head) + len(packed)), head, packed]
+        offset = end = start + sum(map(len, parts))
         offsets = b''
         for channel in np.flatnonzero(numbers).tolist():
             content = grouped[ends[channel] - numbers[channel] : ends[channel]].tobytes()
-            offsets += struct.pack('<HQ', channel, place)
+            offsets += struct.pack('<HQ', channel, offset)
             parts.append(record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content))
-            place += len(parts[-1])
+            offset += len(parts[-1])
             self.counts[channel] += int(numbers[channel])
         self._write(b''.join(parts))
         if len(grouped):
@@ -188,7 +155,7 @@ class McapWriter:
                 CHUNK_INDEX,
                 struct.pack('<QQQQI', first, last, start, end - start, len(offsets)),
                 offsets,
-                struct.pack('<Q', place - end),
+                struct.pack('<Q', offset - end),
                 text(compression),
                 struct.pack('<QQ', len(packed), len(data)),
             )
@@ -205,9 +172,9 @@ class McapWriter:
         """Write what is left, a METADATA record called 'rosbag2', and the summary; close."""
         self.flush()
         self._worker.shutdown()
-        place = self._place
+        offset = self._offset
         self._write(metadata + record(DATA_END, struct.pack('<I', 0)))
-        index = record(METADATA_INDEX, struct.pack('<QQ', place, len(metadata)), text('rosbag2'))
+        index = record(METADATA_INDEX, struct.pack('<QQ', offset, len(metadata)), text('rosbag2'))
         self._write_summary(index if metadata else b'')
         self._file.close()
 
@@ -227,15 +194,15 @@ class McapWriter:
             METADATA_INDEX: metadata_index,
             STATISTICS: statistics,
         }
-        start = place = self._place
+        start = offset = self._offset
         summary = b''.join(groups.values())
         offsets = b''
         for opcode, group in groups.items():
             if group:
-                offsets += record(SUMMARY_OFFSET, struct.pack('<BQQ', opcode, place, len(group)))
-            place += len(group)
-        # The checksum is of all from the begin of the summary to its own place in the footer.
-        footer = PREFIX.pack(FOOTER, FOOTER_FIELDS.size) + struct.pack('<QQ', start, place)
+                offsets += record(SUMMARY_OFFSET, struct.pack('<BQQ', opcode, offset, len(group)))
+            offset += len(group)
+        # The checksum is of all from the start of the summary up to itself in the footer.
+        footer = PREFIX.pack(FOOTER, FOOTER_FIELDS.size) + struct.pack('<QQ', start, offset)
         checksum = crc32(summary + offsets + footer)
         self._write(summary + offsets + footer + struct.pack('<I', checksum) + MAGIC)
 
@@ -243,44 +210,3 @@ class McapWriter:
         """Close the file as it is."""
         self._worker.shutdown(cancel_futures=True)
         self._file.close()
-
-
-class McapStorage(McapWriter):
-    """Storage of `rosbags.rosbag2.Writer`; the interface is rosbags' own."""
-
-    def __init__(self, path: Path, compression: CompressionMode) -> None:
-        zstd_ = compression == CompressionMode.STORAGE
-        super().__init__(path / f'{path.name}.mcap', 'zstd' if zstd_ else '')
-        self._keys: dict[str, int] = {}
-
-    def add_msgtype(self, connection: Connection) -> None:
-        """Add a message type, before its first connection."""
-        plain = connection.msgdef.format == MessageDefinitionFormat.MSG
-        key = self._keys[connection.msgtype] = len(self._keys) + 1
-        encoding = 'ros2msg' if plain else 'ros2idl'
-        fields = text(connection.msgtype), text(encoding), text(connection.msgdef.data)
-        self.add_schema(key, record(SCHEMA, struct.pack('<H', key), *fields))
-
-    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
-        """Add a topic."""
-        extension = connection.ext
-        assert isinstance(extension, ConnectionExtRosbag2)
-        metadata = text('offered_qos_profiles') + text(offered_qos_profiles)
-        channel = record(
-            CHANNEL,
-            struct.pack('<HH', connection.id, self._keys[connection.msgtype]),
-            text(connection.topic),
-            text(extension.serialization_format),
-            struct.pack('<I', len(metadata)),
-            metadata,
-        )
-        self.add_channel(connection.id, channel)
-
-    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Write a message with its log time in ns."""
-        self.write_message(connection.id, timestamp, data)
-
-    def close(self, version: int, metadata: str) -> None:
-        """Write what is left, and the metadata of the bag; close the file."""
-        content = text('serialized_metadata') + text(metadata)
-        self.finish(record(METADATA, text('rosbag2'), struct.pack('<I', len(content)), content))

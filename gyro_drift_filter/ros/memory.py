@@ -6,7 +6,7 @@ import numpy as np
 from rclpy.node import Node
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.messages.cdr import MalformedMessageError, frame_id, read_imu
+from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
 from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
@@ -33,12 +33,11 @@ class BiasMemory:
 
     def recall(self, data: bytes) -> None:
         """Take the bias of the last run, before a serialized Imu goes through the filter."""
-        try:
-            imu = read_imu(data)
-        except MalformedMessageError:
+        imu = read_message(data)
+        if imu['kind'] == ImuKind.MALFORMED:
             return
         self.recalled = True
-        self._frame = frame_id(data, imu).decode('utf-8', 'replace')
+        self._frame = frame_id(data, imu)
         parameters = self._filter.parameters
         if not parameters.bias_memory:
             return

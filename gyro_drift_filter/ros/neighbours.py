@@ -6,7 +6,7 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 
 
 class Neighbours:

@@ -27,11 +27,11 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.messages import diagnostics
-from gyro_drift_filter.messages.cdr import EXAMPLE, read_imu
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import INPUT, NODE_NAME, Health
-from gyro_drift_filter.messages.imu_kernels import AT_REST, PASSED_ON, PUBLISH
-from gyro_drift_filter.messages.message_filter import SAMPLE_TOPICS, MessageFilter, sample_message
+from gyro_drift_filter.messages.imu import EXAMPLE, ImuKind
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
@@ -77,7 +77,7 @@ class GyroDriftFilterNode(Node):
         self._messages = MessageFilter(parameters.current)
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
-            MessageFilter(parameters.current).step(EXAMPLE)
+            MessageFilter(parameters.current).take(EXAMPLE)
         self._health = Health(self.get_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
@@ -91,7 +91,7 @@ class GyroDriftFilterNode(Node):
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
-        self._at_rest = -1  # flag AT_REST of the last message; not told before the first
+        self._at_rest: bool | None = None  # as it was published last
         self._rest_output = self.create_publisher(Bool, '~/at_rest', _LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -141,19 +141,19 @@ class GyroDriftFilterNode(Node):
         if not self._memory.recalled:
             self._memory.recall(data)
         messages = self._messages
-        flags = messages.step(data)
-        if not flags & PUBLISH:
+        filtered = messages.take(data)
+        if filtered is None:
             return
-        self._output.publish(messages.output)
-        if flags & PASSED_ON:
+        self._output.publish(filtered)
+        imu = messages.imu
+        if imu['kind'] != ImuKind.GOOD:
             return
-        if flags & AT_REST != self._at_rest:
-            self._at_rest = flags & AT_REST
-            self._rest_output.publish(Bool(data=bool(self._at_rest)))
-        if self._listened:
-            imu, result = read_imu(data), messages.filter.state['result']
-            for name, output in self._listened.items():
-                output.publish(sample_message(data, imu, result, name))
+        at_rest = imu['result']['at_rest'] > 0.0
+        if at_rest != self._at_rest:
+            self._at_rest = bool(at_rest)
+            self._rest_output.publish(Bool(data=self._at_rest))
+        for name, output in self._listened.items():
+            output.publish(messages.sample_message(name))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._messages.filter.reset()

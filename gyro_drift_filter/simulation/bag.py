@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
-from gyro_drift_filter.bags.recording import (
-    BagError,
-    BagWriter,
-)
+from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.errors import reason
-from gyro_drift_filter.messages.cdr import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.experiments import Simulation
 
 TOPIC = '/imu/data_raw'

@@ -18,9 +18,9 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
-from gyro_drift_filter.messages.cdr import IMU_TYPE, read_imu
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, text
+from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, imu_fields, text
 from support.messages import simulated as simulated_messages
 
 OTHER_QOS = Qos(
@@ -41,7 +41,7 @@ Messages = list[tuple[int, bytes]]
 
 def simulated(n: int = 300) -> Messages:
     """Return (log time, data) of n Imu messages of both experiments of the paper."""
-    return [(read_imu(data).stamp, data) for data in simulated_messages(n)]
+    return [(imu_fields(data).stamp, data) for data in simulated_messages(n)]
 
 
 def write(

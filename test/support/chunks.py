@@ -1,14 +1,27 @@
-"""The Imu messages of a chunk, by the compiled reader."""
+"""Pieces of recordings without a recording, and their Imu messages."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.chunk_kernels import CHANNELS
-from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
+from gyro_drift_filter.bags.imus import read_imus
+from gyro_drift_filter.bags.recording import Piece
+from gyro_drift_filter.mcap.message_kernels import CHANNELS, ROW
+
+EACH_CHANNEL = np.arange(CHANNELS)
 
 
-def read_all(data, rows):
-    """Return the IMUs of all messages that ROWs tell of."""
-    imus, places = np.zeros(len(rows), IMU), np.zeros(len(rows), np.int64)
-    ours = np.ones(CHANNELS, np.bool_)
-    assert read_imus(data, rows, ours, room_for_doubles(), no_frame(), imus, places) == len(rows)
+def piece_of(messages: Sequence[bytes]) -> Piece:
+    """Return a piece that consists of these messages, all of one channel."""
+    rows = np.zeros(len(messages), ROW)
+    rows['size'] = [len(message) for message in messages]
+    rows['start'] = np.cumsum(rows['size']) - rows['size']
+    return Piece(np.frombuffer(bytearray().join(messages), np.uint8), rows)
+
+
+def imus_of(piece: Piece) -> Any:
+    """Return an IMU for each message of a piece, whatever its channel."""
+    imus = read_imus(piece, np.ones(CHANNELS, np.bool_))
+    assert imus['row'].tolist() == list(range(len(piece.rows)))
     return imus

@@ -7,6 +7,8 @@ A process of its own, as numba has to be there or not before the package is impo
 
 import os
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 
@@ -83,103 +85,56 @@ def through(filter_, stamps, rates, accelerations, told):
 
 
 def messages():
-    """Return the results of the kernels that read, patch and lay out messages."""
-    from gyro_drift_filter.bags.chunk_kernels import (
-        BATCH,
-        ROW,
-        end_batches,
-        group_index,
-        lay_out,
-        list_messages,
-        place_in_result,
-        times_of,
-    )
-    from gyro_drift_filter.bags.replay_run import payload
-    from gyro_drift_filter.bags.statistics import Moments
+    """Return the results of the kernels that read, filter and write messages."""
+    from gyro_drift_filter.bags.replay import replay
     from gyro_drift_filter.core import Parameters
-    from gyro_drift_filter.core.sample import RESULT
-    from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
-    from gyro_drift_filter.messages.imu_kernels import IMU, no_frame, read_imus, room_for_doubles
-    from gyro_drift_filter.messages.message_filter import MessageFilter
-    from support.bags import mixed
+    from gyro_drift_filter.mcap.message_kernels import rows_of
+    from gyro_drift_filter.mcap.reader import read_layout, read_messages
+    from gyro_drift_filter.messages.imu import read_message
+    from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
+    from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
+    from support.bags import mixed, write_mcap
+    from support.chunks import EACH_CHANNEL, imus_of, piece_of
 
-    rows = mixed(np.random.default_rng(3), 2)
-    topics = sorted({row[0] for row in rows})
-    records = b''
-    for topic, _, time, data in rows:
-        head = (1 + topics.index(topic)).to_bytes(2, 'little') + bytes(4)
-        head += time.to_bytes(8, 'little') + time.to_bytes(8, 'little')
-        records += PREFIX.pack(MESSAGE, len(head) + len(data)) + head + data
-    chunk = np.frombuffer(records, np.uint8)
-    listed = np.zeros(len(rows) + 1, ROW)
-    known = np.ones(8, np.bool_)
-    count = list_messages(chunk, known, listed)
-    assert count == len(rows)
-    for cut in (1, 20, len(chunk) - 3):
-        assert list_messages(chunk[:cut], known, listed.copy()) == -1
-    listed = listed[:count]
-    ours = np.zeros(8, np.bool_)
-    ours[1 + topics.index('/imu/data_raw')] = True
-    imus, room, places = np.zeros(count, IMU), room_for_doubles(), np.zeros(count, np.int64)
-    n = read_imus(chunk, listed, ours, room, no_frame(), imus, places)
-    imus, mine = imus[:n], listed[places[:n]]
-    batch, ends = np.zeros(1, BATCH), np.zeros(count, BATCH)
-    ended = end_batches(listed, 7, 10**8, batch, ends)
-    results, filtered = np.zeros(n, RESULT), MessageFilter(Parameters())
-    marks = [0, n // 3, n // 3, n]
-    marked = filtered.process_imus(
-        imus, range(n), lambda k: payload(chunk, mine[k]), results, marks
-    )
-    out, index = np.zeros(8 * len(chunk), np.uint8), np.zeros((9 * len(rows), 2), np.int64)
-    channels = np.zeros(len(index), np.int64)
-    reports = np.array([(0, 5, 2), (3, 6, 2), (3, 7, 9)])
-    size, count, written = lay_out(
-        chunk,
-        listed,
-        np.arange(8) % 3,
-        ours,
-        imus,
-        results,
-        results.view(np.uint8).reshape(n, -1),
-        room,
-        9,
-        np.array([[10, place_in_result('innovation')], [11, place_in_result('bias')]]),
-        12,
-        np.array([-1.0]),
-        13,
-        reports,
-        np.frombuffer(b'of health', np.uint8),
-        out,
-        channels,
-        index,
-    )
-    counts = filtered.received, filtered.malformed, filtered.not_reported, filtered.frame_changes
-    moments = Moments()
-    moments.add(imus['sample']['angular_velocity'], results['angular_velocity'])
-    moments.add_results(imus, results)
-    grouped, times = np.zeros((count, 2), '<u8'), np.array([2**64 - 1, 0], '<u8')
-    places = np.cumsum(np.bincount(channels[:count])) - np.bincount(channels[:count])
-    group_index(channels[:count], index[:count].view('<u8'), places, grouped, times)
-    filter_, flags = MessageFilter(Parameters()), []
-    for topic, _, _, data in rows:
-        if topic == '/imu/data_raw':
-            flags.append(filter_.step(data))
+    rows = mixed(np.random.default_rng(3), 3)
+    with tempfile.TemporaryDirectory() as folder:
+        source = write_mcap(Path(folder) / 'in.mcap', rows, chunk_size=30_000)
+        out = Path(folder) / 'out'
+        summary = replay(source, out, parameters=Parameters(), diagnostics=True)
+        written = out / 'out.mcap'
+        file = np.frombuffer(written.read_bytes(), np.uint8)
+        layout = read_layout(written)
+        assert layout is not None
+        chunks = list(read_messages(written, layout, EACH_CHANNEL))
+    data, listed = chunks[0]
+    for cut in (1, 20, len(data) - 3):
+        assert rows_of(data[:cut], EACH_CHANNEL) is None
+    imu_messages = [message for topic, _, _, message in rows if topic == '/imu/data_raw']
+    alone = [read_message(message) for message in imu_messages]
+    piece = piece_of(imu_messages)
+    imus = imus_of(piece)
+    at_once, one_by_one = MessageFilter(Parameters()), MessageFilter(Parameters())
+    notes = np.zeros(4, NOTE)
+    notes['index'] = [0, 100, 100, len(imus)]
+    at_once.take_imus(piece.data, imus, notes)
+    taken = [one_by_one.take(message) or b'' for message in imu_messages]
+    samples = [one_by_one.sample_message(topic) for topic in SAMPLE_TOPICS]
+    good = imus[imus['kind'] == 0]
     return {
-        'records': out[:size],
-        'written': np.array(written),
-        'counts': np.array(counts),
-        'told': np.nan_to_num([np.hstack(r.telemetry) for r in marked]),
-        'counts_at_marks': np.array([r[:2] + r[3:5] for r in marked]),
-        'means': np.array([s.mean for s in moments.statistics()]),
-        'deviations': np.array([s.deviation for s in moments.statistics()]),
-        'batches': np.concatenate((ends[:ended], batch)).view(np.int64),
-        'grouped': grouped,
-        'times': np.array([*times, *times_of(listed)]),
-        'channels': channels[:count],
-        'index': index[:count],
-        'stamps': imus['sample']['stamp'],
+        'written': file,
+        'records': np.concatenate([data for data, _ in chunks]),
+        'rows': np.array([row.tolist() for row in listed]),
+        'means': np.array([summary.raw.mean, summary.filtered.mean]),
+        'deviations': np.array([summary.raw.deviation, summary.filtered.deviation]),
+        'counts': np.array([summary.received, summary.written, summary.not_reported]),
+        'faults': np.array([imu['fault'].tolist() for imu in alone if imu['kind'] == 2]),
+        'stamps': good['sample']['stamp'],
         'kinds': imus['kind'],
-        'flags': np.array(flags),
+        'status': good['result']['status'],
+        'taken': np.frombuffer(b''.join(taken), np.uint8),
+        'samples': np.frombuffer(b''.join(samples), np.uint8),
+        'telemetry': np.nan_to_num([np.hstack(r.telemetry) for r in at_once.reports(notes)]),
+        'counts of reports': np.array([r[:2] + r[3:5] for r in at_once.reports(notes)]),
     }
 
 

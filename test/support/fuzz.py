@@ -22,20 +22,26 @@ from random import Random
 import numpy as np
 from mcap.writer import CompressionType
 
-from gyro_drift_filter.bags.chunk_kernels import CHANNELS, RECORD_BYTES, ROW, list_messages
+from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
-from gyro_drift_filter.mcap.reader import read_chunks, read_layout
+from gyro_drift_filter.mcap.reader import read_layout, read_messages
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
-from gyro_drift_filter.messages.cdr import EXAMPLE, IMU_TYPE, MalformedMessageError, read_imu
-from gyro_drift_filter.messages.imu_kernels import PUBLISH
+from gyro_drift_filter.messages.imu import (
+    EXAMPLE,
+    IMU_TYPE,
+    ImuKind,
+    fault_text,
+    frame_id,
+    read_message,
+)
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write_mcap
-from support.chunks import read_all
-from support.messages import START, TEXT, text
+from support.chunks import EACH_CHANNEL, imus_of
+from support.messages import START, TEXT, doubles_of, fault_of, text
 from support.paths import REPOSITORY, TESTS
 
 CORPUS = TESTS / 'corpus'
@@ -118,37 +124,33 @@ def in_one_line(kind):
 
 
 def check_cdr(data, folder):
-    """The compiled and the plain reader agree, and nothing but finite numbers comes out."""
-    flags = FILTER.step(data)
-    try:
-        imu = read_imu(data)
-    except MalformedMessageError:
-        assert flags == 0
+    """The kernel and a plain reader agree, and nothing but finite numbers comes out."""
+    filtered, imu = FILTER.take(data), read_message(data)
+    fault = fault_of(data)
+    assert (imu['kind'] == ImuKind.MALFORMED) == (fault is not None)
+    if fault is not None:
+        assert (filtered, fault_text(imu['fault'])) == (None, fault)
         return
-    assert flags != 0
-    imus = read_all(np.frombuffer(data, np.uint8), np.array([(0, 0, 0, len(data))], ROW))
-    np.testing.assert_array_equal(imus[0]['sample']['angular_velocity'], imu.angular_velocity)
-    assert imus[0]['sample']['stamp'] == imu.stamp
-    if flags & PUBLISH:
-        out = read_imu(FILTER.output)
-        assert out.stamp == imu.stamp
-        assert not imu.angular_velocity_reported or np.isfinite(out.angular_velocity).all()
+    doubles = doubles_of(data)
+    np.testing.assert_array_equal(imu['sample']['angular_velocity'], doubles[13:16])
+    assert (imu['kind'] == ImuKind.GOOD) == (doubles[16] != -1.0)
+    frame_id(data, imu)
+    if filtered is not None:
+        assert fault_of(filtered) is None
+        assert imu['kind'] == ImuKind.NOT_REPORTED or np.isfinite(doubles_of(filtered)[13:25]).all()
 
 
 def check_mcap(data, folder):
-    """The fast path walks the file, or says why not."""
+    """The reader of chunks walks the file, or says why not."""
     path = folder / 'in.mcap'
     path.write_bytes(data)
     layout = read_layout(path)
     if layout is None:
         return
     with in_one_line(McapError):
-        for _, chunk in read_chunks(path, layout):
-            rows = np.empty(len(chunk) // RECORD_BYTES + 1, ROW)
-            count = list_messages(chunk, np.ones(CHANNELS, np.bool_), rows)
-            rows = rows[: max(count, 0)]
+        for chunk, rows in read_messages(path, layout, EACH_CHANNEL):
             assert (rows['start'] + rows['size'] <= len(chunk)).all()
-            read_all(chunk, rows)
+            imus_of(Piece(chunk, rows))
 
 
 def check_recovery(data, folder):

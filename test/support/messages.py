@@ -1,11 +1,12 @@
 """Serialized messages, made on the spot."""
 
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from gyro_drift_filter.messages.cdr import read_imu
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
@@ -13,6 +14,59 @@ START = 10**18
 STORE: Any = get_typestore(Stores.ROS2_JAZZY)
 TEXT = 'std_msgs/msg/String'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
+
+
+class ImuFields(NamedTuple):
+    """Fields of an Imu, as rosbags reads them; stamp in ns."""
+
+    stamp: int
+    angular_velocity: tuple[float, float, float]
+    linear_acceleration: tuple[float, float, float]
+
+
+def imu_fields(data: bytes) -> ImuFields:
+    """Return fields of a serialized Imu."""
+    imu = STORE.deserialize_cdr(data, IMU_TYPE)
+    rate, force, stamp = imu.angular_velocity, imu.linear_acceleration, imu.header.stamp
+    return ImuFields(
+        stamp.sec * 10**9 + stamp.nanosec, (rate.x, rate.y, rate.z), (force.x, force.y, force.z)
+    )
+
+
+def fault_of(data: bytes) -> str | None:
+    """Return why a message is no Imu, or None where it is one: in plain words, by struct alone."""
+    if len(data) < 16:
+        return f'{len(data)} bytes are too few for a message header'
+    if data[:2] not in (b'\x00\x00', b'\x00\x01'):
+        return f'encoding 0x{data[:2].hex()} is not plain CDR'
+    _, nanoseconds, length = struct.unpack_from('<iII' if data[1] else '>iII', data, 4)
+    expected = 4 + -(-(12 + length) // 8) * 8 + 37 * 8
+    if not 0 <= len(data) - expected <= 7:
+        return (
+            f'{len(data)} bytes are not the length of an Imu with a frame_id of {length} bytes '
+            f'({expected})'
+        )
+    if length and data[15 + length] != 0:
+        return 'frame_id does not end with a zero byte'
+    if nanoseconds >= 1_000_000_000:
+        return f'header.stamp.nanosec {nanoseconds} is a second or more'
+    return None
+
+
+def doubles_of(data: bytes) -> tuple[float, ...]:
+    """Return the 37 doubles of an Imu."""
+    order = '<' if data[1] else '>'
+    (length,) = struct.unpack_from(order + 'I', data, 12)
+    doubles: tuple[float, ...] = struct.unpack_from(
+        order + '37d', data, 4 + -(-(12 + length) // 8) * 8
+    )
+    return doubles
+
+
+def offset_of_doubles(data: bytes) -> int:
+    """Return where the 37 doubles of a little-endian Imu start."""
+    length: int = struct.unpack_from('<I', data, 12)[0]
+    return 4 + -(-(12 + length) // 8) * 8
 
 
 def text(value: str) -> bytes:
@@ -31,9 +85,23 @@ def simulated(n: int = 600) -> list[bytes]:
     ]
 
 
+def quiet(
+    n: int, deviation: float, random: np.random.Generator, rate: float = 100.0
+) -> list[bytes]:
+    """Return messages of a sensor at rest."""
+    return [
+        imu_message(
+            10**18 + int(k * 1e9 / rate),
+            deviation * random.standard_normal(3),
+            [0, 0, 9.8] + 0.02 * random.standard_normal(3),
+        )
+        for k in range(n)
+    ]
+
+
 def big_endian(data: bytes) -> bytes:
     """Return an Imu message of the simulation in the other byte order."""
-    offset = read_imu(data).offset
+    offset = offset_of_doubles(data)
     head = struct.unpack_from('<iII', data, 4)
     doubles = struct.unpack_from('<37d', data, offset)
     frame = data[16:offset]

@@ -71,7 +71,8 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 
 def offline(data: Sequence[bytes], **parameters: Any) -> list[bytes | None]:
     """Return what the node has to publish for each message."""
-    return [o.data for o in MessageFilter(Parameters(**parameters)).process_batch(data)]
+    filter_ = MessageFilter(Parameters(**parameters))
+    return [filter_.take(message) for message in data]
 
 
 def serialized(

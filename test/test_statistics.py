@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyro_drift_filter.bags.statistics import Moments
+from gyro_drift_filter.bags.statistics import RateStatistics
+from gyro_drift_filter.messages.imu import IMU
 
 RATES = st.one_of(
     st.floats(-1e3, 1e3), st.just(np.nan), st.just(np.inf), st.just(-np.inf), st.just(2e6)
@@ -16,13 +17,16 @@ RATES = st.one_of(
 def test_as_numpy_has_them_however_the_samples_are_cut(rows, cut):
     raw = np.array(rows, float).reshape(-1, 3)
     filtered = 0.5 * np.nan_to_num(raw, posinf=0.0, neginf=0.0) - 1.0
-    at_once, in_two = Moments(), Moments()
-    at_once.add(raw, filtered)
-    in_two.add(raw[:cut], filtered[:cut])
-    in_two.add(raw[cut:], filtered[cut:])
+    imus = np.zeros(len(raw), IMU)
+    imus['sample']['angular_velocity'] = raw
+    imus['result']['angular_velocity'] = filtered
+    at_once, in_two = RateStatistics(), RateStatistics()
+    at_once.add(imus)
+    in_two.add(imus[:cut])
+    in_two.add(imus[cut:])
     usable = (np.abs(raw) <= 1e6).all(axis=1)
     for found, parted, rates in zip(
-        at_once.statistics(), in_two.statistics(), (raw[usable], filtered[usable]), strict=True
+        at_once.both(), in_two.both(), (raw[usable], filtered[usable]), strict=True
     ):
         np.testing.assert_array_equal(parted.mean, found.mean)
         np.testing.assert_array_equal(parted.deviation, found.deviation)

@@ -4,22 +4,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
 
-from gyro_drift_filter.messages.cdr import (
+from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
+from gyro_drift_filter.messages.imu import (
     IMU_TYPE,
-    VECTOR_TYPE,
-    MalformedMessageError,
+    ImuKind,
+    fault_text,
     frame_id,
     patch_imu,
-    read_imu,
-    read_imus,
-    vector3_stamped,
+    read_message,
 )
-from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
+from gyro_drift_filter.messages.sample_messages import (
+    SAMPLE_TOPICS,
+    VECTOR_TYPE,
+    write_sample_message,
+)
 from gyro_drift_filter.simulation.bag import imu_message
+from support.chunks import imus_of, piece_of
+from support.messages import STORE, doubles_of, fault_of
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
 HEADER = STORE.types['std_msgs/msg/Header']
 TIME = STORE.types['builtin_interfaces/msg/Time']
 VECTOR = STORE.types['geometry_msgs/msg/Vector3']
@@ -53,26 +56,50 @@ def test_agrees_with_rosbags(
 ):
     original = message(stamp, frame, rate, covariance, acceleration, acceleration_covariance)
     data = bytes(STORE.serialize_cdr(original, IMU_TYPE, little_endian=little))
-    imu = read_imu(data)
-    assert imu.stamp == stamp[0] * 10**9 + stamp[1]
-    assert imu.angular_velocity == rate
-    assert imu.angular_velocity_reported == (covariance[0] != -1)
+    imu = read_message(data)
+    assert imu['kind'] == (ImuKind.GOOD if covariance[0] != -1 else ImuKind.NOT_REPORTED)
+    sample = imu['sample']
+    assert sample['stamp'] == stamp[0] * 10**9 + stamp[1]
+    assert sample['angular_velocity'].tolist() == list(rate)
     if acceleration_covariance[0] != -1:
-        assert imu.linear_acceleration == acceleration
+        assert sample['linear_acceleration'].tolist() == list(acceleration)
     else:
-        assert np.isnan(imu.linear_acceleration).all()
-    assert frame_id(data, imu) == frame.encode()
+        assert np.isnan(sample['linear_acceleration']).all()
+    assert frame_id(data, imu) == frame
 
-    patched = patch_imu(data, imu, new, variance)
     expected = message(
         stamp, frame, new, np.diag(variance).ravel(), acceleration, acceleration_covariance
     )
+    patched = patched_with(data, imu, new, variance)
     assert patched == bytes(STORE.serialize_cdr(expected, IMU_TYPE, little_endian=little))
 
     vector = STORE.types[VECTOR_TYPE](HEADER(TIME(*stamp), frame), VECTOR(*new))
-    assert vector3_stamped(imu.stamp, frame.encode(), new) == bytes(
-        STORE.serialize_cdr(vector, VECTOR_TYPE)
-    )
+    assert sample_message(data, imu, 'bias', new) == bytes(STORE.serialize_cdr(vector, VECTOR_TYPE))
+
+
+def patched_with(data, imu, rate, variance):
+    """Return the message with another rate and variance of it."""
+    imu['result']['angular_velocity'] = rate
+    imu['result']['angular_velocity_variance'] = variance
+    out = np.frombuffer(bytearray(data), np.uint8)
+    patch_imu(out, 0, imu)
+    return out.tobytes()
+
+
+def sample_message(data, imu, topic, vector):
+    """Return the message on a sample topic for a result that has this vector there."""
+    imus, out = np.array([imu]), np.zeros(len(data), np.uint8)
+    imus['result'][topic] = vector
+    array = np.frombuffer(bytearray(data), np.uint8)
+    return out[: write_sample_message(out, array, imus, SAMPLE_TOPICS.index(topic))].tobytes()
+
+
+@pytest.mark.parametrize('topic', SAMPLE_TOPICS)
+def test_each_sample_topic_has_its_field(topic):
+    data = imu_message(10**18, (1.0, 2.0, 3.0), (0.0, 0.0, 9.8), 'imu_link')
+    written = sample_message(data, read_message(data), topic, (1.0, 2.0, 3.0))
+    vector = STORE.deserialize_cdr(written, VECTOR_TYPE).vector
+    assert (vector.x, vector.y, vector.z) == (1.0, 2.0, 3.0)
 
 
 GOOD = imu_message(10**18, (1.0, 2.0, 3.0), (0.0, 0.0, 9.8), 'imu_link')
@@ -95,73 +122,43 @@ def with_bytes(offset, replacement):
         (with_bytes(12, b'\xff\xff\xff\xff'), 'are not the length of an Imu'),
         (with_bytes(12, b'\x08\x00\x00\x00'), 'does not end with a zero byte'),
         (with_bytes(8, b'\xff\xff\xff\xff'), 'nanosec 4294967295 is a second or more'),
-        (vector3_stamped(0, b'imu_link', (1.0, 2.0, 3.0)), 'are not the length of an Imu'),
+        (GOOD[:64], 'are not the length of an Imu'),
     ],
 )
-def test_malformed_messages_are_refused_with_a_reason(data, reason):
-    with pytest.raises(MalformedMessageError, match=reason):
-        read_imu(data)
+def test_malformed_messages_are_told_with_a_reason(data, reason):
+    imu = read_message(data)
+    assert imu['kind'] == ImuKind.MALFORMED
+    assert reason in fault_text(imu['fault'])
+    assert fault_text(imu['fault']) == fault_of(data)
 
 
 def test_padding_behind_the_message_is_kept():
     data = GOOD + bytes(4)
-    patched = patch_imu(data, read_imu(data), (4.0, 5.0, 6.0), (0.0, 0.0, 0.0))
+    patched = patched_with(data, read_message(data), (4.0, 5.0, 6.0), (0.0, 0.0, 0.0))
     assert len(patched) == len(data)
-    assert read_imu(patched).angular_velocity == (4.0, 5.0, 6.0)
+    assert doubles_of(patched)[13:16] == (4.0, 5.0, 6.0)
 
 
 @settings(max_examples=500, deadline=None)
-@given(st.binary(max_size=400), st.integers(0, len(GOOD)))
-def test_garbage_is_read_or_refused_but_never_crashes(garbage, cut):
-    for data in (garbage, GOOD[:cut] + garbage, b'\x00\x01\x00\x00' + garbage):
-        try:
-            imu = read_imu(data)
-        except MalformedMessageError:
+@given(st.binary(max_size=400), st.integers(0, len(GOOD)), st.integers(0, 255))
+def test_any_bytes_are_read_as_struct_reads_them_or_told_why_not(garbage, cut, byte):
+    changed = bytearray(GOOD)
+    changed[cut % len(GOOD)] = byte
+    messages = [garbage, GOOD[:cut] + garbage, b'\x00\x01\x00\x00' + garbage, bytes(changed)]
+    piece = piece_of(messages)
+    for data, imu in zip(messages, imus_of(piece), strict=True):
+        fault = fault_of(data)
+        assert (imu['kind'] == ImuKind.MALFORMED) == (fault is not None)
+        if fault is not None:
+            assert fault_text(imu['fault']) == fault
             continue
-        assert len(patch_imu(data, imu, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))) == len(data)
+        doubles = doubles_of(data)
+        assert (imu['kind'] == ImuKind.GOOD) == (doubles[16] != -1.0)
+        np.testing.assert_array_equal(imu['sample']['angular_velocity'], doubles[13:16])
+        if doubles[28] != -1.0:
+            np.testing.assert_array_equal(imu['sample']['linear_acceleration'], doubles[25:28])
+        assert len(patched_with(data, imu, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))) == len(data)
         frame_id(data, imu)
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    st.lists(st.tuples(stamps, vectors, covariances, vectors, covariances), max_size=5),
-    frames,
-    st.booleans(),
-)
-def test_many_at_once_are_what_they_are_one_by_one(parts, frame, little):
-    data = [
-        bytes(
-            STORE.serialize_cdr(
-                message(stamp, frame, rate, covariance, acceleration, its_covariance),
-                IMU_TYPE,
-                little_endian=little,
-            )
-        )
-        for stamp, rate, covariance, acceleration, its_covariance in parts
-    ]
-    found = read_imus(data)
-    if not data:
-        assert found is None
-        return
-    for imu, row in zip(map(read_imu, data), found, strict=True):
-        assert row['stamp'] == imu.stamp
-        assert tuple(row['angular_velocity']) == imu.angular_velocity
-        assert (row['angular_velocity_variance'] != -1) == imu.angular_velocity_reported
-        if row['linear_acceleration_variance'] != -1:
-            assert tuple(row['linear_acceleration']) == imu.linear_acceleration
-
-
-@pytest.mark.parametrize('place', [0, 1, 9, 15, 17, 20])
-def test_many_that_differ_in_form_are_left_to_be_read_one_by_one(place):
-    data = imu_message(10**18, (1, 2, 3), (0, 0, 9.8))
-    other = bytearray(data)
-    other[place] ^= 0xFF
-    assert read_imus([data, data]) is not None
-    same_form = place == 9  # the middle of the nanoseconds, which then are too many or fine
-    result = read_imus([data, bytes(other)])
-    assert (result is None) or same_form
-    assert read_imus([data, data + bytes(4)]) is None
-    assert read_imus([data[:40]]) is None
 
 
 statuses = st.lists(
@@ -193,8 +190,10 @@ def test_diagnostics_are_what_rosbags_writes(reports):
         )
         wanted.append(bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray')))
         listed = [
-            DiagnosticStatus(*status, ''.join(f'{key}\0{value}\0' for key, value in values.items()))
-            for *status, values in of_report
+            DiagnosticStatus(
+                level, name, text, ''.join(f'{key}\0{value}\0' for key, value in values.items())
+            )
+            for level, name, text, values in of_report
         ]
         assert [status.values for status in listed] == [values for *_, values in of_report]
         found.append((stamp, listed))

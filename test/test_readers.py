@@ -1,4 +1,4 @@
-"""The fast path of replay against the general one, and what it does with files that lie."""
+"""Both readers of recordings give the same pieces, and what is done with files that lie."""
 
 import struct
 from pathlib import Path
@@ -11,37 +11,32 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
-import gyro_drift_filter.bags.replay as replay_module
-from gyro_drift_filter.bags.chunk_kernels import CHANNELS, ROW, list_messages
-from gyro_drift_filter.bags.chunk_replay import chunked_file
-from gyro_drift_filter.bags.recording import BagError, open_bag
+from gyro_drift_filter.bags import opening
+from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.mcap_reader import ChunkReader
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.output import Output
+from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
-from gyro_drift_filter.bags.replay_run import ReplayRun
+from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.sample import RESULT
+from gyro_drift_filter.mcap.message_kernels import rows_of
 from gyro_drift_filter.mcap.reader import read_layout
-from gyro_drift_filter.messages.cdr import (
-    GOOD,
-    IMU_TYPE,
-    MALFORMED,
-    MalformedMessageError,
-    read_imu,
-)
-from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from support.bags import mixed, write, write_mcap
-from support.chunks import read_all
-from support.messages import START, STORE, TEMPERATURE, TEXT
+from support.bags import mixed, read, write, write_mcap
+from support.chunks import EACH_CHANNEL
+from support.messages import START, STORE, TEMPERATURE, TEXT, doubles_of, fault_of
 
 
-def both_ways(source, folder, monkeypatch, fast=True, **options):
-    """Replay by the fast and by the general path; return the two MCAP files' bytes and summary."""
-    with open_bag(source) as reader:
-        assert (chunked_file(reader) is not None) == fast
+def by_both(source, folder, monkeypatch, chunks=True, **options):
+    """Replay by the reader of chunks and by rosbags; return both files' bytes and summaries."""
+    with open_bag(source) as recording:
+        assert isinstance(recording, ChunkReader) == chunks
     results = []
-    for name in ('fast', 'general'):
-        if name == 'general':
-            monkeypatch.setattr(replay_module, 'chunked_file', lambda reader: None)
+    for name in ('chunks', 'rosbags'):
+        if name == 'rosbags':
+            monkeypatch.setattr(opening, 'choose_reader', RosbagsReader)
         out = folder / name / 'out'
         summary = replay(source, out, parameters=Parameters(), **options)
         files = [(out / 'out.mcap').read_bytes(), (out / 'metadata.yaml').read_text()]
@@ -51,16 +46,15 @@ def both_ways(source, folder, monkeypatch, fast=True, **options):
 
 
 def check_same(results):
-    (fast, fast_summary), (general, general_summary) = results
-    assert fast == general
-    assert fast_summary.status == general_summary.status
-    assert (fast_summary.outliers == general_summary.outliers).all()
+    (chunks, a), (rosbags, b) = results
+    assert chunks == rosbags
+    assert a.status == b.status
+    assert (a.outliers == b.outliers).all()
     for name in ('received', 'written', 'not_reported', 'left_out', 'period'):
-        assert getattr(fast_summary, name) == getattr(general_summary, name)
+        assert getattr(a, name) == getattr(b, name)
     for name in ('raw', 'filtered'):
-        a, b = getattr(fast_summary, name), getattr(general_summary, name)
-        np.testing.assert_allclose(a.mean, b.mean, rtol=1e-12, atol=1e-13)
-        np.testing.assert_allclose(a.deviation, b.deviation, rtol=1e-12, atol=1e-13)
+        np.testing.assert_array_equal(getattr(a, name).mean, getattr(b, name).mean)
+        np.testing.assert_array_equal(getattr(a, name).deviation, getattr(b, name).deviation)
 
 
 @pytest.mark.parametrize('diagnostics', [False, True])
@@ -73,21 +67,21 @@ def check_same(results):
         {'chunk_size': 1},
     ],
 )
-def test_both_paths_write_the_same_bytes(options, diagnostics, tmp_path, monkeypatch, random):
+def test_both_readers_lead_to_the_same_bytes(options, diagnostics, tmp_path, monkeypatch, random):
     source = write_mcap(tmp_path / 'in.mcap', mixed(random), **options)
-    check_same(both_ways(source, tmp_path, monkeypatch, diagnostics=diagnostics))
+    check_same(by_both(source, tmp_path, monkeypatch, diagnostics=diagnostics))
 
 
 def test_the_same_of_real_recordings(recording, tmp_path, monkeypatch):
-    check_same(both_ways(recording, tmp_path, monkeypatch))
+    check_same(by_both(recording, tmp_path, monkeypatch))
 
 
 def test_chunks_of_the_output_end_where_messages_end(tmp_path, monkeypatch, random):
     """More than a chunk of output; another reader finds all of it, checksums and counts."""
     source = write_mcap(tmp_path / 'in.mcap', mixed(random, 30))
-    results = both_ways(source, tmp_path, monkeypatch, diagnostics=True)
+    results = by_both(source, tmp_path, monkeypatch, diagnostics=True)
     check_same(results)
-    with (tmp_path / 'fast' / 'out' / 'out.mcap').open('rb') as stream:
+    with (tmp_path / 'chunks' / 'out' / 'out.mcap').open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
         assert len(summary.chunk_indexes) > 2
@@ -109,49 +103,27 @@ def test_batches_of_many_messages(tmp_path, monkeypatch, random):
         for k in range(10_000)
     ]
     source = write_mcap(tmp_path / 'in.mcap', rows)
-    check_same(both_ways(source, tmp_path, monkeypatch))
+    check_same(by_both(source, tmp_path, monkeypatch))
 
 
 def test_messages_that_are_seconds_apart(tmp_path, monkeypatch, random):
     """A report for nearly each message; not many are kept at a time."""
-    take, most = ReplayRun.take_piece, []
+    write, most = Output.write, []
 
-    def counted(run, piece):
-        most.append(len(piece.stops))
-        take(run, piece)
+    def counted(output, piece, imus, reports, statuses):
+        most.append(len(reports))
+        write(output, piece, imus, reports, statuses)
 
     rows, time = [], START
     for topic, kind, _, data in mixed(random, 6):
         time += int(random.integers(0, 2 * 10**9))
         rows.append((topic, kind, time, data))
     source = write_mcap(tmp_path / 'in.mcap', rows)
-    monkeypatch.setattr(ReplayRun, 'take_piece', counted)
-    results = both_ways(source, tmp_path, monkeypatch)
+    monkeypatch.setattr(Output, 'write', counted)
+    results = by_both(source, tmp_path, monkeypatch)
     check_same(results)
     assert sum(most) > 300
     assert max(most) < 150
-
-
-def test_a_message_filter_tells_what_it_was_like(random):
-    """At marks on the way, as it would have told there."""
-    messages = [data for topic, _, _, data in mixed(random) if topic == TOPIC]
-    data = np.frombuffer(b''.join(messages), np.uint8)
-    sizes = [len(message) for message in messages]
-    rows = np.zeros(len(messages), ROW)
-    rows['start'], rows['size'] = np.cumsum([0, *sizes[:-1]]), sizes
-    imus = read_all(data, rows)
-    marks = sorted([0, 40, 40, 205, *random.integers(40, 500, 20).tolist(), 500])
-    at_once, step_by_step = MessageFilter(Parameters()), MessageFilter(Parameters())
-    results = np.zeros(len(rows), RESULT)
-    at_once.process_imus(imus, range(40), messages.__getitem__, results)
-    told = at_once.process_imus(imus, range(40, 500), messages.__getitem__, results, marks[1:])
-    expected = []
-    for k in range(501):
-        expected += [step_by_step.report()] * marks[1:].count(k)
-        if k < 500:
-            step_by_step.step(messages[k])
-    assert repr(told) == repr(expected)  # where NaN is like NaN
-    assert len(told) == 24
 
 
 MESSAGES = st.lists(
@@ -175,7 +147,7 @@ MESSAGES = st.lists(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(MESSAGES, st.integers(1, 5000), st.booleans())
-def test_both_paths_agree_on_anything(
+def test_both_readers_agree_on_anything(
     tmp_path_factory, monkeypatch, messages, chunk_size, diagnostics
 ):
     """Any bytes, in chunks of any size; within a chunk in any order."""
@@ -186,7 +158,7 @@ def test_both_paths_agree_on_anything(
         time += step
         rows.append((topic, kinds[topic], time, data))
     source = write_mcap(folder / 'in.mcap', rows, chunk_size=chunk_size)
-    check_same(both_ways(source, folder, monkeypatch, diagnostics=diagnostics))
+    check_same(by_both(source, folder, monkeypatch, diagnostics=diagnostics))
 
 
 def test_out_of_order_within_a_chunk(tmp_path, monkeypatch, random):
@@ -194,10 +166,10 @@ def test_out_of_order_within_a_chunk(tmp_path, monkeypatch, random):
     order = np.arange(len(rows)) + random.integers(0, 20, len(rows))
     rows = [rows[k] for k in np.argsort(order, kind='stable')]
     source = write_mcap(tmp_path / 'in.mcap', rows)
-    check_same(both_ways(source, tmp_path, monkeypatch))
+    check_same(by_both(source, tmp_path, monkeypatch))
 
 
-def test_what_the_fast_path_leaves_to_the_general_one(tmp_path, monkeypatch, random):
+def test_what_is_left_to_rosbags(tmp_path, monkeypatch, random):
     rows = mixed(random)
     overlapping = rows[50:100] + rows[:50]
     for name, arguments in (
@@ -205,7 +177,7 @@ def test_what_the_fast_path_leaves_to_the_general_one(tmp_path, monkeypatch, ran
         ('flat', {'rows': rows, 'use_chunking': False}),
     ):
         source = write_mcap(tmp_path / f'{name}.mcap', **arguments)
-        results = both_ways(source, tmp_path / name, monkeypatch, fast=False)
+        results = by_both(source, tmp_path / name, monkeypatch, chunks=False)
         check_same(results)
     imus = [(time, data) for topic, _, time, data in rows if topic == TOPIC]
     from rosbags.rosbag2 import CompressionMode, StoragePlugin
@@ -215,7 +187,7 @@ def test_what_the_fast_path_leaves_to_the_general_one(tmp_path, monkeypatch, ran
         (None, StoragePlugin.SQLITE3),
     ):
         source = write(tmp_path / f'bag{plugin.name}', {(TOPIC, IMU_TYPE): imus}, plugin, mode)
-        check_same(both_ways(source, tmp_path / plugin.name, monkeypatch, fast=False))
+        check_same(by_both(source, tmp_path / plugin.name, monkeypatch, chunks=False))
 
 
 def test_log_times_near_the_end_of_time(tmp_path, monkeypatch):
@@ -224,14 +196,17 @@ def test_log_times_near_the_end_of_time(tmp_path, monkeypatch):
         (TOPIC, IMU_TYPE, time, imu_message(START, (0, 0, 0.1), (0, 0, 9.8)))
         for time in (2**63 - 10**9 + 5, 2**63 - 7, 2**63 - 1)
     ]
-    check_same(both_ways(write_mcap(tmp_path / 'in.mcap', rows), tmp_path, monkeypatch))
+    check_same(by_both(write_mcap(tmp_path / 'in.mcap', rows), tmp_path, monkeypatch))
     rows.append((TOPIC, IMU_TYPE, 2**63 + 5, rows[0][3]))
     late = write_mcap(tmp_path / 'late.mcap', rows)
-    with open_bag(late) as reader:
-        assert chunked_file(reader) is None
+    with open_bag(late) as recording:
+        assert isinstance(recording, RosbagsReader)
+        assert not isinstance(recording, ChunkReader)
+    replay(late, tmp_path / 'late', parameters=Parameters())
+    assert [time for time, _ in read(tmp_path / 'late')[0][TOPIC]] == [row[2] for row in rows]
 
 
-def test_chunks_without_an_index_are_left_to_the_general_path(tmp_path, random):
+def test_chunks_without_an_index_are_left_to_rosbags(tmp_path, random):
     options = {'index_types': IndexType.ALL & ~IndexType.MESSAGE}
     path = write_mcap(tmp_path / 'in.mcap', mixed(random), **options)
     assert read_layout(path) is None
@@ -255,7 +230,7 @@ def test_an_imu_topic_in_two_encodings(first, tmp_path, monkeypatch):
                 data = b'{"angular_velocity": {}}' if name == 'json' else message
                 writer.add_message(channels[name], time, data, time)
         writer.finish()
-    results = both_ways(path, tmp_path, monkeypatch)
+    results = by_both(path, tmp_path, monkeypatch)
     check_same(results)
     assert results[0][1].received == results[0][1].written == 100
     assert results[0][1].left_out == {TOPIC: 'its messages are not in CDR'}
@@ -335,31 +310,27 @@ def test_an_index_that_lies_is_no_plain_file(tmp_path, random):
 @given(st.binary(max_size=600))
 def test_any_bytes_as_a_chunk(data):
     """No record is found outside of the chunk."""
-    array = np.frombuffer(data, np.uint8)
-    rows = np.zeros(len(data) // 31 + 1, ROW)
-    count = list_messages(array, np.ones(CHANNELS, np.bool_), rows)
-    assert -1 <= count <= len(data) // 31
-    for row in rows[: max(count, 0)]:
+    rows = rows_of(np.frombuffer(bytearray(data), np.uint8), EACH_CHANNEL)
+    for row in [] if rows is None else rows:
         assert 0 <= row['start'] <= row['start'] + row['size'] <= len(data)
 
 
-@settings(max_examples=500, deadline=None)
-@given(st.binary(max_size=500), st.integers(0, 330), st.integers(0, 255))
-def test_the_compiled_reader_of_imus_agrees_with_the_plain_one(junk, place, byte):
-    """Of any bytes, and of an Imu with one byte changed."""
-    changed = bytearray(imu_message(START + 5, (1, 2, 3), (4, 5, 6)))
-    changed[place % len(changed)] = byte
-    for message in (junk, bytes(changed)):
-        rows = np.array([(0, 0, 0, len(message))], ROW)
-        imus = read_all(np.frombuffer(message, np.uint8), rows)
-        try:
-            wanted = read_imu(message)
-        except MalformedMessageError:
-            assert imus[0]['kind'] == MALFORMED
-            continue
-        assert (imus[0]['kind'] == GOOD) == wanted.angular_velocity_reported
-        sample = imus[0]['sample']
-        assert sample['stamp'] == wanted.stamp
-        assert imus[0]['doubles'] == wanted.offset
-        np.testing.assert_array_equal(sample['angular_velocity'], wanted.angular_velocity)
-        np.testing.assert_array_equal(sample['linear_acceleration'], wanted.linear_acceleration)
+def test_arrays_are_those_of_the_good_messages(tmp_path, monkeypatch, random):
+    """As `identify` has them, by both readers."""
+    rows = mixed(random)
+    source = write_mcap(tmp_path / 'in.mcap', rows, chunk_size=30_000)
+    done = []
+    by_chunks = read_imu_arrays(source, progress=lambda *numbers: done.append(numbers))
+    assert done[-1] == (len(rows), len(rows))
+    monkeypatch.setattr(opening, 'choose_reader', RosbagsReader)
+    by_rosbags = read_imu_arrays(source)
+    imus = [data for topic, _, _, data in rows if topic == TOPIC]
+    sound = [data for data in imus if fault_of(data) is None]
+    good = [data for data in sound if doubles_of(data)[16] != -1.0]
+    for arrays in (by_chunks, by_rosbags):
+        assert (arrays.topic, arrays.frame) == (TOPIC, 'imu_link')
+        assert arrays.refused == len(imus) - len(good) > 0
+        wanted = np.array([doubles_of(data) for data in good])
+        np.testing.assert_array_equal(arrays.angular_velocity, wanted[:, 13:16])
+        np.testing.assert_array_equal(arrays.linear_acceleration, wanted[:, 25:28])
+        assert (np.diff(arrays.stamps) > 0).all()

@@ -1,0 +1,36 @@
+"""The Imu messages of a piece of a recording, read all at once."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import entry_kernel, read_only
+from gyro_drift_filter.bags.recording import Piece
+from gyro_drift_filter.mcap.message_kernels import ROW, Row
+from gyro_drift_filter.messages.imu import IMU, Imu, read_imu
+
+
+@entry_kernel(read_only(np.uint8), ROW, np.bool_, IMU)
+def list_imus(
+    data: NDArray[np.uint8], rows: Sequence[Row], is_imu: NDArray[np.bool_], imus: Sequence[Imu]
+) -> int:
+    """Read the messages of those channels that are Imu; return how many there are."""
+    count = 0
+    for i in range(len(rows)):
+        row = rows[i]
+        if is_imu[row['channel']]:
+            read_imu(data, row['start'], row['size'], imus[count])
+            imus[count]['row'] = i
+            count += 1
+    return count
+
+
+def read_imus(piece: Piece, is_imu: NDArray[np.bool_]) -> Any:
+    """Return an IMU for each message of those channels that are Imu, without a result.
+
+    `is_imu` tells by the `id` of a connection.
+    """
+    imus: Any = np.empty(len(piece.rows), IMU)
+    return imus[: list_imus(piece.data, piece.rows, is_imu, imus)]

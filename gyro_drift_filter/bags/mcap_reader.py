@@ -1,0 +1,73 @@
+"""Read a recording that is a single plain MCAP file chunk by chunk, as fast as the disk."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.library import AnyReader, DirectoryReader, McapReader
+from gyro_drift_filter.bags.recording import BagError, Piece, kind
+from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
+from gyro_drift_filter.mcap.message_kernels import CHANNELS
+from gyro_drift_filter.mcap.reader import Layout, read_layout, read_messages
+from gyro_drift_filter.mcap.records import McapError
+
+
+class ChunkReader(RosbagsReader):
+    """A `Recording` that is an MCAP file whose chunks follow each other in time."""
+
+    def __init__(
+        self, library: AnyReader, file: Path, layout: Layout, numbers: NDArray[np.int64]
+    ) -> None:
+        """Take the topics from rosbags, and the messages from the file.
+
+        `numbers` is the connection's `id` by channel of the file, -1 where there is none.
+        """
+        super().__init__(library)
+        self._file, self._layout, self._numbers = file, layout, numbers
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield a piece for each chunk, see `Recording`.
+
+        The next chunk is read meanwhile, in a thread of its own.
+        """
+        chunks = read_messages(self._file, self._layout, self._numbers)
+        try:
+            with ThreadPoolExecutor(1) as worker:
+                coming = worker.submit(next, chunks, None)
+                while (chunk := coming.result()) is not None:
+                    coming = worker.submit(next, chunks, None)
+                    yield Piece(*chunk)
+        except (McapError, OSError) as error:
+            raise BagError(
+                f'{self._file} is damaged and can be read no further: {error}'
+            ) from error
+
+
+def chunk_reader(library: AnyReader) -> ChunkReader | None:
+    """Return a reader of the file that rosbags has opened, or None where it is of another kind."""
+    storage: Any = getattr(library.readers[0], 'storage', None)
+    if isinstance(storage, DirectoryReader):
+        if len(storage.storages) != 1 or storage.metadata.compression_mode == 'message':
+            return None
+        storage = storage.storages[0]
+    if len(library.readers) != 1 or not isinstance(storage, McapReader):
+        return None
+    file = Path(str(storage.path))
+    layout = read_layout(file)
+    if layout is None:
+        return None
+    # The library numbers its connections anew; alike ones can't be told apart, so are left to it.
+    outer = {kind(connection): connection for connection in library.connections}
+    if len(outer) != len(library.connections):
+        return None
+    numbers = np.full(CHANNELS, -1)
+    for inner in storage.connections:
+        same = outer.get(kind(inner))
+        if same is None or layout.channels.get(inner.id) != (inner.topic, inner.msgtype):
+            return None
+        numbers[inner.id] = same.id
+    return ChunkReader(library, file, layout, numbers)

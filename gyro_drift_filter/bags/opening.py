@@ -1,0 +1,101 @@
+"""Open a bag for reading: the one place that knows all readers."""
+
+import logging
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gyro_drift_filter.bags.library import AnyReader, AnyReaderError
+from gyro_drift_filter.bags.mcap_reader import chunk_reader
+from gyro_drift_filter.bags.message_types import all_types
+from gyro_drift_filter.bags.recording import BagError, Recording
+from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
+from gyro_drift_filter.errors import reason
+from gyro_drift_filter.mcap.records import McapError
+from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Recording]:
+    """Open a rosbag2 folder or a bare .mcap or .db3 file for reading.
+
+    Raises:
+        BagError: The path is missing, or is no bag that rosbags can read.
+    """
+    _check_path(path)
+    with tempfile.TemporaryDirectory() as folder:
+        library = _opened(_recovered(path, Path(folder)), path)
+        try:
+            yield choose_reader(library)
+        finally:
+            library.close()
+
+
+def choose_reader(library: AnyReader) -> Recording:
+    """Return the fastest reader that there is for what rosbags has opened."""
+    return chunk_reader(library) or RosbagsReader(library)
+
+
+def _opened(path: Path, name: Path) -> AnyReader:
+    # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
+    # read. Errors of the caller's own pass, as the reader is open by then.
+    try:
+        reader = AnyReader([path])
+        try:
+            reader.open()
+        except AnyReaderError:  # as of a bag that holds no definitions
+            reader = AnyReader([path], default_typestore=all_types())
+            reader.open()
+    except Exception as error:
+        hint = ''
+        cut = [file for file in path.glob('*.mcap') if is_cut_off(file)] if path.is_dir() else []
+        if cut:
+            hint = f' ({cut[0].name} was cut off: name that file, to read it as far as it goes)'
+        raise BagError(f'{name} can not be read as a bag: {reason(error)}{hint}') from error
+    return reader
+
+
+def _recovered(path: Path, folder: Path) -> Path:
+    """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it."""
+    try:
+        if path.suffix != '.mcap' or not is_cut_off(path):
+            return path
+        copy = folder / path.name
+        count = recover(path, copy)
+    except McapError as error:
+        raise BagError(f'{path} was cut off, and what is there {error}') from error
+    except OSError as error:
+        raise BagError(
+            f'{path} was cut off, and can not be recovered in {folder}: {reason(error)}'
+        ) from error
+    if count == 0:
+        raise BagError(f'{path} was cut off before its first whole message')
+    _log.warning(
+        '%s was cut off, as when the recorder is killed: read to its last whole message (%d)',
+        path,
+        count,
+    )
+    return copy
+
+
+def _check_path(path: Path) -> None:
+    try:
+        if not path.exists():
+            raise BagError(f'no such bag: {path}')
+        if path.is_dir() and not (path / 'metadata.yaml').exists():
+            raise BagError(
+                f'{path} holds no metadata.yaml, so it is no rosbag2 folder: name the .mcap file '
+                'in it'
+            )
+        if path.suffix == '.bag':
+            # rosbags judges by the name.
+            raise BagError(
+                f'{path}: rename the folder, as names in .bag are taken for ROS 1'
+                if path.is_dir()
+                else f"{path} is a ROS 1 bag: convert it with 'rosbags-convert' first"
+            )
+    except OSError as error:
+        raise BagError(f'{path} can not be opened: {error.strerror}') from error

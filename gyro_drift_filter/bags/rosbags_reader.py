@@ -1,0 +1,63 @@
+"""Read a recording by rosbags, message by message: whatever storage it is in."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gyro_drift_filter.bags.library import AnyReader, Connection
+from gyro_drift_filter.bags.recording import BagError, Piece
+from gyro_drift_filter.errors import reason
+from gyro_drift_filter.mcap.message_kernels import ROW
+
+# A piece ends with the message that reaches one of these.
+_PIECE_MESSAGES = 4096
+_PIECE_BYTES = 2**22
+
+
+class RosbagsReader:
+    """A `Recording` that rosbags has opened."""
+
+    def __init__(self, library: AnyReader) -> None:
+        self.path = Path(str(library.paths[0]))
+        self.connections = library.connections
+        self.message_count = library.message_count
+        self.typestore = library.typestore
+        self._library = library
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield all messages, see `Recording`."""
+        times: list[int] = []
+        channels: list[int] = []
+        contents: list[bytes] = []
+        size = 0
+        for connection, log_time, data in self._messages():
+            times.append(log_time)
+            channels.append(connection.id)
+            contents.append(data)
+            size += len(data)
+            if len(times) == _PIECE_MESSAGES or size >= _PIECE_BYTES:
+                yield _piece(times, channels, contents)
+                times, channels, contents, size = [], [], [], 0
+        if times:
+            yield _piece(times, channels, contents)
+
+    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
+        # An empty selection of connections makes rosbags read all, and fail where there are none.
+        if not self.connections:
+            return
+        try:
+            yield from self._library.messages()
+        except Exception as error:
+            raise BagError(
+                f'{self.path} is damaged and can be read no further: {reason(error)}'
+            ) from error
+
+
+def _piece(times: list[int], channels: list[int], contents: Iterable[bytes]) -> Piece:
+    rows = np.empty(len(times), ROW)
+    rows['log_time'] = np.array(times, np.uint64).view(np.int64)
+    rows['channel'] = channels
+    rows['size'] = [len(content) for content in contents]
+    rows['start'] = np.cumsum(rows['size']) - rows['size']
+    return Piece(np.frombuffer(b''.join(contents), np.uint8), rows)

@@ -1,0 +1,227 @@
+"""Write a bag: a rosbag2 folder, by rosbags, with an MCAP file of our own in it."""
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.library import (
+    CompressionFormat,
+    CompressionMode,
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+    StoragePlugin,
+    Stores,
+    Typestore,
+    TypesysError,
+    Writer,
+    WriterError,
+    get_types_from_msg,
+    get_typestore,
+)
+from gyro_drift_filter.bags.mcap_storage import McapStorage
+from gyro_drift_filter.bags.message_types import types_with
+from gyro_drift_filter.bags.recording import BagError, Kind, Recording, kind
+from gyro_drift_filter.errors import reason
+
+_METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
+_FOREVER = QosTime(2**31 - 1, 2**32 - 1)
+
+_BAG_FILES = ('.mcap', '.db3')
+
+# Reliable, depth 10: what the node publishes with.
+RELIABLE = Qos(
+    QosHistory.KEEP_LAST,
+    10,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
+
+
+class _Writer(Writer):
+    """rosbags' writer, with metadata.yaml and all, on our own MCAP files."""
+
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: McapStorage}
+
+
+class BagWriter:
+    """Write a rosbag2 folder; it gets its name when it is complete.
+
+    Until then it stands in a hidden folder beside, which is removed if writing fails.
+    """
+
+    def __init__(self, path: Path, *, replace: bool = False) -> None:
+        """Begin the bag; with `replace` one that is there is replaced when this is complete.
+
+        Raises:
+            BagError: The path exists already or can't be written.
+        """
+        self._path = path.absolute()
+        self._replace = replace
+        self._copies: dict[Kind, Connection] = {}
+        with self._reporting():
+            if self._path.exists():
+                self._check_replacement()
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = tempfile.TemporaryDirectory(
+                prefix=f'.{self._path.name}.', suffix='.incomplete', dir=self._path.parent
+            )
+            # The MCAP file is named after the final folder, as `ros2 bag` names it.
+            self._written = Path(self._folder.name) / self._path.name
+            self._writer = _Writer(
+                self._written, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
+            )
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+
+    def __enter__(self) -> 'BagWriter':
+        """Return the writer itself."""
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        """Give the bag its name, or remove it where writing failed."""
+        with self._folder:
+            try:
+                if kind is None:
+                    with self._reporting():
+                        self._count()
+                        self._writer.close()
+                        self._take_name()
+            finally:
+                with suppress(Exception):
+                    self._writer.abort()  # does nothing after close
+
+    def _take_name(self) -> None:
+        """Give the bag its name; an old one is removed only when the new one stands there."""
+        if not self._path.exists():
+            self._written.rename(self._path)
+            return
+        self._check_replacement()
+        # With the hidden folder it goes.
+        old = Path(self._folder.name) / 'replaced'
+        self._path.rename(old)
+        try:
+            self._written.rename(self._path)
+        except BaseException:
+            if not self._path.exists():
+                old.rename(self._path)
+            raise
+
+    def _check_replacement(self) -> None:
+        if not self._replace:
+            raise BagError(f'{self._path} exists already: remove it or choose another name')
+        names = {file.name for file in self._path.iterdir()} if self._path.is_dir() else set()
+        others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
+        if 'metadata.yaml' not in names:
+            raise BagError(f'{self._path} is no rosbag2 folder, and is not replaced')
+        if others:
+            raise BagError(
+                f'{self._path} holds more than a bag, and is not replaced: {min(others)}'
+            )
+
+    def _count(self) -> None:
+        """Tell rosbags' writer, for metadata.yaml, what has gone past it into the storage."""
+        writer = self._writer
+        assert isinstance(writer.storage, McapStorage)
+        writer.storage.flush()
+        writer.counts.update(writer.storage.counts)
+        if any(writer.counts.values()):
+            writer.min_timestamp = writer.storage.first
+            writer.max_timestamp = writer.storage.last
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Turn what goes wrong with the disk or the writer into one line."""
+        try:
+            yield
+        except (OSError, WriterError) as error:
+            raise BagError(f'{self._path} can not be written: {reason(error)}') from error
+
+    def copy_connection(self, connection: Connection, source: Recording) -> Connection:
+        """Add a topic as it is in a recording, with its QoS and message definition.
+
+        That may hold the same topic several times, one for each publisher: they become one.
+        """
+        known = self._copies.get(kind(connection))
+        if known is not None:
+            return known
+        extension = connection.ext
+        assert isinstance(extension, ConnectionExtRosbag2)
+        definition, digest = connection.msgdef.data, connection.digest
+        if connection.msgdef.format == MessageDefinitionFormat.NONE or not digest:
+            definition, digest = _definition(connection, source)
+        with self._reporting():
+            copy = self._writer.add_connection(
+                connection.topic,
+                connection.msgtype,
+                msgdef=definition,
+                rihs01=digest,
+                serialization_format=extension.serialization_format,
+                offered_qos_profiles=extension.offered_qos_profiles,
+            )
+        self._copies[kind(copy)] = copy
+        return copy
+
+    def add_connection(
+        self, topic: str, message_type: str, qos: Sequence[Qos] = (RELIABLE,)
+    ) -> Connection:
+        """Add a topic of a type that Jazzy knows."""
+        with self._reporting():
+            return self._writer.add_connection(
+                topic, message_type, typestore=types_with(message_type), offered_qos_profiles=qos
+            )
+
+    def write(self, connection: Connection, log_time: int, data: bytes) -> None:
+        """Write a serialized message with its log time in ns.
+
+        Raises:
+            BagError: The disk is full or the like.
+        """
+        with self._reporting():
+            self._writer.write(connection, log_time, data)
+
+    def write_records(self, records: NDArray[np.uint8]) -> None:
+        """Write MCAP message records that lie behind each other: see `McapWriter`.
+
+        Raises:
+            BagError: The disk is full or the like.
+        """
+        storage = self._writer.storage
+        assert isinstance(storage, McapStorage)
+        with self._reporting():
+            storage.write_records(records)
+
+
+def _generated(store: Typestore, name: str) -> tuple[str, str]:
+    definition, _ = store.generate_msgdef(name, ros_version=2)
+    return definition, store.hash_rihs01(name)
+
+
+def _definition(connection: Connection, source: Recording) -> tuple[str, str]:
+    """Return message definition and hash of a type, for bags from before they stood in them."""
+    name = connection.msgtype
+    with suppress(TypesysError, KeyError):
+        return _generated(source.typestore, name)
+    with suppress(TypesysError, KeyError):
+        return _generated(types_with(name), name)
+    # A type that nobody knows keeps its messages under an empty definition, and the hash of that:
+    # readers compare the two.
+    unknown = get_typestore(Stores.EMPTY)
+    unknown.register(get_types_from_msg('', name))
+    return '', unknown.hash_rihs01(name)
