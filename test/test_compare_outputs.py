@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from gyro_drift_filter.messages.imu import IMU_TYPE
 
 from benchmark.compare_outputs import compare_bags, is_same_text, main
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import simulated, write
 from support.messages import START, STORE, TEXT, text
