@@ -7,8 +7,6 @@ into a kernel.
 import ast
 from functools import cache
 
-import pytest
-
 from gyro_drift_filter.accelerate.cache import covered_files, kernel_modules
 from support.paths import REPOSITORY
 
@@ -94,7 +92,6 @@ def uses(module, node):
             yield part.lineno, *found
 
 
-@pytest.mark.xfail(strict=False, reason='two calls of inner kernels are left: they become entries')
 def test_python_calls_entry_kernels_alone():
     """An inner kernel is plain Python, and slow, in a process with the extension module."""
     wrong = []

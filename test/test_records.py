@@ -44,19 +44,25 @@ KINDS = {
 }
 
 
+def field_of(made, name):
+    """Return type and offset of a field."""
+    kind, offset, *_ = made.fields[name]
+    return kind, offset
+
+
 @pytest.mark.parametrize('in_cache_lines', [True, False])
 def test_a_record_has_the_fields_that_were_declared_and_none_overlap(in_cache_lines):
     made = record(Outer, in_cache_lines=in_cache_lines)
-    assert {name: made.fields[name][0] for name in made.names} == KINDS
+    assert {name: field_of(made, name)[0] for name in made.names} == KINDS
     taken = np.zeros(made.itemsize, int)
-    for field, offset in (made.fields[name] for name in made.names):
+    for field, offset in (field_of(made, name) for name in made.names):
         assert offset % field.base.alignment == 0
         taken[offset : offset + field.itemsize] += 1
     assert taken.max() == 1
     if in_cache_lines:
         assert made.itemsize % CACHE_LINE == 0
         for name in ('line', 'two_lines'):
-            assert made.fields[name][1] % CACHE_LINE == 0
+            assert field_of(made, name)[1] % CACHE_LINE == 0
 
 
 @pytest.mark.parametrize('kind', [STATE, COEFFICIENTS, FILTER])
@@ -71,7 +77,7 @@ def test_a_record_starts_at_a_cache_line(kind):
 
 def test_the_parts_of_a_filter_start_at_cache_lines():
     for name in ('coefficients', 'state', 'workspace'):
-        assert FILTER.fields[name][1] % CACHE_LINE == 0
+        assert field_of(FILTER, name)[1] % CACHE_LINE == 0
 
 
 def floats(record):

@@ -199,17 +199,17 @@ class Parameters:
     outlier_threshold: float = _parameter(
         9.0,
         'outlier.threshold',
-        'A sample further than this from its prediction is held back until the samples after it '
-        'show whether it was motion. For adaptive.',
-        unit='predicted standard deviations',
+        'A sample is held back where its innovation is beyond both this and outlier.acceleration; '
+        'the samples after it show whether it was motion. For adaptive.',
+        unit='typical innovations (in motion less than the root of ~/innovation_variance)',
         low=3.0,
         high=100.0,
     )
     outlier_acceleration: float = _parameter(
         80.0,
         'outlier.acceleration',
-        'A sample that the body could reach from its prediction with this angular acceleration is '
-        'never held back. For adaptive.',
+        'A sample is held back where its innovation is beyond both outlier.threshold and what the '
+        'body could reach in one sample period with this angular acceleration. For adaptive.',
         unit='rad/s^2',
         low=0.0,
         high=1.0e6,

@@ -49,7 +49,7 @@ class State(TypedDict):
 
 
 class Workspace(TypedDict):
-    """What is needed within one step, and means nothing after it."""
+    """What is needed within one step, and is not read after it."""
 
     methods: MethodWorkspace
 

@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 
 # A mode probability below this is none.
 SMALLEST = 1e-300
-# What was motion among held samples is given back within this time, so that the heading holds, as
-# far as it is no more than this angle: no knock turns a body by more at once.
+# What was motion among held samples is given back with this time constant, so that the heading
+# holds, as far as it is no more than this angle: no knock turns a body by more at once.
 COMPENSATION_SECONDS = 0.2
 LARGEST_COMPENSATION = 0.02  # rad
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
@@ -98,7 +98,7 @@ class AdaptiveAxis(TypedDict):
     doubt: Doubt
     jolt: Jolt  # of the accelerometer along the same axis
     knocked: bool  # a jolt was felt while samples were held back
-    held_back: float  # rad, what the held samples turned beyond what was put out
+    held_angle: float  # rad, what the held samples turned beyond what was put out
     compensation: float  # rad, of it what was motion and is still to be given back
 
 
@@ -129,7 +129,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction: float  # of the sample by all modes together
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
-    confirmed: bool  # the sample showed those held back before to be motion
+    verdict: int  # on the sample: a member of Verdict
 
 
 ADAPTIVE_COEFFICIENTS = record(AdaptiveCoefficients, in_cache_lines=True)
@@ -184,7 +184,7 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     restart_block(state['noise'])
     _put_modes_at(state, rate)
     _make_certain(state, MODES - 1)
-    state['held_back'] = 0.0
+    state['held_angle'] = 0.0
     state['compensation'] = 0.0
     state['knocked'] = False
     state['sample_accepted'] = False
@@ -315,6 +315,7 @@ def update(
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
     verdict = judge(doubt, sample, prediction, typical, dropout, jolted, limits)
+    # After the verdict, which it overrules: it has to see every sample.
     if is_constant(doubt, sample, noise['variance']):
         _put_modes_at(state, sample)
         verdict = Verdict.ACCEPT
@@ -330,8 +331,8 @@ def update(
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
         _correct(state, own, sample, steps, coefficients['modes'])
-    own['confirmed'] = verdict == Verdict.START_ANEW
-    doubt['sample'] = sample
+    own['verdict'] = verdict
+    doubt['last_sample'] = sample
     note_verdict(doubt, verdict == Verdict.HOLD and not dropout)
     state['sample_accepted'] = verdict != Verdict.HOLD
     if verdict == Verdict.HOLD:
@@ -355,14 +356,14 @@ def _compensate(
     `missed` is the sample less the estimate in rad/s, `period` in s.
     """
     if state['doubt']['held'] > 0:
-        state['held_back'] += missed * period
+        state['held_angle'] += missed * period
         state['knocked'] = state['knocked'] or jolted
-    elif state['held_back'] != 0.0:
+    elif state['held_angle'] != 0.0:
         moved = confirmed or state['knocked']
-        if moved and abs(state['held_back']) <= LARGEST_COMPENSATION:
-            angle = state['compensation'] + state['held_back']
+        if moved and abs(state['held_angle']) <= LARGEST_COMPENSATION:
+            angle = state['compensation'] + state['held_angle']
             state['compensation'] = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
-        state['held_back'] = 0.0
+        state['held_angle'] = 0.0
         state['knocked'] = False
     if abs(state['compensation']) < LEAST_COMPENSATION:
         state['compensation'] = 0.0
@@ -396,7 +397,8 @@ def estimate(
     rate, variance, process_noise = _combine_modes(state, own, modes)
     if sample == sample and not workspace['dropout']:
         missed, jolted = sample - rate, workspace['jolted']
-        rate += _compensate(state, own['confirmed'], jolted, missed, period)
+        confirmed = own['verdict'] == Verdict.START_ANEW
+        rate += _compensate(state, confirmed, jolted, missed, period)
     return rate, variance, process_noise, state['noise']['variance']
 
 
@@ -546,7 +548,7 @@ def _predict_modes(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
         or of_noise[2] != correlation
     ):
         _predict_variances(noise, correlation, workspace, modes)
-    sample = state['doubt']['sample']
+    sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
     origin = rate[MODES - 1]
     for j in range(LANES):

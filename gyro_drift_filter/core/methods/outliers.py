@@ -1,11 +1,13 @@
 """Outliers or motion: a doubtful sample is held back until those after it say what it was.
 
 A sample far outside the prediction is not accepted, and the prediction stands in for it. What the
-next sample is decides. Back near the prediction: it was an outlier, and leaves no trace. A smooth
+next sample is decides. Back near the prediction: it was an outlier, and leaves
+no trace, unless the accelerometer felt a knock: then its angle is given back. A smooth
 growth with the same sign, or a run of agreeing samples that is longer than outliers last: it was
 motion, and the filter starts anew at the sample at hand. Neither: that sample is held back, too,
 for a bounded number of samples. A jump that comes with a jolt of the accelerometer is a knock, and
-is accepted as soon as the next sample agrees; a message that is corrupted does not repeat.
+the filter starts anew at the next sample that is still away; a message that is corrupted as a whole
+has a jolt, too, but does not repeat.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
 so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
@@ -69,13 +71,15 @@ class OutlierLimits(TypedDict):
 
 
 class Doubt(TypedDict):
-    """The samples of one axis that are held back."""
+    """The samples of one axis that are held back, and the last one."""
 
     held: int  # how many in a row
+    # These mean nothing where none is held.
     agreeing: int  # of them, the last ones that agree
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
     typical_innovation: float  # rad/s, when the first one came
-    sample: float  # the last sample as it came, rad/s
+    # of every sample
+    last_sample: float  # as it came, rad/s
     repeats: int  # how often it has come before
     share_held: float  # of the last samples, not counting drop-outs
 
@@ -133,7 +137,7 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['agreeing'] = 0
     doubt['repeats'] = 0
     doubt['share_held'] = 0.0
-    doubt['sample'] = sample
+    doubt['last_sample'] = sample
 
 
 @kernel
@@ -158,6 +162,7 @@ def judge(
     if doubt['share_held'] > CROWDED and not dropout:
         return Verdict.ACCEPT if held == 0 else Verdict.START_ANEW
     if held == 0:
+        # A jolt is no excuse for the first one: a corrupted message has one, too.
         doubtful = dropout or (size > limits['least_jump'] and size > jump)
         return Verdict.HOLD if doubtful else Verdict.ACCEPT
     lasted = held >= limits['longest_hold']
@@ -174,7 +179,7 @@ def judge(
         return Verdict.ACCEPT
     if jolted and size < JOLT_LIMIT:
         return Verdict.START_ANEW
-    change = abs(sample - doubt['sample'])
+    change = abs(sample - doubt['last_sample'])
     grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
     starts = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** EXTRAPOLATION_POWER
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
@@ -201,7 +206,7 @@ def note_held(
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
         doubt['agreeing'] = 0
-    elif not _continues(doubt, abs(sample - doubt['sample']), dropout, limits):
+    elif not _continues(doubt, abs(sample - doubt['last_sample']), dropout, limits):
         doubt['agreeing'] = 0
     doubt['held'] += 1
     doubt['agreeing'] += 1
@@ -249,7 +254,7 @@ def is_constant(doubt: Doubt, sample: float, variance: float) -> bool:
 
     Arguments: sample in rad/s, variance of the noise in (rad/s)^2.
     """
-    if abs(sample - doubt['sample']) > SAME * math.sqrt(variance):
+    if abs(sample - doubt['last_sample']) > SAME * math.sqrt(variance):
         doubt['repeats'] = 0
         return False
     doubt['repeats'] += 1
