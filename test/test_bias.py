@@ -29,7 +29,7 @@ def moving_and_resting(random, spells, bias):
     return rates + bias(np.arange(len(rates)) / 100.0), accelerations
 
 
-@pytest.mark.parametrize('method', ['kalman', 'sage_husa', 'adaptive'])
+@pytest.mark.parametrize('method', METHOD_NAMES)
 @pytest.mark.parametrize('rate', [50.0, 100.0, 1000.0])
 def test_the_bias_is_taken_off_after_the_first_rest(method, rate, random):
     truth = np.array([4.5, -3.0, 1.0]) * DEGREE

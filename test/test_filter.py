@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.methods import METHOD_NAMES, METHOD_STATES, METHODS
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
@@ -291,3 +291,22 @@ def test_unknown_acceleration_changes_nothing_in_the_papers_filters():
             for acceleration in (data.linear_acceleration, unknown)
         )
         assert same(a, b)
+
+
+@pytest.mark.parametrize('method', METHODS, ids=METHOD_NAMES)
+def test_a_method_works_on_its_own_state_alone(method, random):
+    """Start, gaps, rates that are no number, and other samples: each verb has to choose it."""
+    n = 300
+    rates = 0.1 + 0.005 * random.standard_normal((n, 3))
+    rates[150:155, 1] = np.nan
+    stamps = 10**18 + 10_000_000 * np.arange(n)
+    stamps[200:] += 50_000_000
+    filter_ = Filter(Parameters(method=method.name, bias_enabled=False))
+    results = filter_.run(stamps, rates, np.zeros((n, 3)))
+    assert filter_.state['clock']['missing_samples'] == 5
+    assert (results['innovation_variance'] > 0.0).all()
+    np.testing.assert_allclose(results['angular_velocity'][100:], 0.1, atol=0.05)
+    states = filter_.record[0]['state']['methods']
+    assert states[method.state].tobytes().strip(b'\0')
+    for name in set(METHOD_STATES.names) - {method.state, 'tracking'}:
+        assert not states[name].tobytes().strip(b'\0'), f'{method.name} changes the state of {name}'

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, record, zeroed
 from gyro_drift_filter.accelerate.records import CACHE_LINE
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.records import COEFFICIENTS, FILTER, STATE
 
 
@@ -87,7 +88,7 @@ def floats(record):
     return [part for name in record.dtype.names for part in floats(record[name])]
 
 
-@pytest.mark.parametrize('method', ['kalman', 'sage_husa', 'adaptive'])
+@pytest.mark.parametrize('method', METHOD_NAMES)
 def test_no_number_of_a_filter_becomes_denormal(method, random):
     """Processors take many times as long for them; every sum that fades away would."""
     n = 90_000

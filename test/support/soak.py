@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.cli.main import main as gyro_drift
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.methods.noise import LEAST_NOISE
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.simulation.bag import imu_message
@@ -32,7 +33,7 @@ LARGEST_GROWTH = 5.0  # MB
 
 # What is set at random while the node runs.
 CHANGES = (
-    ('method', ('kalman', 'sage_husa', 'adaptive')),
+    ('method', METHOD_NAMES),
     ('forgetting_factor', (0.95, 0.98, 0.999)),
     ('outlier.enabled', (True, False)),
     ('outlier.threshold', (5.0, 9.0, 20.0)),

@@ -1,14 +1,24 @@
 """The filter methods as a set: this is the one place that knows them all.
 
-Each method is a module with the same verbs, kernels on the records of one axis:
+Each method is a module with the same verbs, kernels that mostly take the records of one axis:
 
     derive               constants from the settings and the sample period
-    start                start at a sample: nothing is known but that
+    start                start at a sample: nothing else is known
     predict              one sample period ahead
     coast                one sample period ahead where there is no sample to take in
-    innovation_variance  what is expected of the sample, before it is seen
+    innovation_variance  what is expected of the sample before it is seen; above 0
     update               take a sample in: its innovation, and whether it counts as an outlier
     estimate             rate and variance after that, with Q and R
+
+For each sample `step.py` calls, on each axis in turn:
+
+    start, if this is the first sample; else coast for each sample that is missing before it
+    predict, or coast where the sample is no number; then, when all axes have come so far,
+    innovation_variance; update, unless the sample is no number; estimate
+
+So the first sample goes through `predict` and `update`, too. Coefficients are those of the sample
+period before the step; where it has changed, `rescale` follows. The verbs at the end are for
+methods that need them.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -62,7 +72,7 @@ METHODS = (
 )
 METHOD_NAMES = tuple(method.name for method in METHODS)
 ADVICE = {method.name: method.advice for method in METHODS}
-# As the settings have them.
+# The numbers of the methods in `settings['method']`.
 SAGE_HUSA, ADAPTIVE = METHOD_NAMES.index('sage_husa'), METHOD_NAMES.index('adaptive')
 
 
@@ -84,7 +94,8 @@ class MethodStates(TypedDict):
 class MethodWorkspace(TypedDict):
     """What the methods need between prediction and estimate."""
 
-    starting: CountPerAxis  # 1 where the sample is the first one, else 0
+    # 1 where the sample is the first one, else 0: where the method was not tracking before it
+    starting: CountPerAxis
     paper: Annotated[Sequence[PaperWorkspace], PAPER_WORKSPACE, (3,)]
     adaptive: AdaptiveWorkspace
 
@@ -154,9 +165,10 @@ def innovation_variance(filter_: 'FilterRecord', axis: int) -> float:
     states, coefficients = filter_['state']['methods'], filter_['coefficients']['methods']
     method, workspace = filter_['settings']['method'], filter_['workspace']['methods']
     if method == ADAPTIVE:
-        return workspace['adaptive']['axes'][axis]['prediction_variance']
+        return adaptive.innovation_variance(workspace['adaptive']['axes'][axis])
     state, own = states['paper'][axis], workspace['paper'][axis]
-    return paper.expect(state, own, coefficients['paper'][axis], method == SAGE_HUSA)
+    constants = coefficients['paper'][axis]
+    return paper.innovation_variance(state, own, constants, method == SAGE_HUSA)
 
 
 @kernel
@@ -167,8 +179,7 @@ def update(filter_: 'FilterRecord', axis: int, sample: float) -> tuple[float, bo
     method = settings['method']
     if method == ADAPTIVE:
         state, shared = states['adaptive'][axis], workspace['adaptive']
-        innovation = sample - shared['axes'][axis]['prediction']
-        return innovation, adaptive.update(state, shared, axis, coefficients['adaptive'], sample)
+        return adaptive.update(state, shared, axis, coefficients['adaptive'], sample)
     if workspace['starting'][axis]:  # safeguard: first sample
         return 0.0, False
     constants = coefficients['paper'][axis]
@@ -189,7 +200,7 @@ def estimate(
     return paper.estimate(states['paper'][axis], workspace['paper'][axis], method == SAGE_HUSA)
 
 
-# What not every method needs.
+# What a method may need besides: branches only for those that do.
 
 
 @kernel
@@ -201,7 +212,7 @@ def rescale(filter_: 'FilterRecord', periods: float) -> None:
 
 @kernel
 def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
-    """Return whether innovations can be judged: nothing is expected before the noise is known."""
+    """Return whether innovations can be judged, which they can't be before the noise is known."""
     if filter_['settings']['method'] == ADAPTIVE:
         return filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
     return True
@@ -212,7 +223,7 @@ def change_model(filter_: 'FilterRecord', settings: 'Settings') -> None:
     """Replace what was learned of a part of the model that other settings give anew."""
     before, states = filter_['settings'], filter_['state']['methods']
     for axis in range(3):
-        paper.change_model(states['paper'], before, settings, axis)
+        paper.change_model(states['paper'][axis], before, settings, axis)
         adaptive.change_model(states['adaptive'][axis], before, settings, axis)
 
 

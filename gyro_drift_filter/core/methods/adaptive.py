@@ -303,14 +303,24 @@ def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: fl
 
 
 @kernel
+def innovation_variance(workspace: AdaptiveAxisWorkspace) -> float:
+    """Return the variance of the innovation to come."""
+    return workspace['prediction_variance']
+
+
+@kernel
 def update(
     state: AdaptiveAxis,
     workspace: AdaptiveWorkspace,
     axis: int,
     coefficients: AdaptiveCoefficients,
     sample: float,
-) -> bool:
-    """Take a sample (rad/s) in after its prediction; return whether it was held back."""
+) -> tuple[float, bool]:
+    """Take a sample (rad/s) in after its prediction.
+
+    Returns:
+        The innovation in rad/s, and whether the sample was held back.
+    """
     own, dropout, jolted = workspace['axes'][axis], workspace['dropout'], workspace['jolted']
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
@@ -337,13 +347,13 @@ def update(
     state['sample_accepted'] = verdict != Verdict.HOLD
     if verdict == Verdict.HOLD:
         interrupt_block(noise)
-        return True
+        return sample - prediction, True
     state['accepted'] = sample
     if verdict == Verdict.ACCEPT:
         learn_noise(noise, sample, coefficients['block_samples'], coefficients['block_forgetting'])
     else:
         restart_block(noise)
-    return False
+    return sample - prediction, False
 
 
 @kernel

@@ -28,7 +28,6 @@ them. Each is named where it stands:
 """
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -76,7 +75,7 @@ class PaperAxis(TypedDict):
 class PaperWorkspace(TypedDict):
     """What one axis needs from its prediction to its estimate."""
 
-    # that the sample is taken in with, (rad/s)^2
+    # Q and R with which the sample is taken in, (rad/s)^2
     process_noise: float
     measurement_noise: float
 
@@ -126,7 +125,7 @@ def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> N
 
 
 @kernel
-def expect(
+def innovation_variance(
     state: PaperAxis, workspace: PaperWorkspace, coefficients: PaperCoefficients, adapts: bool
 ) -> float:
     """Return the variance of the innovation to come; keep Q and R that the sample meets."""
@@ -157,20 +156,13 @@ def estimate(
 
 
 @kernel
-def change_model(
-    states: Sequence[PaperAxis], before: 'Settings', after: 'Settings', axis: int
-) -> None:
+def change_model(state: PaperAxis, before: 'Settings', after: 'Settings', axis: int) -> None:
     """Replace Q and R, which may have been adapted, where other settings give them anew."""
-    process = measurement = False
-    for i in range(3):
-        if after['model_process_noise'][i] != before['model_process_noise'][i]:
-            process = True
-        if after['model_measurement_noise'][i] != before['model_measurement_noise'][i]:
-            measurement = True
-    if process:
-        states[axis]['process_noise'] = after['model_process_noise'][axis]
-    if measurement:
-        states[axis]['measurement_noise'] = after['model_measurement_noise'][axis]
+    process, measurement = after['model_process_noise'], after['model_measurement_noise']
+    if process[axis] != before['model_process_noise'][axis]:
+        state['process_noise'] = process[axis]
+    if measurement[axis] != before['model_measurement_noise'][axis]:
+        state['measurement_noise'] = measurement[axis]
 
 
 @kernel
