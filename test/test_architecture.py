@@ -16,15 +16,16 @@ import numpy as np
 from gyro_drift_filter.core import Filter, Parameters
 
 z = 0.01 * np.random.default_rng(0).standard_normal((400, 3)) + 0.1
-filter_ = Filter(Parameters(method='average', forgetting_factor=0.95, bias_enabled=False))
+parameters = {'method': 'average', 'sample_rate': 100.0, 'bias_enabled': False}
+filter_ = Filter(Parameters(**parameters))
 got = filter_.run(10**18 + 10_000_000 * np.arange(400), z, np.zeros_like(z))
-expected = [z[0]]
+expected, gain = [z[0]], 1.0 - np.exp(-0.01)
 for sample in z[1:]:
-    expected.append(expected[-1] + 0.05 * (sample - expected[-1]))
+    expected.append(expected[-1] + gain * (sample - expected[-1]))
 np.testing.assert_allclose(got['angular_velocity'], expected, rtol=1e-12)
 # Another method takes over where this one is, and this one from another.
 for method in ('adaptive', 'average'):
-    filter_.configure(Parameters(method=method, forgetting_factor=0.95, bias_enabled=False))
+    filter_.configure(Parameters(**(parameters | {'method': method})))
     before = filter_.state['result']['angular_velocity'].copy()
     now = filter_.step(0, before, (0.0, 0.0, 0.0))['angular_velocity']
     np.testing.assert_allclose(now, before, atol=1e-9)
@@ -75,7 +76,18 @@ def test_what_the_page_adds_works(title, files, code, tmp_path):
             (tmp_path / path).write_text(text)
             touched.add(path)
         else:
-            subprocess.run(['git', 'apply', '-'], input=text, text=True, cwd=tmp_path, check=True)
+            applied = subprocess.run(
+                ['git', 'apply', '-'],
+                input=text,
+                text=True,
+                cwd=tmp_path,
+                capture_output=True,
+                check=False,
+            )
+            assert applied.returncode == 0, (
+                f'the code has changed: make the change of docs/architecture.md, "{title}", anew, '
+                f'and put in what `git diff -U1` shows\n{applied.stderr}'
+            )
             touched |= set(re.findall(r'^\+\+\+ b/(.*)$', text, re.MULTILINE))
     assert len(touched) == files
     done = subprocess.run(

@@ -6,6 +6,7 @@ import pytest
 from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
