@@ -70,7 +70,7 @@ class ReplayRun:
         topic: str,
         hint: str | None,
     ) -> None:
-        """Begin; `hint` is the topic that tells of motion, if there is one."""
+        """Start; `hint` is the topic that hints at motion, if there is one."""
         self._output = output
         self._topic = topic
         self._typestore = recording.typestore
@@ -159,7 +159,7 @@ class ReplayRun:
             raw=raw,
             filtered=filtered,
             period=float(state['clock']['period']),
-            # Other topics may go on for longer, so that nothing is told of the rate.
+            # Other topics may go on for longer, so that the rate is not judged.
             status=Health().judge(report, self._report_times.seconds, paced=False),
         )
 

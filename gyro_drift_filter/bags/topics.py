@@ -67,7 +67,7 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
 
 
 def choose_hint(recording: Recording, wanted: str) -> str:
-    """Return the topic that tells of motion.
+    """Return the topic that hints at motion.
 
     Raises:
         BagError: The bag has no topic of that name, or of a type that could.

@@ -50,7 +50,7 @@ class ChunkIndex(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """What the summary section of a file tells.
+    """What the summary section of a file says.
 
     Attributes:
         channels: Topic and type by channel id.

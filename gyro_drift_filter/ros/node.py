@@ -209,7 +209,7 @@ class GyroDriftFilterNode(Node):
     def _with_surroundings(
         self, status: diagnostics.DiagnosticStatus
     ) -> diagnostics.DiagnosticStatus:
-        """Add what the messages can't tell: a first start, and who else is on the topics."""
+        """Add what the messages don't show: a first start, and who else is on the topics."""
         waiting = self._cold_start.waiting
         if waiting is not None:
             message = f'compiling for the first start: {len(waiting)} messages are kept'
