@@ -51,6 +51,22 @@ for path, text in parameter_files().items():
     path.write_text(text)
 assert read_parameters(Path('config/gyro_drift_filter.yaml')) == Parameters()
 """
+STORAGE = """
+from pathlib import Path
+import numpy as np
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.simulation.bag import imu_message
+
+log = Path('one.imulog')
+with log.open('wb') as file:
+    for k in range(300):
+        message = imu_message(10**18 + 10_000_000 * k, (0.1, 0.2, 0.3), (0.0, 0.0, 9.8))
+        file.write(np.int64(10**18 + 10_000_000 * k).tobytes() + np.uint32(len(message)).tobytes())
+        file.write(message)
+summary = replay(log, Path('out'), parameters=Parameters())
+assert (summary.received, summary.written) == (300, 300), summary
+"""
 
 
 def section(title):
@@ -61,7 +77,12 @@ def section(title):
 
 @pytest.mark.parametrize(
     ('title', 'files', 'code'),
-    [('A method', 2, AVERAGE), ('A diagnostic value', 2, VALUE), ('A parameter', 1, PARAMETER)],
+    [
+        ('A method', 2, AVERAGE),
+        ('A diagnostic value', 2, VALUE),
+        ('A parameter', 1, PARAMETER),
+        ('A storage', 3, STORAGE),
+    ],
 )
 def test_what_the_page_adds_works(title, files, code, tmp_path):
     for name in ('gyro_drift_filter', 'tools', 'config', 'docs'):
