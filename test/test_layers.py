@@ -85,3 +85,16 @@ import gyro_drift_filter.ros.main
         [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_no_function_has_more_than_eight_arguments():
+    """More are grouped in a record, a dataclass or a NamedTuple."""
+    checked = 0
+    for path in PACKAGE.rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+                names = [argument.arg for argument in arguments if argument.arg != 'self']
+                assert len(names) <= 8, f'{path}: {node.name}{tuple(names)}'
+                checked += 1
+    assert checked > 400
