@@ -1,4 +1,4 @@
-# make demo: the main job end to end. make check: lint, types and quick tests, within a minute.
+# make demo: the main job end to end. make check: lint, types and quick tests.
 # make test: lint, types and all tests. make coverage: what of the code the tests run.
 # make bench: how fast. make quality: how good. make parameters: write config/ and
 # docs/parameters.md from the table of parameters.
