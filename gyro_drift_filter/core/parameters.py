@@ -325,7 +325,7 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Check all values and bring them into their own types."""
-        for field, description in _FIELDS.items():
+        for field, description in FIELDS.items():
             object.__setattr__(self, field, description.check(getattr(self, field)))
 
     @classmethod
@@ -335,7 +335,7 @@ class Parameters:
         Raises:
             ParameterError: A name is unknown or a value is wrong.
         """
-        by_name = {description.name: field for field, description in _FIELDS.items()}
+        by_name = {description.name: field for field, description in FIELDS.items()}
         for name in values:
             if name not in by_name:
                 raise ParameterError(unknown_name(name))
@@ -351,14 +351,15 @@ class Parameters:
 
     def names(self) -> dict[str, Any]:
         """Return the values by ROS 2 name."""
-        return {description.name: getattr(self, field) for field, description in _FIELDS.items()}
+        return {description.name: getattr(self, field) for field, description in FIELDS.items()}
 
 
-_FIELDS: dict[str, Description] = {
+# By the names of the fields of `Parameters`.
+FIELDS: dict[str, Description] = {
     field.name: field.metadata['description'] for field in dataclasses.fields(Parameters)
 }
 
-DESCRIPTIONS: tuple[Description, ...] = tuple(_FIELDS.values())
+DESCRIPTIONS: tuple[Description, ...] = tuple(FIELDS.values())
 
 
 def unknown_name(name: str) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
+from gyro_drift_filter.accelerate.byte_kernels import copy_bytes, put_integer
 
 
 class Level(IntEnum):
@@ -93,9 +94,7 @@ def serialize_arrays(
     status = text = offset = 0
     for n in range(len(heads)):
         # CDR, little endian; what follows is aligned as counted from behind that.
-        for i in range(4):
-            out[offset + i] = 1 if i == 1 else 0
-        start = offset + 4
+        start = put_integer(out, offset, 0x0100, 4)
         offset = _put_number(heads[n, 0], out, start, start)
         offset = _put_number(heads[n, 1], out, start, offset)
         offset = _put_number(1, out, start, offset)  # an empty frame_id
@@ -123,18 +122,11 @@ def _put_string(
         end += 1
     end += 1
     offset = _put_number(end - first, out, start, offset)
-    for i in range(first, end):
-        out[offset] = texts[i]
-        offset += 1
-    return end, offset
+    return end, copy_bytes(out, offset, texts, first, end - first)
 
 
 @kernel
 def _put_number(number: int, out: NDArray[np.uint8], start: int, offset: int) -> int:
     """Write four bytes at the next multiple of four from `start` on; return the offset behind."""
-    while (offset - start) % 4 != 0:
-        out[offset] = 0
-        offset += 1
-    for i in range(4):
-        out[offset + i] = (number >> (8 * i)) & 0xFF
-    return offset + 4
+    offset = put_integer(out, offset, 0, -(offset - start) % 4)
+    return put_integer(out, offset, number, 4)
