@@ -11,6 +11,8 @@ from gyro_drift_filter.accelerate.cache import covered_files, kernel_modules
 from support.paths import REPOSITORY
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
+INNER_KERNELS = 'kernel', 'inlined_kernel'
+KERNELS = *INNER_KERNELS, 'entry_kernel'
 
 
 class Module:
@@ -53,7 +55,7 @@ def bound(statement):
 def decorator_of(function):
     for decorator in function.decorator_list:
         node = decorator.func if isinstance(decorator, ast.Call) else decorator
-        if isinstance(node, ast.Name) and node.id in ('kernel', 'entry_kernel'):
+        if isinstance(node, ast.Name) and node.id in KERNELS:
             return node.id
     return None
 
@@ -102,7 +104,7 @@ def test_python_calls_entry_kernels_alone():
             wrong += [
                 f'{module.path.relative_to(REPOSITORY)}:{line} uses {name}'
                 for line, owner, name in uses(module, statement)
-                if owner.kernels.get(name) == 'kernel'
+                if owner.kernels.get(name) in INNER_KERNELS
             ]
     assert not wrong, '\n'.join(sorted(wrong))
 

@@ -4,7 +4,7 @@
 """
 
 from gyro_drift_filter.accelerate.argument_types import read_only
-from gyro_drift_filter.accelerate.kernels import entry_kernel, kernel
+from gyro_drift_filter.accelerate.kernels import entry_kernel, inlined_kernel, kernel
 from gyro_drift_filter.accelerate.records import (
     CountPerAxis,
     PerAxis,
@@ -16,6 +16,7 @@ __all__ = [
     'CountPerAxis',
     'PerAxis',
     'entry_kernel',
+    'inlined_kernel',
     'kernel',
     'read_only',
     'record',

@@ -58,11 +58,24 @@ def kernel(function: Function) -> Function:
 
     In the extension module it is a part of its callers.
     """
+    return _compilable(function)
+
+
+def inlined_kernel(function: Function) -> Function:
+    """Return a `kernel` that its callers hold a copy of: for those called often and in few places.
+
+    It saves the call, a fifth of the time of a step where the step is short.
+    """
+    return _compilable(function, forceinline=True)
+
+
+def _compilable(function: Function, **options: bool) -> Function:
     if is_extension() or not is_compiled():
         return function
     compiled: Function = numba.njit(
         error_model='numpy',
         nogil=True,  # so that `replay` reads and packs chunks meanwhile
+        **options,
         **numba_internals.options(),
     )(function)
     numba_internals.keep_on_disk(compiled)

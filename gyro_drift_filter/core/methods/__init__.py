@@ -27,7 +27,7 @@ add a method: its module, and a line or a branch in each of these.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
-from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.methods import adaptive, paper
 from gyro_drift_filter.core.methods.adaptive import (
     ADAPTIVE_AXIS,
@@ -126,7 +126,7 @@ def start(filter_: 'FilterRecord', axis: int, rate: float) -> None:
     states['tracking'][axis] = 1
 
 
-@kernel
+@inlined_kernel
 def predict(filter_: 'FilterRecord', axis: int) -> None:
     """Predict the sample."""
     states, coefficients = filter_['state']['methods'], filter_['coefficients']['methods']
@@ -159,7 +159,7 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
         adaptive.compare_axes(axes, workspace['adaptive'], tracking, sample, filter_['settings'])
 
 
-@kernel
+@inlined_kernel
 def innovation_variance(filter_: 'FilterRecord', axis: int) -> float:
     """Return the variance of the innovation to come, in (rad/s)^2."""
     states, coefficients = filter_['state']['methods'], filter_['coefficients']['methods']
@@ -171,7 +171,7 @@ def innovation_variance(filter_: 'FilterRecord', axis: int) -> float:
     return paper.innovation_variance(state, own, constants, method == SAGE_HUSA)
 
 
-@kernel
+@inlined_kernel
 def update(filter_: 'FilterRecord', axis: int, sample: float) -> tuple[float, bool]:
     """Take a sample (rad/s) in; return its innovation in rad/s, and whether it is an outlier."""
     states, coefficients = filter_['state']['methods'], filter_['coefficients']['methods']
@@ -186,7 +186,7 @@ def update(filter_: 'FilterRecord', axis: int, sample: float) -> tuple[float, bo
     return paper.update(states['paper'][axis], constants, settings, method == SAGE_HUSA, sample)
 
 
-@kernel
+@inlined_kernel
 def estimate(
     filter_: 'FilterRecord', axis: int, sample: float
 ) -> tuple[float, float, float, float]:

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import inlined_kernel, kernel, record
 from gyro_drift_filter.core.methods.advice import Advice
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> N
     state['largest'] = max(abs(sample), np.sqrt(coefficients['measurement_noise']))
 
 
-@kernel
+@inlined_kernel
 def innovation_variance(
     state: PaperAxis, workspace: PaperWorkspace, coefficients: PaperCoefficients, adapts: bool
 ) -> float:
@@ -145,7 +145,7 @@ def noise_of(
     return coefficients['process_noise'], coefficients['measurement_noise']
 
 
-@kernel
+@inlined_kernel
 def estimate(
     state: PaperAxis, workspace: PaperWorkspace, adapts: bool
 ) -> tuple[float, float, float, float]:
@@ -165,7 +165,7 @@ def change_model(state: PaperAxis, before: 'Settings', after: 'Settings', axis: 
         state['measurement_noise'] = measurement[axis]
 
 
-@kernel
+@inlined_kernel
 def predict(state: PaperAxis, coefficients: PaperCoefficients, adapts: bool) -> None:
     """One sample period ahead: equations (7), without q for the conventional filter, and (8)."""
     phi = coefficients['phi']
@@ -207,7 +207,7 @@ def _bounded_covariance(state: PaperAxis, covariance: float) -> float:
     return math.copysign(math.sqrt(square), covariance)
 
 
-@kernel
+@inlined_kernel
 def update(
     state: PaperAxis,
     coefficients: PaperCoefficients,
