@@ -46,6 +46,7 @@ SCATTER_DEVIATIONS = 8.0
 MEAN_DEVIATIONS = 5.0
 # Of the means of a segment's halves, which differ where a slow turn begins or ends.
 HALVES_DEVIATIONS = 4.0
+FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
 # While the noise is not known, the means may scatter as the noisiest sensors and a running motor make
@@ -456,7 +457,7 @@ def _holds_together(rest: Rest, lengths: RestLengths) -> bool:
             limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
             if _scatter(rest, signal) > limit * signal['scatter']:
                 return False
-            if i < 3 and _has_halves(rest, signal, signal['scatter']):
+            if i < 3 and _has_halves(rest, signal, signal['scatter'], HALVES_DEVIATIONS):
                 return False
         elif not _is_stationary(rest, i, lengths):
             return False
@@ -479,22 +480,25 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     # Noise that is correlated over several values scatters like fewer of them.
     alike = max(0.5 * scatter * length / variance, 1.0)
     limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (length - 1.0))
+    # By the differences of means that follow each other, which a slow turn leaves as they are.
+    steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
+    deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
     return (
         scatter <= walk * walk / lengths['block_seconds']
         and signal['largest_variance'] <= limit * variance
-        and not _has_halves(rest, signal, max(scatter, variance / length))
+        and not _has_halves(rest, signal, max(steps, variance / length), deviations)
     )
 
 
 @kernel
-def _has_halves(rest: Rest, signal: Signal, scatter: float) -> bool:
+def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -> bool:
     """Return whether the mean of the segment moves from its first half to its second."""
     late = rest['blocks'] - HALF
     if late <= 0:
         return False
     step = (signal['means'] - signal['early_means']) / late - signal['early_means'] / HALF
     spread = scatter * (1.0 / HALF + 1.0 / late)
-    return bool(step * step > HALVES_DEVIATIONS * HALVES_DEVIATIONS * spread)
+    return bool(step * step > deviations * deviations * spread)
 
 
 @kernel

@@ -158,7 +158,8 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
         axes, tracking = states['adaptive'], states['tracking']
         checks, at_rest = filter_['state']['checks'], filter_['state']['bias']['rest']['at_rest']
         own, settings = workspace['adaptive'], filter_['settings']
-        adaptive.compare_axes(axes, own, tracking, checks, at_rest, sample, settings)
+        period = filter_['state']['clock']['period']
+        adaptive.compare_axes(axes, own, tracking, checks, at_rest, sample, settings, period)
 
 
 @inlined_kernel

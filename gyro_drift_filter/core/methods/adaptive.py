@@ -31,10 +31,10 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
-    LARGEST_BLOCK_WEIGHT,
     LEAST_BLOCK,
     Noise,
     interrupt_block,
+    is_begun,
     learn_noise,
     restart_block,
     start_noise,
@@ -67,13 +67,15 @@ SMALLEST = 1e-300
 # What was motion among held samples is given back with this time constant, so that the heading
 # holds. As longest_hold bounds their number and the range of gyroscopes their rate, it is no more
 # than the first angle. The second is more than a knock turns a body that stays where it is.
-COMPENSATION_SECONDS = 0.5
+COMPENSATION_SECONDS = 0.25
+COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
 LARGEST_COMPENSATION = 2.0  # rad
 LARGEST_KNOCK = 0.02  # rad
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Rates that are all those of the sample before were not measured anew where that is less likely by
 # chance than this. Drivers that poll, and buses that hang, do it far more often.
 REPEAT = 1e-3
+REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
@@ -188,9 +190,8 @@ def derive(
     derive_limits(settings, period, coefficients['limits'])
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
     coefficients['block_samples'] = samples
-    exponent = samples * period / FORGETTING_SECONDS
-    forgetting = settings['forgetting_factor'] ** exponent
-    coefficients['block_forgetting'] = max(forgetting, 1.0 - LARGEST_BLOCK_WEIGHT)
+    exponent = BLOCK_SECONDS / FORGETTING_SECONDS
+    coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
     for axis in range(3):
         workspace['axes'][axis]['of_noise'][0] = 0.0  # the variances are of other modes
 
@@ -306,11 +307,13 @@ def compare_axes(
     at_rest: bool,
     sample: Sample,
     settings: 'Settings',
+    period: float,
 ) -> None:
     """Look at all axes together, between prediction and update: jolts, drop-outs, repeats."""
     rate, linear_acceleration = sample['angular_velocity'], sample['linear_acceleration']
-    jolted = jolted_before = surprised = False
+    jolted = jolted_before = surprised = turned = False
     all_equal = checks['equal'][0] > 0 and checks['equal'][1] > 0 and checks['equal'][2] > 0
+    _turn_compensation(axes, period)
     likelihood = 1.0  # that the sensor has measured the same rates twice
     shake = 0.0
     for axis in range(3):
@@ -326,12 +329,15 @@ def compare_axes(
         shake += change * change
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
+        if all_equal and _has_turned(state, own, rate[axis]):
+            turned = True
         if all_equal:
             likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    circumstances['repeated'] = all_equal and not at_rest and likelihood < REPEAT
+    repeated = turned and not at_rest and likelihood < REPEAT
+    circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
@@ -339,9 +345,40 @@ def compare_axes(
 
 
 @kernel
+def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
+    """Turn the angles that are still to be given back against the body, over a period in s.
+
+    They belong to an orientation of the past, and stay what they are only in a frame that does not
+    turn: by the rotation of the last sample, to the second order of its angle.
+    """
+    x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        return
+    a, b, c = (
+        axes[0]['accepted'] * period,
+        axes[1]['accepted'] * period,
+        axes[2]['accepted'] * period,
+    )
+    along, square = a * x + b * y + c * z, a * a + b * b + c * c
+    axes[0]['compensation'] = x - (b * z - c * y) + 0.5 * (a * along - x * square)
+    axes[1]['compensation'] = y - (c * x - a * z) + 0.5 * (b * along - y * square)
+    axes[2]['compensation'] = z - (a * y - b * x) + 0.5 * (c * along - z * square)
+
+
+@kernel
+def _has_turned(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: float) -> bool:
+    """Return whether more was predicted to change since the sample before than noise would."""
+    noise = state['noise']
+    usual = max(math.sqrt(noise['variance']), noise['resolution'])
+    return bool(is_begun(noise) and abs(sample - workspace['prediction']) > REPEAT_CHANGE * usual)
+
+
+@kernel
 def _chance(workspace: AdaptiveAxisWorkspace, sample: float, resolution: float) -> float:
     """Return how likely it is that the rate is that of the sample before by chance."""
-    variance = workspace['prediction_variance']
+    if resolution == 0.0:  # it has never been another one
+        return 1.0
+    variance = max(workspace['prediction_variance'], resolution * resolution)
     surprise = (sample - workspace['prediction']) * (sample - workspace['prediction']) / variance
     density = math.exp(-0.5 * min(surprise, 100.0)) / math.sqrt(2.0 * math.pi * variance)
     return float(min(density * resolution, 1.0))
@@ -465,7 +502,7 @@ def _compensate(
     angle = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
     if abs(angle) < LEAST_COMPENSATION:
         angle = 0.0
-    now = angle * min(period / COMPENSATION_SECONDS, 1.0)
+    now = angle * min(period / COMPENSATION_SECONDS, COMPENSATION_SHARE)
     state['compensation'] = angle - now
     return float(now / period)
 

@@ -13,10 +13,9 @@ from typing import TypedDict
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 
 BLOCK_SECONDS = 0.5
-# `forgetting_factor` is the weight that the statistics keep over this time, in s.
+# `forgetting_factor` is the weight that the statistics keep over this time, in s. A block counts as
+# BLOCK_SECONDS even where it is longer, as at low rates noise is correlated over its samples.
 FORGETTING_SECONDS = 0.1
-# A block of correlated noise says little: at low rates more of them count.
-LARGEST_BLOCK_WEIGHT = 0.1
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
 FIRST_BLOCK = 16  # samples, until anything is known of the noise
 KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
@@ -110,6 +109,12 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
 
 
 @kernel
+def is_begun(noise: Noise) -> bool:
+    """Return whether R is that of noise, if only of a block that looked like it."""
+    return bool(noise['bound'] == Bound.OF_NOISE or noise['blocks'] > 0)
+
+
+@kernel
 def restart_block(noise: Noise) -> None:
     """Forget the block under way."""
     noise['count'] = 0
@@ -169,8 +174,7 @@ def learn_noise(
     noise['count'] += 1
     noise['index'] += 1
     noise['run'] = run + 1
-    begun = noise['bound'] == Bound.OF_NOISE or noise['seen']
-    full = noise['count'] >= (block_samples if begun else FIRST_BLOCK)
+    full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
         _judge_block(noise, at_rest, block_forgetting)
         _next_block(noise)

@@ -204,8 +204,10 @@ def judge(
         if abs(sample - accepted) <= reach:
             return Verdict.START_ANEW if doubtful else Verdict.ACCEPT
     if held == 0:
-        # A shake is no excuse at rest: a message that is corrupted as a whole has one, too.
-        shaken = not at_rest and circumstances['shake'] > limits['least_shake'] * size
+        # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
+        # one, too.
+        shaken = circumstances['shake'] > limits['least_shake'] * size
+        shaken = shaken and (not at_rest or size <= limits['least_jump'])
         knocked = circumstances['jolted_before'] or shaken
         if doubtful and knocked and not dropout and size < JOLT_LIMIT:
             return Verdict.START_ANEW
