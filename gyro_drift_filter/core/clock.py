@@ -467,10 +467,10 @@ def _learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
     """Take the period from the envelope of the block, which is full or the first one."""
     period, steps, missing = clock['mean_period'], clock['least_steps'], clock['least_missing']
     lateness, samples = clock['least'], clock['steps'] - clock['missing']
-    # More missing than received, or most steps long: these are no gaps, the driver has changed its
-    # rate or delivers in long bursts.
+    # More missing than received, and not by one gap, or most steps long: these are no gaps, the
+    # driver has changed its rate or delivers in long bursts.
     no_gaps = (
-        clock['missing'] >= samples
+        (clock['missing'] >= samples and clock['long_steps'] > 1)
         or 2 * clock['long_steps'] > samples
         or clock['gap_steps'] < GAP_STEPS * clock['missing'] * period
     )
