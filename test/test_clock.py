@@ -1,9 +1,12 @@
 """Time: gaps, bursts, and stamps that go wrong."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
@@ -173,6 +176,161 @@ def test_a_rate_that_changes_is_followed():
         gaps = int(filter_.state['clock']['gaps'])
         feed(filter_, regular(1000, after, stamps[-1] + 12_001 * after))
         assert filter_.state['clock']['gaps'] == gaps
+
+
+def late(n, rate, mean, random):
+    """Stamped on arrival, by an exponential delay (s) late; none overtakes another."""
+    stamps = START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    return np.maximum.accumulate(stamps + random.exponential(mean * 1e9, n).astype(np.int64))
+
+
+def jittered(n, rate, share, random):
+    """Stamps that are off by up to a share of the period, early or late."""
+    offsets = random.uniform(-share, share, n)
+    return START + np.round((np.arange(n) + offsets) * 1e9 / rate).astype(np.int64)
+
+
+def lose(stamps, share, random, holes=(), length=0):
+    """Return the stamps that are left, and how many are missing before each."""
+    kept = random.random(len(stamps)) > share
+    for first in holes:
+        kept[first : first + length] = False
+    kept[0] = True
+    left = np.flatnonzero(kept)
+    return stamps[left], np.diff(left, prepend=-1) - 1
+
+
+def missing_at(filter_, stamps):
+    """Return by how much each sample raised the count of missing ones."""
+    counts = []
+    for k, stamp in enumerate(stamps):
+        filter_.step(stamp, (1e-3 * (k % 2), 0.0, 0.0), ZERO)  # no two alike, or it is a repeat
+        counts.append(int(filter_.state['clock']['missing_samples']))
+    return np.diff(counts, prepend=0)
+
+
+def hull_period(steps, stamps):
+    """Return the slope in s of the lower convex hull at its middle: what hindsight says.
+
+    Of the lines below all stamps it has the least sum of delays (Zhang, Liu, Xia 2002).
+    """
+    hull = []
+    for x, y in zip(steps.tolist(), ((stamps - stamps[0]) * 1e-9).tolist(), strict=True):
+        while len(hull) > 1 and (hull[-1][1] - hull[-2][1]) * (x - hull[-1][0]) >= (
+            y - hull[-1][1]
+        ) * (hull[-1][0] - hull[-2][0]):
+            hull.pop()
+        hull.append((x, y))
+    (x0, y0), (x1, y1) = next(edge for edge in pairwise(hull) if edge[1][0] >= steps.mean())
+    return (y1 - y0) / (x1 - x0)
+
+
+@pytest.mark.parametrize('rate', [100, 200, 400, 1000])
+@pytest.mark.parametrize('mean', [0.2e-3, 0.7e-3, 1.0e-3, 1.5e-3, 2.0e-3])
+def test_stamps_of_arrival_are_no_gaps_and_do_not_move_the_rate(rate, mean, random):
+    filter_ = Filter()
+    feed(filter_, late(20 * rate, rate, mean, random))
+    assert filter_.state['clock']['mean_period'] * rate == pytest.approx(1.0, abs=0.002)
+    assert filter_.state['clock']['period'] * rate == pytest.approx(1.0, abs=0.011)
+    assert clock(filter_)['missing_samples'] <= 2
+
+
+@pytest.mark.parametrize('rate', [1, 10, 50, 100, 200, 1000, 4000])
+def test_the_rate_is_known_to_a_fifth_of_a_percent(rate, random):
+    """Half a percent off its name, by a clock that drifts by 100 ppm, with some jitter."""
+    true = 1.005 * rate
+    samples = np.arange(max(20 * rate, 400))
+    seconds = samples / true * (1.0 + 1e-4 * samples / len(samples))
+    seconds += random.uniform(-0.05, 0.05, len(samples)) / true
+    filter_ = Filter(Parameters(gap_limit=3.0))
+    feed(filter_, START + np.round(seconds * 1e9).astype(np.int64))
+    assert filter_.state['clock']['mean_period'] * true == pytest.approx(1.0, abs=0.002)
+    assert clock(filter_) == QUIET
+
+
+@pytest.mark.parametrize('rate', [100, 200, 1000])
+@pytest.mark.parametrize('jitter', [0.0, 0.1, 0.4])
+def test_a_lost_message_is_found_with_the_next_one(rate, jitter, random):
+    """One in 50, and gaps of 0.2 s, with stamps that are early as well as late."""
+    holes = (5 * rate, 9 * rate, 13 * rate)
+    stamps = jittered(20 * rate, rate, jitter, random)
+    stamps, missing = lose(stamps, 0.02, random, holes, rate // 5)
+    found = missing_at(Filter(), stamps)
+    known = np.arange(len(stamps)) > 3 * rate
+    assert (found == missing)[known].mean() > (0.998 if jitter < 0.4 else 0.99)
+    assert found[known].sum() == pytest.approx(missing[known].sum(), abs=3)
+
+
+@pytest.mark.parametrize('mean', [0.7e-3, 1.0e-3, 1.5e-3])
+def test_what_delays_hide_is_counted_later(mean, random):
+    """Delays that often come near a period: the period is not learned longer by the losses."""
+    stamps = late(8000, 200, mean, random)
+    stamps, missing = lose(stamps, 0.0, random, range(1000, 8000, 180), 1)
+    filter_ = Filter()
+    feed(filter_, stamps)
+    assert clock(filter_)['missing_samples'] == pytest.approx(missing.sum(), abs=3)
+    assert filter_.state['clock']['mean_period'] * 200 == pytest.approx(1.0, abs=0.002)
+
+
+@pytest.mark.parametrize('held_up', [0.02, 0.2, 0.6])
+def test_a_driver_that_hangs_and_catches_up_has_lost_nothing(held_up):
+    """All that was held up comes at once: what was counted is taken back."""
+    stamps = regular(3000)
+    for first in (1000, 2000):
+        until = stamps[first] + int(held_up * 1e9)
+        stamps = np.where(np.arange(3000) < first, stamps, np.maximum(stamps, until))
+    filter_ = Filter()
+    feed(filter_, stamps)
+    counts = clock(filter_)
+    assert (counts['gaps'], counts['missing_samples']) == (0, 0)
+    assert filter_.state['clock']['mean_period'] == pytest.approx(0.01, rel=1e-4)
+
+
+def test_a_gap_in_large_delays_is_predicted_through(random):
+    """Delays of a third of a period on the mean: 0.2 s are far beyond them."""
+    stamps, missing = lose(late(6000, 200, 1.5e-3, random), 0.0, random, (3000, 4500), 40)
+    found = missing_at(Filter(), stamps)
+    assert found[missing > 0].tolist() == pytest.approx([40, 40], abs=2)
+    assert found.sum() == pytest.approx(80, abs=2)
+
+
+def test_a_small_change_of_the_period_is_reported_but_does_not_change_the_filter():
+    filter_ = Filter()
+    feed(filter_, regular(2000))
+    before = float(filter_.state['clock']['period'])
+    feed(filter_, regular(4000, 10 * MS + 50_000, START + 2000 * 10 * MS))
+    assert filter_.state['clock']['period'] == before
+    assert filter_.state['clock']['mean_period'] == pytest.approx(0.01005, rel=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    rate=st.floats(20.0, 1000.0),
+    drift=st.floats(-1e-4, 1e-4),
+    jitter=st.floats(0.0, 0.4),
+    exponential=st.booleans(),
+    loss=st.sampled_from([0.0, 0.002, 0.02]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_period_and_losses_are_those_of_hindsight(rate, drift, jitter, exponential, loss, seed):
+    """The lower convex hull of all stamps, with the true places of the missing samples."""
+    random = np.random.default_rng(seed)
+    samples = np.arange(int(max(20 * rate, 2000)))
+    delays = (
+        np.maximum.accumulate(samples + random.exponential(0.2 * jitter + 1e-3, len(samples)))
+        if exponential
+        else samples + random.uniform(-jitter, jitter, len(samples))
+    )
+    seconds = delays / rate * (1.0 + drift * samples / len(samples))
+    stamps, missing = lose(START + np.round(seconds * 1e9).astype(np.int64), loss, random)
+    filter_, known = Filter(), int(max(4 * rate, 400))
+    feed(filter_, stamps[:known])
+    before = clock(filter_)['missing_samples']
+    feed(filter_, stamps[known:], seed=2)
+    found = clock(filter_)['missing_samples'] - before
+    period = hull_period(np.cumsum(missing + 1) - 1.0, stamps)
+    assert filter_.state['clock']['mean_period'] == pytest.approx(period, rel=0.002)
+    assert found == pytest.approx(missing[known:].sum(), rel=0.02, abs=3)
 
 
 def test_the_real_bursty_driver_has_no_gap():

@@ -51,7 +51,7 @@ CASES = {
         'set sample_rate',
     ),
     'wrong rate': ({'received': 1300}, {'received': 1090}, 'more messages come than their stamps'),
-    'gaps': ({'gaps': 1}, {}, 'lost before they come here'),
+    'gaps': ({'gaps': 3}, {}, 'lost before they come here'),
     'diverged': ({'divergences': [0, 0, 1]}, {}, 'started anew: look at the raw rates'),
     'outliers': ({'outliers': [0, 110, 0]}, {'outliers': [40, 0, 0]}, 'raise outlier.threshold'),
     'large innovations': (
@@ -69,6 +69,7 @@ CASES = {
 # Between the two limits of an alarm.
 BETWEEN = {
     'wrong rate': {'received': 1150},
+    'gaps': {'gaps': 2},
     'outliers': {'outliers': [70, 0, 0]},
     'large innovations': {'nis_sum': [0.0, 3000.0, 0.0]},
     'small innovations': {'nis_sum': [1000.0, 150.0, 1000.0], 'parameters': KALMAN},
@@ -118,7 +119,7 @@ def test_between_two_limits_an_alarm_stays_as_it_was(name):
 
 
 def test_the_worst_comes_first():
-    found = applying(INPUT_RULES, span(malformed=1, stuck=True, gaps=1, restarts=1), set())
+    found = applying(INPUT_RULES, span(malformed=1, stuck=True, gaps=3, restarts=1), set())
     assert [rule.name for rule in found] == ['malformed', 'stuck', 'restarted', 'gaps']
 
 
@@ -255,6 +256,34 @@ def test_levels_do_not_flicker(random):
     assert sum(a != b for a, b in pairwise(levels)) == 2
 
 
+def test_a_warning_of_lost_messages_stays_until_there_are_none(random):
+    """A gap now and then is a busy machine; many are a bad link, and do not flicker."""
+    messages = quiet(6000, 5e-3, random)
+    lost = {700, 1700, *range(2000, 3000, 60)}
+    health, filter_, warned = Health(), MessageFilter(Parameters()), []
+    for second in range(60):
+        part = [messages[k] for k in range(100 * second, 100 * second + 100) if k not in lost]
+        filter_all(filter_, part)
+        warned.append('gaps in the stamps' in health.judge(filter_.report(), 1.0)[0].message)
+    assert warned == 20 * [False] + 20 * [True] + 20 * [False]
+
+
+def test_stamps_of_arrival_are_sound(random):
+    """200 Hz, late by 1.5 ms on the mean: both rates are right, and nothing is lost."""
+    stamps = 10**18 + np.arange(6000) * 5_000_000 + random.exponential(1.5e6, 6000).astype(int)
+    messages = [
+        imu_message(int(stamp), 0.005 * random.standard_normal(3), (0, 0, 9.8))
+        for stamp in np.maximum.accumulate(stamps)
+    ]
+    health, filter_ = Health(), MessageFilter(Parameters())
+    for k in range(30):
+        filter_all(filter_, messages[200 * k : 200 * k + 200])
+        status, _ = health.judge(filter_.report(), 1.0)
+        assert (status.level, status.message) == (Level.OK, 'receiving')
+    for key in ('Actual frequency (Hz)', 'Expected frequency (Hz)'):
+        assert float(status.values[key]) == pytest.approx(200.0, rel=0.002)
+
+
 def test_a_rate_that_is_off_is_reported(random):
     messages = quiet(3000, 5e-3, random)
     for parameters, part, message in (
@@ -357,7 +386,8 @@ def test_telemetry_is_that_of_the_state(random):
         **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
         'outliers': counts['outliers'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
-        **{name: clock[name] for name in ('period', 'blocks', 'gaps', 'missing_samples')},
+        **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},
+        'period': clock['mean_period'],
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],

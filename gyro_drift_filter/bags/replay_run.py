@@ -158,7 +158,7 @@ class ReplayRun:
             outliers=state['counts']['outliers'].copy(),
             raw=raw,
             filtered=filtered,
-            period=float(state['clock']['period']),
+            period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health().judge(report, self._report_times.seconds, paced=False),
         )

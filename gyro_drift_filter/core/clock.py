@@ -1,11 +1,23 @@
 """Time: the sample period learned from the stamps, and how many samples a gap has swallowed.
 
-A filter step stands for one sample period, whatever the stamps say: drivers stamp late and deliver
-in bursts. The stamps serve two ends, to learn the period and to find gaps.
+A filter step stands for one sample period, whatever the stamps say: drivers stamp on arrival, late
+by any delay, and deliver in bursts. Samples are taken at even steps, so what the stamps say of them
+is their lower envelope: the line of even steps that no stamp lies below. What a stamp lies above it
+is its delay.
 
-- The period is the time per sample over blocks of two seconds, the median of the last five blocks.
-- While the stamps come regularly, a step of several periods means that samples are missing. While
-  they come in bursts it means nothing, and is not counted as a gap.
+- A stretch is a hundred stamps or half a second. Its least late stamp is a point of the envelope.
+- The period is the slope of the envelope between two such points that are two seconds apart, over
+  the last five of these blocks. The filter works with it as it was until it is off by 1 %, as its
+  coefficients depend on it.
+- A delay of a period is suspicious. If it is far beyond the delays of late, or most suspicions of
+  late were right, samples are missing and are predicted through. If those after it come early by as
+  much, none was missing, and the count is taken back.
+- Any other suspicion waits. If all samples after it stay late by a period, some were missing; they
+  are counted, but not predicted through, as the filter has followed the samples since.
+- While stamps come in bursts a delay means nothing.
+
+Where one in fifty samples is lost from the very start on and delays come near a period as well, the
+period may be learned longer by that share: who knows neither can't tell them apart.
 
 Every effect of a stamp is counted:
 
@@ -16,11 +28,16 @@ zero                one step; the clock is left alone (the driver does not stamp
 same, same rates    a repeat: no step, the result of the sample before once more
 same, new rates     one step (a coarse clock)
 backward            one step, and the clock goes on from there; beyond `gap_limit` a restart
-forward             one step, after a prediction for each missing sample where stamps are regular;
-                    beyond `gap_limit` a restart
+forward             one step, after a prediction for each sample that is missing for sure; beyond
+                    `gap_limit` a restart
 ==================  ==========================================================================
+
+The envelope as a causal fit to delayed stamps: E. Olson, "A Passive Solution to the Sensor
+Synchronization Problem", IROS 2010; L. Zhang, Z. Liu, C. H. Xia, "Clock Synchronization Algorithms
+for Network Measurements", INFOCOM 2002.
 """
 
+import math
 from typing import Annotated, TypedDict
 
 import numpy as np
@@ -30,24 +47,63 @@ from gyro_drift_filter.accelerate import kernel, record
 
 BLOCKS = 5
 BLOCK_SECONDS = 2.0
-BLOCK_SAMPLES = 20
+BLOCK_SAMPLES = 40
+
+# A stretch ends after so many samples, or after that time where it has enough of them: long enough
+# for one stamp to come with next to no delay, and short enough for the period to be known by then.
+STRETCH_SAMPLES = 100
+STRETCH_SECONDS = 0.5
+LEAST_STRETCH_SAMPLES = 20
+# The first sample has a delay of its own: after a stretch that long the envelope starts anew.
+ANCHOR_SAMPLES = 16
 
 # The period in use before anything is known, in s: for stamps that are all zero.
 UNKNOWN_PERIOD = 0.01
 SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-4, 1.0
 
+# In periods. A missing sample makes all those after it late by one. Stamps that are off by up to
+# 40 % of the period either way are late by up to 0.8: what is later may be a gap.
+SUSPICIOUS = 0.95
+# And such stamps are 1.2 periods apart at least where one is missing between them; those of a
+# sensor that has become slower by less are no sign of it.
+LONG_STEP = 1.05
+# Late by so little, a sample shows that none is missing before it.
+MADE_UP = 0.6
+# Samples until the verdict, and as many more for each period of delay: what was only held up comes
+# in at once, or at twice the pace at least.
+VERDICT_SAMPLES = 16
+VERDICT_PACE = 2.0
 # Mean deviation of a step from the period, relative to it, up to which stamps count as regular.
-# Jitter of a timer stays below 0.1; samples delivered in bursts are near 1. A driver has to show
-# that it is regular: it starts at 1 with the weight of `PRIOR_STEPS` steps.
+# Jitter of a timer stays below 0.3. A driver has to show that it is regular: it starts at 1 with
+# the weight of `PRIOR_STEPS` steps.
 REGULAR = 0.4
+# The same of samples that come two or more at a time is 0.8 and more: waiting means nothing then.
+BURSTS = 0.7
 PRIOR_STEPS = 20
 MEMORY_STEPS = 100
 LARGEST_DEVIATION = 2.0
 LEAST_DEVIATION = 1e-9  # as processors are slow with denormal numbers
 
+# Verdicts of late: where more were for missing samples, the next one is taken for it at once. At
+# the start it is so.
+FIRST_SHARE = 0.75
+SHARE_WEIGHT = 0.125
+# The steps over gaps are longer by as many periods as samples are missing. Those that only seem to
+# be gaps, as the period in use is too short, are longer by as much as delays vary.
+GAP_STEPS = 0.7
+
+# The longest delay of late counts for so long, in s. It is no more than doubled, and grows by no
+# more than a period beyond, in one stretch: a driver that hung once is not one that often does.
+DELAY_MEMORY = 10.0
+MEAN_DELAY_WEIGHT = 0.25
+# In periods, the delays seen reach up to a little less than the longest one.
+LIMIT_MARGIN = 0.05
+
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
 SAME_RATE = 0.1
+# Beyond that the rate has changed, and delays are not what they were.
+OTHER_PERIOD = 0.1
 
 # The bias walks no further than in this time, whatever the stamps say, in s.
 LONGEST_ABSENCE = 86_400.0
@@ -59,19 +115,53 @@ BlockPeriods = Annotated[NDArray[np.float64], np.float64, (BLOCKS,)]
 
 
 class Clock(TypedDict):
-    """The sample period, and where in time the filter stands."""
+    """The sample period, and where in time the filter stands.
 
-    period: float  # s
+    The envelope is a line of even steps of `mean_period` that starts at the point where the block
+    did. `lateness` is measured from it, and steps are counted from there, missing samples among
+    them.
+    """
+
+    period: float  # s, that the filter works with: `mean_period` but for small changes
+    mean_period: float  # s
+    mean_rate: float  # Hz, of it
     stamp: int  # ns, of the last stamped sample
     started: bool
     irregularity: float  # mean |step - period| / period
-    steps: int  # forward steps seen, up to MEMORY_STEPS
-    block_stamp: int  # ns, at the start of the block
-    block_samples: int
-    block_missing: int
-    block_gaps: int
+    irregularity_steps: int  # that it is the mean of, up to a limit
+    lateness: float  # s, of the last stamp
+    earliest: float  # s, the least lateness of this stretch and the one before
+    # the stretch
+    stretch_samples: int
+    stretch_length: int  # samples that it takes at least
+    stretch_end: int  # ns, and until when, or STRETCH_SAMPLES
+    least: float  # s, the least lateness
+    least_steps: int  # where it was
+    least_missing: int
+    least_gap_steps: float
+    longest: float  # s, of delays that are not suspicious or were made up for
+    sum: float  # s, of delays that are not suspicious
+    # the block
+    anchored: bool  # whether it starts at a point of the envelope, not at any sample
+    steps: int
+    missing: int
+    long_steps: int
+    gap_steps: float  # s, by which the steps over gaps were longer than the period
     block_periods: BlockPeriods  # s
     blocks: int
+    # delays
+    mean_delay: float  # s
+    longest_delay: float  # s, of late
+    suspicious: float  # s: beyond it samples may be missing
+    delay_limit: float  # s: beyond it they are
+    lost_share: float  # of late, of the suspicions that were right
+    # the suspicion
+    verdict_samples: int  # until the verdict, 0 where there is no suspicion
+    suspect_delay: float  # s, with that of the missing samples
+    suspect_step: float  # s, by which the step was longer than the period
+    suspect_least: float  # s, the least delay since
+    suspect_missing: int  # samples that were counted at once
+    suspect_gaps: int
     # counts
     gaps: int
     missing_samples: int
@@ -88,7 +178,9 @@ CLOCK = record(Clock)
 def start_clock(clock: Clock, sample_rate: float) -> None:
     """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
     clock['period'] = period_of(sample_rate)
-    clock['irregularity'] = 1.0
+    clock['mean_period'] = clock['period']
+    clock['mean_rate'] = 1.0 / clock['period']
+    _forget_delays(clock)
 
 
 @kernel
@@ -97,12 +189,6 @@ def period_of(sample_rate: float) -> float:
     if sample_rate <= 0.0:
         return UNKNOWN_PERIOD
     return min(max(1.0 / max(sample_rate, 1.0 / LONGEST_PERIOD), SHORTEST_PERIOD), LONGEST_PERIOD)
-
-
-@kernel
-def is_regular(clock: Clock) -> bool:
-    """Return whether the stamps come at even steps, so that a long step means missing samples."""
-    return bool(clock['irregularity'] < REGULAR)
 
 
 @kernel
@@ -125,82 +211,302 @@ def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float
     if not clock['started']:
         clock['started'] = True
         clock['stamp'] = stamp
-        _start_block(clock)
+        _start_envelope(clock)
         return 0
     elapsed = (stamp - clock['stamp']) * 1e-9
     clock['stamp'] = stamp
     if elapsed == 0.0:
         clock['same_stamps'] += 1
-        clock['block_samples'] += 1
-        return 0
-    if elapsed < 0.0:
+    elif elapsed < 0.0:
         clock['backward_stamps'] += 1
     if elapsed > gap_limit:
         clock['gaps'] += 1
     if abs(elapsed) > gap_limit:
         clock['restarts'] += 1
-    if elapsed < 0.0 or elapsed > gap_limit:
-        _start_block(clock)
-        return TIME_JUMP if abs(elapsed) > gap_limit else 0
-    missing = 0
-    if is_regular(clock) and elapsed >= 1.5 * clock['period']:
-        missing = int(np.rint(elapsed / clock['period'])) - 1
-    if missing > 0:
-        clock['gaps'] += 1
-        clock['missing_samples'] += missing
-        clock['block_gaps'] += 1
-        clock['block_missing'] += missing
-    clock['block_samples'] += 1
-    _learn_period(clock, sample_rate)
-    _learn_regularity(clock, elapsed / clock['period'] - 1.0 - missing)
+        _start_envelope(clock)
+        return TIME_JUMP
+    # Backward, but not before its time: it is the one before that was late.
+    if elapsed < 0.0 and clock['lateness'] + elapsed - clock['mean_period'] < clock['earliest']:
+        _start_envelope(clock)
+        return 0
+    missing = _follow_envelope(clock, elapsed)
+    samples = clock['stretch_samples']
+    if samples >= clock['stretch_length'] and (
+        samples >= STRETCH_SAMPLES or stamp >= clock['stretch_end']
+    ):
+        _end_stretch(clock, sample_rate)
     return missing
 
 
 @kernel
-def _start_block(clock: Clock) -> None:
-    clock['block_stamp'] = clock['stamp']
-    clock['block_samples'] = 0
-    clock['block_missing'] = 0
-    clock['block_gaps'] = 0
+def _start_envelope(clock: Clock) -> None:
+    """Start block and stretch at the last stamp."""
+    clock['lateness'] = clock['earliest'] = 0.0
+    clock['anchored'] = False
+    clock['steps'] = clock['missing'] = clock['long_steps'] = 0
+    clock['gap_steps'] = 0.0
+    _drop_suspicion(clock)
+    clock['stretch_samples'] = 0
+    _start_stretch(clock)
+
+
+@kernel
+def _start_stretch(clock: Clock) -> None:
+    """Start a stretch; the first ones double in length."""
+    before = clock['stretch_samples']
+    if clock['blocks'] == 0 and before < LEAST_STRETCH_SAMPLES:
+        clock['stretch_length'], clock['stretch_end'] = max(2 * before, 1), 0
+    else:
+        clock['stretch_length'] = LEAST_STRETCH_SAMPLES
+        clock['stretch_end'] = clock['stamp'] + int(STRETCH_SECONDS * 1e9)
+    clock['stretch_samples'] = 0
+    clock['least'], clock['longest'], clock['sum'] = math.inf, 0.0, 0.0
+
+
+@kernel
+def _forget_delays(clock: Clock) -> None:
+    """Suspect no delay until a stretch has shown what the period is."""
+    clock['mean_delay'] = clock['longest_delay'] = 0.0
+    clock['suspicious'] = clock['delay_limit'] = math.inf
+    clock['lost_share'] = FIRST_SHARE
+    clock['irregularity'], clock['irregularity_steps'] = 1.0, 0
+
+
+@kernel
+def _follow_envelope(clock: Clock, elapsed: float) -> int:
+    """Take a stamp in that is `elapsed` s behind the last one; return the samples missing."""
+    period = clock['mean_period']
+    lateness = clock['lateness'] + elapsed - period
+    delay = lateness - clock['earliest']
+    clock['steps'] += 1
+    missing = 0
+    is_long = elapsed > LONG_STEP * period
+    if is_long:
+        clock['long_steps'] += 1
+    if delay <= clock['suspicious']:
+        clock['sum'] += delay
+        clock['longest'] = max(clock['longest'], delay)
+    elif is_long and clock['irregularity'] < BURSTS:
+        missing = _suspect(clock, elapsed, delay)
+        lateness -= missing * period
+    _learn_regularity(clock, elapsed * clock['mean_rate'] - 1.0 - missing)
+    if clock['verdict_samples'] > 0:
+        lateness -= _judge(clock, lateness - clock['earliest']) * period
+    clock['lateness'] = lateness
+    clock['earliest'] = min(clock['earliest'], lateness)
+    clock['stretch_samples'] += 1
+    if lateness < clock['least']:
+        clock['least'] = lateness
+        clock['least_steps'], clock['least_missing'] = clock['steps'], clock['missing']
+        clock['least_gap_steps'] = clock['gap_steps']
+    return missing
 
 
 @kernel
 def _learn_regularity(clock: Clock, deviation: float) -> None:
     weight = 1.0 / MEMORY_STEPS
-    if clock['steps'] < MEMORY_STEPS - PRIOR_STEPS:
-        clock['steps'] += 1
-        weight = 1.0 / (PRIOR_STEPS + clock['steps'])
+    if clock['irregularity_steps'] < MEMORY_STEPS - PRIOR_STEPS:
+        clock['irregularity_steps'] += 1
+        weight = 1.0 / (PRIOR_STEPS + clock['irregularity_steps'])
     limited = min(max(abs(deviation), LEAST_DEVIATION), LARGEST_DEVIATION)
     clock['irregularity'] += weight * (limited - clock['irregularity'])
 
 
 @kernel
-def _learn_period(clock: Clock, sample_rate: float) -> None:
-    """Take the period from the block where it is full, or from its start while it is the first."""
-    samples = clock['block_samples']
-    span = (clock['stamp'] - clock['block_stamp']) * 1e-9
-    full = span >= BLOCK_SECONDS and samples >= BLOCK_SAMPLES
-    power_of_two = samples & (samples - 1) == 0
-    if not full and (clock['blocks'] > 0 or not power_of_two):
+def _suspect(clock: Clock, elapsed: float, delay: float) -> int:
+    """Start a suspicion that samples are missing; return how many if it is taken for sure."""
+    period, missing = clock['mean_period'], 0
+    if clock['irregularity'] < REGULAR:
+        sure = delay > clock['delay_limit'] or clock['lost_share'] > 0.5
+    else:
+        sure = delay > clock['delay_limit'] and clock['longest_delay'] > period
+    if sure:
+        missing = max(int(np.rint((delay - clock['mean_delay']) / period)), 1)
+        _count_missing(clock, missing, elapsed - period)
+    elif clock['verdict_samples'] > 0 and elapsed - period < clock['suspect_step']:
+        return 0
+    clock['suspect_delay'] = delay + clock['suspect_missing'] * period
+    clock['suspect_step'] = elapsed - period
+    clock['suspect_least'] = delay
+    if missing > 0:
+        clock['suspect_missing'] += missing
+        clock['suspect_gaps'] += 1
+    longest = max(clock['suspect_delay'], clock['longest_delay'])
+    clock['verdict_samples'] = VERDICT_SAMPLES + int(VERDICT_PACE * longest / period)
+    return missing
+
+
+@kernel
+def _drop_suspicion(clock: Clock) -> None:
+    clock['verdict_samples'] = clock['suspect_missing'] = clock['suspect_gaps'] = 0
+
+
+@kernel
+def _count_missing(clock: Clock, missing: int, step: float) -> None:
+    """Count missing samples, over which the step was by `step` s longer than the period."""
+    clock['steps'] += missing
+    clock['missing'] += missing
+    clock['gap_steps'] += step
+    clock['missing_samples'] += missing
+    clock['gaps'] += 1
+
+
+@kernel
+def _judge(clock: Clock, delay: float) -> int:
+    """Judge the suspicion by the sample's delay (s); return how many more samples were missing.
+
+    The number is below zero where some that were counted were not.
+    """
+    period, counted = clock['mean_period'], clock['suspect_missing']
+    clock['verdict_samples'] -= 1
+    if counted > 0:
+        if delay < (MADE_UP - 1.0) * period:
+            return -_take_back(clock, -delay)
+        if clock['verdict_samples'] == 0:
+            _learn_verdict(clock, True)
+            _drop_suspicion(clock)
+        return 0
+    clock['suspect_least'] = min(clock['suspect_least'], delay)
+    if clock['suspect_least'] < MADE_UP * period:
+        clock['longest'] = max(clock['longest'], clock['suspect_delay'])
+        _learn_verdict(clock, False)
+        _drop_suspicion(clock)
+    elif clock['verdict_samples'] == 0:
+        _learn_verdict(clock, True)
+        _drop_suspicion(clock)
+        missing = int(np.rint(clock['suspect_least'] / period))
+        _count_missing(clock, missing, clock['suspect_step'])
+        return missing
+    return 0
+
+
+@kernel
+def _take_back(clock: Clock, early: float) -> int:
+    """Return how many samples were not missing, as those after a gap come so early (s)."""
+    period = clock['mean_period']
+    found = min(max(int(np.rint(early / period)), 1), clock['suspect_missing'])
+    clock['steps'] -= found
+    clock['missing'] -= found
+    clock['gap_steps'] -= found * period
+    clock['missing_samples'] -= found
+    clock['suspect_missing'] -= found
+    made_up = clock['suspect_delay'] - clock['suspect_missing'] * period
+    clock['longest'] = max(clock['longest'], made_up)
+    _learn_verdict(clock, False)
+    if clock['suspect_missing'] == 0:
+        clock['gaps'] -= clock['suspect_gaps']
+        _drop_suspicion(clock)
+    return found
+
+
+@kernel
+def _learn_verdict(clock: Clock, missing: bool) -> None:
+    clock['lost_share'] += SHARE_WEIGHT * (missing - clock['lost_share'])
+
+
+@kernel
+def _end_stretch(clock: Clock, sample_rate: float) -> None:
+    """Learn from the stretch what there is to learn, and start the next one."""
+    starting, period = clock['blocks'] == 0, clock['mean_period']
+    regular, samples = clock['irregularity'] < REGULAR, clock['stretch_samples']
+    # Who is found regular so early has next to no jitter, and the period is known.
+    if clock['anchored'] or (regular and samples == ANCHOR_SAMPLES):
+        _learn_delays(clock)
+    full = (
+        clock['steps'] * period + clock['lateness'] >= BLOCK_SECONDS
+        and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
+    )
+    if full or starting:
+        _learn_period(clock, sample_rate, full)
+    change = clock['mean_period'] - period
+    clock['lateness'] -= change * clock['steps']
+    clock['least'] -= change * clock['least_steps']
+    if full or (regular and not clock['anchored'] and samples >= ANCHOR_SAMPLES):
+        # The block starts at the point of the envelope that ends the last one.
+        clock['anchored'] = True
+        clock['lateness'] -= clock['least']
+        clock['least'] = 0.0
+        clock['steps'] -= clock['least_steps']
+        clock['missing'] -= clock['least_missing']
+        clock['gap_steps'] -= clock['least_gap_steps']
+        clock['long_steps'] = 0
+    clock['earliest'] = clock['least']
+    if abs(change) > OTHER_PERIOD * period:
+        _forget_delays(clock)
+        _drop_suspicion(clock)
+        if not starting:
+            _start_envelope(clock)
+            return
+    _start_stretch(clock)
+
+
+@kernel
+def _learn_delays(clock: Clock) -> None:
+    """Say by the delays of the stretch, and of those before, how long a delay is a gap."""
+    period, samples = clock['mean_period'], clock['stretch_samples']
+    if clock['suspicious'] < math.inf:
+        longest, mean = clock['longest'], clock['sum'] / samples
+        if clock['blocks'] > 0:
+            before = clock['longest_delay']
+            remembered = before * max(1.0 - samples * period / DELAY_MEMORY, 0.0)
+            longest = max(remembered, min(longest, 2.0 * before + period))
+            before = clock['mean_delay']
+            mean = before + MEAN_DELAY_WEIGHT * (min(mean, longest) - before)
+        clock['longest_delay'], clock['mean_delay'] = longest, mean
+    longest, mean = clock['longest_delay'], clock['mean_delay']
+    # Jitter of a timer is even: it ends at twice its mean. What is beyond is a tail, of which one
+    # may yet see twice as much; and delays of more than a period are those of a queue, which may
+    # grow to twice its length.
+    tail = longest if longest >= period else max(longest - 2.0 * mean, 0.0)
+    clock['suspicious'] = SUSPICIOUS * period
+    clock['delay_limit'] = max(longest + tail + LIMIT_MARGIN * period, clock['suspicious'])
+
+
+@kernel
+def _learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
+    """Take the period from the envelope of the block, which is full or the first one."""
+    period, steps, missing = clock['mean_period'], clock['least_steps'], clock['least_missing']
+    lateness, samples = clock['least'], clock['steps'] - clock['missing']
+    # More missing than received, and not by one gap, or most steps long: these are no gaps, the
+    # driver has changed its rate or delivers in long bursts.
+    no_gaps = (
+        (clock['missing'] >= samples and clock['long_steps'] > 1)
+        or 2 * clock['long_steps'] > samples
+        or clock['gap_steps'] < GAP_STEPS * clock['missing'] * period
+    )
+    if clock['blocks'] == 0 and (no_gaps or clock['irregularity'] >= REGULAR):
+        # The first stretches are too short to hold the envelope of bursts.
+        steps, missing, lateness = clock['steps'], clock['missing'], clock['lateness']
+    span = steps * period + lateness
+    if no_gaps:
+        steps -= missing
+    if steps <= 0:
         return
-    missing = clock['block_missing']
-    # More missing than received, or a gap in every third step: these are no gaps, the driver has
-    # changed its rate or delivers in long bursts.
-    if missing >= samples or 3 * clock['block_gaps'] >= samples:
-        missing = 0
-    period = min(max(span / (samples + missing), SHORTEST_PERIOD), LONGEST_PERIOD)
+    period = min(max(span / steps, SHORTEST_PERIOD), LONGEST_PERIOD)
     if full:
         clock['block_periods'][clock['blocks'] % BLOCKS] = period
         clock['blocks'] += 1
-        period = _median(clock['block_periods'], min(clock['blocks'], BLOCKS))
-        _start_block(clock)
-    elif sample_rate > 0.0:
+        period = _typical(clock['block_periods'], min(clock['blocks'], BLOCKS))
+    clock['mean_period'], clock['mean_rate'] = period, 1.0 / period
+    if not full and sample_rate > 0.0:
         return
     if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
         period = 1.0 / sample_rate
     elif abs(period / clock['period'] - 1.0) < SAME_PERIOD:
         return
     clock['period'] = period
+
+
+@kernel
+def _typical(values: BlockPeriods, count: int) -> float:
+    """Return the mean of those of the first `count` values that are about their median."""
+    median = _median(values, count)
+    total, about = 0.0, 0
+    for i in range(count):
+        if abs(values[i] - median) <= SAME_PERIOD * median:
+            total += values[i]
+            about += 1
+    return total / about if about > 0 else median
 
 
 @kernel

@@ -109,7 +109,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Passed on (not reported)': now.not_reported,
         'Repeats': state.repeats,
         'Gaps': state.gaps,
-        'Missing samples bridged': state.missing_samples,
+        'Missing samples': state.missing_samples,
         'Restarts after a jump in time': state.restarts,
         'Zero stamps': state.zero_stamps,
         'Equal stamps': state.same_stamps,

@@ -100,7 +100,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['refused'] = counts['refused']
     out['beyond_range'] = checks['beyond_range']
     out['times_stuck'] = checks['times_stuck']
-    out['period'] = clock['period']
+    out['period'] = clock['mean_period']
     out['blocks'] = clock['blocks']
     out['gaps'] = clock['gaps']
     out['missing_samples'] = clock['missing_samples']
