@@ -33,6 +33,7 @@ RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
 KALMAN = Parameters(method='kalman')
 CASES = {
     'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
+    'returned': ({'returned': 1}, {}, 'come back on the input'),
     'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
     'never usable': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
     'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
@@ -86,7 +87,7 @@ def report_of(count, **changes):
     )
     of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
     telemetry = telemetry._replace(**of_state)
-    return MessageReport(count, 0, '', 0, 0, '', Parameters(), telemetry)._replace(**changes)
+    return MessageReport(count, 0, '', 0, 0, 0, '', Parameters(), telemetry)._replace(**changes)
 
 
 def span(**changes):

@@ -131,6 +131,19 @@ def test_bad_messages_do_no_harm(fresh):
         assert np.isfinite(imu_fields(message).angular_velocity).all()
 
 
+def test_output_that_comes_back_through_another_node_is_told(fresh):
+    data = simulated(300)
+    wanted = offline(data)
+    first = fresh.play(data[:200])
+    for message in first:
+        fresh.publish(message)
+    assert first + fresh.play(data[200:]) == wanted
+    name = 'gyro_drift_filter: input'
+    status = diagnostics(fresh, lambda s: s[name].level == b'\x02')[name]
+    assert 'come back on the input' in status.message
+    assert values(status)['Returned (own output)'] == '200'
+
+
 def test_diagnostics_count_what_comes_in(fresh):
     data = simulated(300)
     fresh.play(data)
@@ -293,6 +306,21 @@ def test_a_missing_parameter_file_ends_the_node_with_one_line(tmp_path):
     status, log = start('--params-file', str(tmp_path / 'none.yaml'))
     assert status == 1
     assert 'none.yaml' in log
+    assert 'Traceback' not in log
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['-r', 'imu/data_filtered:=/imu/data_raw'],
+        ['-r', '__ns:=/robot1', '-r', 'imu/data_raw:=imu', '-r', 'imu/data_filtered:=/robot1/imu'],
+    ],
+)
+def test_a_node_on_its_own_output_does_not_start(arguments):
+    status, log = start(*arguments)
+    assert status == 1
+    (line,) = [line for line in log.splitlines() if line.startswith('gyro_drift_filter_node: ')]
+    assert 'input and output are both /' in line
     assert 'Traceback' not in log
 
 

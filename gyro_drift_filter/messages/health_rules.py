@@ -200,6 +200,13 @@ INPUT_RULES = (
         'no message: is the driver running, and is the topic right?',
     ),
     Rule(
+        'returned',
+        Level.ERROR,
+        lambda span: span.now.returned > span.before.returned,
+        'the filtered messages come back on the input: some node sends the output there. They are '
+        'passed over; remap one of the topics',
+    ),
+    Rule(
         'malformed',
         Level.ERROR,
         lambda span: span.now.malformed > span.before.malformed,

@@ -68,6 +68,7 @@ class MessageReport(NamedTuple):
         malformed: and
         last_malformed: and
         not_reported: and
+        returned: and
         frame_changes: and
         frame: and
         parameters: of its filter.
@@ -78,6 +79,7 @@ class MessageReport(NamedTuple):
     malformed: int
     last_malformed: str
     not_reported: int
+    returned: int
     frame_changes: int
     frame: str
     parameters: Parameters

@@ -64,6 +64,7 @@ class GyroDriftFilterNode(Node):
 
     Raises:
         ParameterError: A parameter has a wrong value.
+        GyroDriftFilterError: Input and output are one topic.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -74,6 +75,7 @@ class GyroDriftFilterNode(Node):
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
         parameters = LiveParameters(self, self._configure)
+        self._refuse_a_loop()
         self._messages = MessageFilter(parameters.current)
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
@@ -118,6 +120,14 @@ class GyroDriftFilterNode(Node):
             f'{parameters.current.method}'
             + ('' if is_compiled() else ', in plain Python: install numba for speed')
         )
+
+    def _refuse_a_loop(self) -> None:
+        topic = self.resolve_topic_name('imu/data_raw')
+        if topic == self.resolve_topic_name('imu/data_filtered'):
+            raise GyroDriftFilterError(
+                f'input and output are both {topic}: the filter would filter its own output; remap '
+                'one of imu/data_raw and imu/data_filtered'
+            )
 
     def _create_sample_output(self, name: str) -> Publisher:
         def matched(info: QoSPublisherMatchedInfo) -> None:
