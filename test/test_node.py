@@ -273,6 +273,8 @@ def start(*arguments, until=None, domain=None):
         ('method: magic', "'method' must be one of"),
         ('model: {phi: [0.1, 0.2]}', "'model.phi' must be a list of three numbers"),
         ('model: {phi: []}', 'a parameter was given no value'),
+        ('model: {fi: [0.0, 0.1, 0.2]}', "unknown parameter 'model.fi': did you mean 'model.phi'?"),
+        ('wheel_radius: 0.3', "unknown parameter 'wheel_radius'"),
         ('model: {phi: [0, 0.1, 0.2]}', 'Sequence should be of same type'),
         (
             'qos_overrides: {/imu/data_raw: {subscription: {reliability: maybe}}}',
@@ -293,13 +295,45 @@ def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tm
     assert 'Traceback' not in log
 
 
-def test_an_unknown_key_is_named_in_the_log(tmp_path):
-    path = tmp_path / 'p.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    forgeting_factor: 0.98\n    epsilon: 1\n')
-    status, log = start('--params-file', str(path), until='filtering /imu/data_raw')
+def test_an_unknown_parameter_on_the_command_line_ends_the_node_with_one_line():
+    known = ['-p', 'use_sim_time:=true', '-p', 'start_type_description_service:=false']
+    status, log = start(*known, '-p', 'methd:=kalman')
+    assert status == 1
+    assert log == "gyro_drift_filter_node: unknown parameter 'methd': did you mean 'method'?\n"
+
+
+def test_files_for_other_nodes_and_parameters_of_theirs_are_told(tmp_path):
+    """In the log of a node that runs; what is for it is taken."""
+    shared, other, empty = (tmp_path / f'{name}.yaml' for name in ('shared', 'other', 'empty'))
+    shared.write_text('/**: {ros__parameters: {wheel_radius: 0.3, method: sage_husa}}')
+    other.write_text('gyro_drift_filter: {ros__parameters: {method: kalman}}')
+    empty.write_text('# nothing')
+    files = [text for path in (shared, other, empty) for text in ('--params-file', str(path))]
+    status, log = start('-r', '__ns:=/robot1', *files, until='filtering /robot1')
     assert status == 0
-    assert "unknown parameter 'forgeting_factor': did you mean 'forgetting_factor'?" in log
-    assert 'filtering /imu/data_raw into /imu/data_filtered' in log
+    assert "unknown parameter 'wheel_radius': taken to be for another node" in log
+    assert f'parameter file {shared} is' not in log
+    assert (
+        f'parameter file {other} is not used: it has parameters for /gyro_drift_filter, but this '
+        'node is /robot1/gyro_drift_filter'
+    ) in log
+    assert f'parameter file {empty} holds no node names' in log
+    assert 'into /robot1/imu/data_filtered by sage_husa' in log
+
+
+def test_help_and_options_that_do_not_exist():
+    def run(*arguments):
+        done = subprocess.run([EXECUTABLE, *arguments], capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout, done.stderr
+
+    status, out, _ = run('--help', '--ros-args', '-p', 'method:=kalman')
+    assert status == 0
+    for name in ('imu/data_raw', 'imu/data_filtered', 'motion_hint', '--params-file', 'README.md'):
+        assert name in out
+    for arguments in (['--verbose', 'now'], ['--ros-args', '--verbose']):
+        status, out, log = run(*arguments)
+        assert (status, out, log.count('\n')) == (2, '', 1)
+        assert '--verbose' in log
 
 
 def test_a_missing_parameter_file_ends_the_node_with_one_line(tmp_path):

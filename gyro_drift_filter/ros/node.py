@@ -1,7 +1,8 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,19 +63,23 @@ def _reporting_qos(topic: str) -> Iterator[None]:
 class GyroDriftFilterNode(Node):
     """Filter `imu/data_raw` into `imu/data_filtered`.
 
+    Args:
+        parameter_files: Those that the process was given, to tell of one that is not for it.
+        options: For `rclpy.node.Node`.
+
     Raises:
-        ParameterError: A parameter has a wrong value.
+        ParameterError: A parameter has a wrong name or value.
         GyroDriftFilterError: Input and output are one topic.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, parameter_files: Sequence[Path] = (), **options: Any) -> None:
         try:
             super().__init__(
                 NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
             )
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
-        parameters = LiveParameters(self, self._configure)
+        parameters = LiveParameters(self, self._configure, parameter_files)
         self._refuse_a_loop()
         self._messages = MessageFilter(parameters.current)
         if not is_cache_cold():
