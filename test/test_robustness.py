@@ -66,6 +66,31 @@ def test_a_publisher_that_dies_and_returns():
 
 
 @pytest.mark.node
+def test_what_a_starved_node_misses_is_counted():
+    """It stands still while more is sent than its queue holds."""
+    data, sent, name = simulated(20_000), 0, 'gyro_drift_filter: input'
+    with LiveNode([]) as live:
+
+        def starve(statuses):
+            nonlocal sent
+            if int(values(statuses[name])['Dropped by the middleware']):
+                return True
+            live.process.send_signal(signal.SIGSTOP)
+            for message in data[sent : sent + 400]:
+                live.publish(message)
+            sent += 400
+            live.process.send_signal(signal.SIGCONT)
+            return False
+
+        status = diagnostics(live, starve)[name]
+        assert 'before the node took them' in status.message
+        assert status.level == b'\x01'
+        received = int(values(status)['Events since startup'])
+        assert 0 < int(values(status)['Dropped by the middleware']) <= sent - received
+    assert live.returncode == 0
+
+
+@pytest.mark.node
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch, random):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))

@@ -32,7 +32,7 @@ _WINDOW = 10
 _LEAST_SECONDS = 5.0  # of the window, to judge a rate
 
 _BEFORE_ALL = MessageReport(
-    0, 0, '', 0, 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
+    0, 0, '', 0, 0, 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
 )
 
 
@@ -108,6 +108,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Refused (no usable rate yet)': state.refused,
         'Passed on (not reported)': now.not_reported,
         'Returned (own output)': now.returned,
+        'Dropped by the middleware': now.lost,
         'Repeats': state.repeats,
         'Gaps': state.gaps,
         'Missing samples bridged': state.missing_samples,

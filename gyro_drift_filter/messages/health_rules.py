@@ -274,6 +274,13 @@ INPUT_RULES = (
         'prediction for as long as gap_limit, then nothing is published',
     ),
     Rule(
+        'lost',
+        Level.WARN,
+        lambda span: span.now.lost > span.before.lost,
+        'the middleware has dropped messages before the node took them: the processor or the '
+        'network does not keep up',
+    ),
+    Rule(
         'restarted',
         Level.WARN,
         lambda span: _increase(span, 'restarts') > 0,

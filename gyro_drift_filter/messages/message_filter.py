@@ -51,6 +51,7 @@ class Reception(TypedDict):
     last_fault: Fault  # of the last of these
     not_reported: int  # messages without angular velocity, which are passed on as they came
     returned: int  # messages that this filter had published, and does not filter again
+    lost: int  # messages that never came in, as far as the node knows
     frame_changes: int  # messages with another frame_id than the one before
     has_frame_id: bool  # whether there was a message with a header
     frame_id_size: int  # of the last header, without its closing zero byte
@@ -264,6 +265,7 @@ class MessageFilter:
                 fault_text(reception['last_fault']) if reception['malformed'] else '',
                 int(reception['not_reported']),
                 int(reception['returned']),
+                int(reception['lost']),
                 int(reception['frame_changes']),
                 _last_frame_id(reception) if reception['frame_changes'] else '',
                 self.filter.parameters,

@@ -69,6 +69,7 @@ class MessageReport(NamedTuple):
         last_malformed: and
         not_reported: and
         returned: and
+        lost: and
         frame_changes: and
         frame: and
         parameters: of its filter.
@@ -80,6 +81,7 @@ class MessageReport(NamedTuple):
     last_malformed: str
     not_reported: int
     returned: int
+    lost: int
     frame_changes: int
     frame: str
     parameters: Parameters

@@ -10,7 +10,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSPublisherMatchedInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
@@ -34,6 +38,7 @@ from gyro_drift_filter.messages.imu import EXAMPLE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
+from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
 from gyro_drift_filter.ros.neighbours import Neighbours
@@ -41,6 +46,8 @@ from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
 _LOG_PAUSE = 10_000_000_000  # ns
+# After so many messages what was lost is counted: several times while a full queue is emptied.
+_COUNT_EVERY = 50
 # Best effort matches every publisher, reliable matches every subscriber. The input's depth rides
 # out half a second without the processor at 400 Hz.
 _INPUT_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -104,14 +111,17 @@ class GyroDriftFilterNode(Node):
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(Trigger, '~/calibrate', self._calibrate)
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
+        self._until_count = _COUNT_EVERY  # messages
+        self._losses = Losses(self._take, lambda: int(self._messages.reception['received']))
         with _reporting_qos('imu/data_raw'):
             self._input = self.create_subscription(
                 Imu,
                 'imu/data_raw',
-                lambda data: self._cold_start.take(self._filter, data),
+                self._take,
                 _INPUT_QOS,
                 raw=True,
                 qos_overriding_options=overridable,
+                event_callbacks=SubscriptionEventCallbacks(message_lost=self._losses.note_event),
             )
         self._neighbours = Neighbours(self, self._input, self._output)
         self.create_subscription(
@@ -151,6 +161,13 @@ class GyroDriftFilterNode(Node):
     def _configure(self, parameters: Parameters) -> None:
         self._messages.filter.configure(parameters)
         self._hint.listen(parameters.motion_hint)
+
+    def _take(self, data: bytes) -> None:
+        self._cold_start.take(self._filter, data)
+        self._until_count -= 1
+        if self._until_count == 0:
+            self._until_count = _COUNT_EVERY
+            self._count_losses()
 
     def _filter(self, data: bytes) -> None:
         if not self._memory.recalled:
@@ -201,6 +218,7 @@ class GyroDriftFilterNode(Node):
 
     def _report(self) -> None:
         self._memory.save_if_due()
+        self._messages.reception['lost'] = self._losses.total
         now = self._steady.now()
         seconds = (now - self._reported).nanoseconds * 1e-9
         self._reported = now
@@ -220,6 +238,13 @@ class GyroDriftFilterNode(Node):
                 )
             )
         self._diagnostics.publish(array)
+
+    def _count_losses(self) -> None:
+        # What is kept for later is not received yet, and of two publishers each has its own count.
+        if self._cold_start.waiting is not None or self._input.get_publisher_count() != 1:
+            self._losses.forget()
+        else:
+            self._losses.count(self._input)
 
     def _with_surroundings(
         self, status: diagnostics.DiagnosticStatus
