@@ -138,7 +138,7 @@ def test_output_that_comes_back_through_another_node_is_told(fresh):
     for message in first:
         fresh.publish(message)
     assert first + fresh.play(data[200:]) == wanted
-    name = 'gyro_drift_filter: input'
+    name = '/gyro_drift_filter: input'
     status = diagnostics(fresh, lambda s: s[name].level == b'\x02')[name]
     assert 'come back on the input' in status.message
     assert values(status)['Returned (own output)'] == '200'
@@ -148,14 +148,15 @@ def test_diagnostics_count_what_comes_in(fresh):
     data = simulated(300)
     fresh.play(data)
     statuses = diagnostics(
-        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '300'
+        fresh, lambda s: values(s['/gyro_drift_filter: input']).get('Samples') == '300'
     )
-    filter_ = values(statuses['gyro_drift_filter: filter'])
+    filter_ = values(statuses['/gyro_drift_filter: filter'])
     assert filter_['Method'] == Parameters().method
     flagged = [int(filter_[f'Outliers {axis}']) for axis in 'xyz']
     probe = MessageFilter(Parameters())
     for message in data:
         probe.take(message)
+    assert {status.hardware_id for status in statuses.values()} == {'imu_link'}
     assert flagged == probe.filter.state['counts']['outliers'].tolist()
 
 
@@ -163,9 +164,9 @@ def test_a_reset_is_no_sign_of_degrees(fresh):
     fresh.play(simulated(300))
     assert call(fresh, Trigger, 'reset', Trigger.Request()).success
     statuses = diagnostics(
-        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '0'
+        fresh, lambda s: values(s['/gyro_drift_filter: input']).get('Samples') == '0'
     )
-    assert 'degrees' not in statuses['gyro_drift_filter: input'].message
+    assert 'degrees' not in statuses['/gyro_drift_filter: input'].message
 
 
 def test_degrees_draw_a_warning(fresh):
@@ -175,12 +176,12 @@ def test_degrees_draw_a_warning(fresh):
         nonlocal stamp
         stamp += 10**7
         fresh.publish(imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8)))
-        return statuses['gyro_drift_filter: input'].level == b'\x01'
+        return statuses['/gyro_drift_filter: input'].level == b'\x01'
 
     for _ in range(100):
         stamp += 10**7
         fresh.play([imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8))])
-    status = diagnostics(fresh, warned)['gyro_drift_filter: input']
+    status = diagnostics(fresh, warned)['/gyro_drift_filter: input']
     assert 'degrees' in status.message
 
 
@@ -399,7 +400,7 @@ def input_status(live, other, text):
     live.wait(lambda: other.get_name() in live.node.get_node_names(), 'the other node')
 
     def told(statuses):
-        reports.append(statuses['gyro_drift_filter: input'])
+        reports.append(statuses['/gyro_drift_filter: input'])
         return text in reports[-1].message
 
     diagnostics(live, told)
@@ -413,7 +414,19 @@ def test_a_second_publisher_is_named(fresh):
         camera.create_publisher(Imu, '/imu/data_raw', 10)
         status = input_status(fresh, camera, '2 publishers on /imu/data_raw: /camera, /player')
         assert status.level in (b'\x01', b'\x03')
-    diagnostics(fresh, lambda s: 'publishers on' not in s['gyro_drift_filter: input'].message)
+    diagnostics(fresh, lambda s: 'publishers on' not in s['/gyro_drift_filter: input'].message)
+
+
+def test_a_second_publisher_of_the_output_is_named(fresh):
+    with Other(fresh, 'camera') as camera:
+        camera.create_publisher(Imu, '/imu/data_filtered', 10)
+        status = input_status(fresh, camera, '/camera publishes /imu/data_filtered, too')
+        assert status.level in (b'\x01', b'\x03')
+
+
+def test_a_second_node_of_the_same_name_is_told(fresh):
+    with Other(fresh, 'gyro_drift_filter') as other:
+        input_status(fresh, other, 'another node is called /gyro_drift_filter, too')
 
 
 def test_a_subscriber_that_asks_for_too_much_is_named(fresh):
@@ -440,11 +453,11 @@ def test_a_frame_that_changes_is_told(fresh):
     mixed = [message for pair in zip(data[::2], other[1::2], strict=True) for message in pair]
 
     def told(statuses):
-        return 'frame_id changes' in statuses['gyro_drift_filter: input'].message
+        return 'frame_id changes' in statuses['/gyro_drift_filter: input'].message
 
-    before = values(diagnostics(fresh, lambda s: True)['gyro_drift_filter: input'])
+    before = values(diagnostics(fresh, lambda s: True)['/gyro_drift_filter: input'])
     fresh.play(mixed)
-    status = diagnostics(fresh, told)['gyro_drift_filter: input']
+    status = diagnostics(fresh, told)['/gyro_drift_filter: input']
     changes = int(values(status)['Changes of frame_id']) - int(before['Changes of frame_id'])
     assert changes in (19, 20)
     assert values(status)['Last frame_id it changed to'] == 'rear'

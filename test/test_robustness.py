@@ -68,7 +68,7 @@ def test_a_publisher_that_dies_and_returns():
 @pytest.mark.node
 def test_what_a_starved_node_misses_is_counted():
     """It stands still while more is sent than its queue holds."""
-    data, sent, name = simulated(20_000), 0, 'gyro_drift_filter: input'
+    data, sent, name = simulated(20_000), 0, '/gyro_drift_filter: input'
     with LiveNode([]) as live:
 
         def starve(statuses):
@@ -119,7 +119,7 @@ def test_sim_time_that_stands_jumps_and_runs_fast():
         def play(part):
             assert live.play(part) == [next(expected) for _ in part]
 
-        name = 'gyro_drift_filter: input'
+        name = '/gyro_drift_filter: input'
         play(data[:300])  # no time yet
         diagnostics(live, lambda s: values(s[name])['Samples'] == '300')
         times = [1000.0] * 100 + [5.0, 1e6, 3.0] * 30 + list(np.arange(110) * 0.1)

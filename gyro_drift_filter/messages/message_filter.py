@@ -5,6 +5,7 @@ time, a replay many that stand in one array of bytes.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated, Any, TypedDict
 
 import numpy as np
@@ -267,7 +268,7 @@ class MessageFilter:
                 int(reception['returned']),
                 int(reception['lost']),
                 int(reception['frame_changes']),
-                _last_frame_id(reception) if reception['frame_changes'] else '',
+                _shown(reception['frame_id'][: reception['frame_id_size']].tobytes()),
                 self.filter.parameters,
                 telemetry,
             )
@@ -277,6 +278,6 @@ class MessageFilter:
         ]
 
 
-def _last_frame_id(reception: Reception) -> str:
-    text = reception['frame_id'][: reception['frame_id_size']].tobytes()
+@lru_cache(maxsize=16)
+def _shown(text: bytes) -> str:
     return printable(text.decode('utf-8', 'replace'))

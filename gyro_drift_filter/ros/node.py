@@ -92,7 +92,7 @@ class GyroDriftFilterNode(Node):
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).take(EXAMPLE)
-        self._health = Health(self.get_name())
+        self._health = Health(self.get_fully_qualified_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -234,6 +234,7 @@ class GyroDriftFilterNode(Node):
                     level=bytes([status.level]),
                     name=status.name,
                     message=status.message,
+                    hardware_id=status.hardware_id,
                     values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
                 )
             )
