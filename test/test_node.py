@@ -376,6 +376,25 @@ def test_wrong_type_on_the_topic_is_reported():
     assert f'{message} sensor_msgs/msg/Imu: remap imu/data_raw' in log
 
 
+def test_two_instances_side_by_side(tmp_path):
+    """As the launch file starts them: one shipped file, each in its namespace, in one domain."""
+    domain = own_domain()
+    arguments = ['--params-file', str(SHIPPED), '-r', '__node:=gyro', '-r', '__ns:=/robot1']
+    environment_ = environment(domain) | {'ROS_HOME': str(tmp_path)}
+    with subprocess.Popen(
+        [EXECUTABLE, '--ros-args', *arguments], env=environment_, stderr=subprocess.PIPE, text=True
+    ) as first:
+        arguments[-1] = '__ns:=/robot2'
+        status, log = start(*arguments, until='nobody publishes /robot2/imu', domain=domain)
+        first.send_signal(signal.SIGINT)
+        _, other_log = first.communicate(timeout=60)
+    assert (status, first.returncode) == (0, 0)
+    assert 'is not used' not in log + other_log
+    assert 'filtering /robot1/imu/data_raw into /robot1/imu/data_filtered' in other_log
+    assert 'filtering /robot2/imu/data_raw into /robot2/imu/data_filtered' in log
+    assert 'is called' not in log + other_log
+
+
 class Other:
     """A node beside the filter, in its domain."""
 
