@@ -21,6 +21,9 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'params_file', default_value=shipped, description='ROS 2 parameter file'
             ),
+            DeclareLaunchArgument(
+                'name', default_value='gyro_drift_filter', description='of the node'
+            ),
             DeclareLaunchArgument('namespace', default_value='', description='of the node'),
             DeclareLaunchArgument(
                 'input',
@@ -31,15 +34,36 @@ def generate_launch_description() -> LaunchDescription:
                 'output', default_value='imu/data_filtered', description='filtered topic'
             ),
             DeclareLaunchArgument(
+                'temperature',
+                default_value='imu/temperature',
+                description='sensor_msgs/Temperature topic of the gyroscope',
+            ),
+            DeclareLaunchArgument(
+                'motion_hint',
+                default_value='motion_hint',
+                description='topic that tells whether the robot moves; its type is the parameter '
+                'motion_hint',
+            ),
+            DeclareLaunchArgument(
+                'log_level',
+                default_value='info',
+                description='debug, info, warn, error or fatal',
+            ),
+            DeclareLaunchArgument(
                 'use_sim_time', default_value='false', description='take the time from /clock'
             ),
             Node(
                 package='gyro_drift_filter',
                 executable='gyro_drift_filter_node',
-                name='gyro_drift_filter',
+                name=LaunchConfiguration('name'),
                 namespace=LaunchConfiguration('namespace'),
-                # Not as `parameters`, where a file that does not exist is only warned of.
-                ros_arguments=['--params-file', LaunchConfiguration('params_file')],
+                ros_arguments=[
+                    # Not as `parameters`, where a file that does not exist is only warned of.
+                    '--params-file',
+                    LaunchConfiguration('params_file'),
+                    '--log-level',
+                    LaunchConfiguration('log_level'),
+                ],
                 parameters=[
                     {
                         'use_sim_time': ParameterValue(
@@ -50,6 +74,8 @@ def generate_launch_description() -> LaunchDescription:
                 remappings=[
                     ('imu/data_raw', LaunchConfiguration('input')),
                     ('imu/data_filtered', LaunchConfiguration('output')),
+                    ('imu/temperature', LaunchConfiguration('temperature')),
+                    ('motion_hint', LaunchConfiguration('motion_hint')),
                 ],
                 output='screen',
             ),

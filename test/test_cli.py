@@ -14,6 +14,7 @@ import pytest
 
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC
 from support.bags import simulated, write
 from support.messages import TEXT, text
@@ -83,6 +84,22 @@ def test_replay_takes_a_parameter_file(tmp_path, capsys):
     arguments = ['replay', str(bag), '-o', str(tmp_path / 'out'), '--params', str(parameters)]
     assert main(arguments) == 0
     assert 'kalman' in capsys.readouterr().out
+
+
+def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
+    hints = [(10**18, bytes(52))]
+    bag = write(
+        tmp_path / 'in',
+        {(TOPIC, IMU_TYPE): simulated(50), ('/cmd_vel', HINT_TYPES['twist']): hints},
+    )
+    parameters = tmp_path / 'p.yaml'
+    parameters.write_text('/**: {ros__parameters: {motion_hint: twist}}')
+    arguments = ['replay', str(bag), '--params', str(parameters), '--force']
+    told = 'warning: motion_hint is twist, but no topic is named by --motion-hint'
+    assert main([*arguments, '-o', str(tmp_path / 'out')]) == 0
+    assert told in capsys.readouterr().err
+    assert main([*arguments, '-o', str(tmp_path / 'out'), '--motion-hint', '/cmd_vel']) == 0
+    assert told not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

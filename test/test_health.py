@@ -33,6 +33,7 @@ RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
 KALMAN = Parameters(method='kalman')
 CASES = {
     'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
+    'returned': ({'returned': 1}, {}, 'come back on the input'),
     'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
     'never usable': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
     'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
@@ -43,6 +44,7 @@ CASES = {
     'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
     'clipped': ({'clipped': [0, 1, 0]}, {}, 'end of the measuring range'),
     'unusable': ({'unusable': [0, 0, 1]}, {}, 'no usable number'),
+    'lost': ({'lost': 1}, {}, 'before the node took them'),
     'restarted': ({'restarts': 1}, {'gaps': 1}, 'jumped by more than gap_limit'),
     'backward': ({'backward_stamps': 51}, {'backward_stamps': 50}, 'stamps go backward'),
     'zero stamps': (
@@ -87,7 +89,7 @@ def report_of(count, **changes):
     )
     of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
     telemetry = telemetry._replace(**of_state)
-    return MessageReport(count, 0, '', 0, 0, '', Parameters(), telemetry)._replace(**changes)
+    return MessageReport(count, 0, '', 0, 0, 0, 0, '', Parameters(), telemetry)._replace(**changes)
 
 
 def span(**changes):

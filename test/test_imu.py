@@ -162,7 +162,7 @@ def test_any_bytes_are_read_as_struct_reads_them_or_told_why_not(garbage, cut, b
 
 
 statuses = st.lists(
-    st.tuples(st.integers(0, 3), lines, lines, st.dictionaries(lines, lines, max_size=5)),
+    st.tuples(st.integers(0, 3), lines, lines, lines, st.dictionaries(lines, lines, max_size=5)),
     max_size=3,
 )
 
@@ -182,18 +182,22 @@ def test_diagnostics_are_what_rosbags_writes(reports):
                     level,
                     name,
                     text,
-                    '',
+                    hardware_id,
                     [types['diagnostic_msgs/msg/KeyValue'](*pair) for pair in values.items()],
                 )
-                for level, name, text, values in of_report
+                for level, name, text, hardware_id, values in of_report
             ],
         )
         wanted.append(bytes(STORE.serialize_cdr(message, 'diagnostic_msgs/msg/DiagnosticArray')))
         listed = [
             DiagnosticStatus(
-                level, name, text, ''.join(f'{key}\0{value}\0' for key, value in values.items())
+                level,
+                name,
+                text,
+                hardware_id,
+                ''.join(f'{key}\0{value}\0' for key, value in values.items()),
             )
-            for level, name, text, values in of_report
+            for level, name, text, hardware_id, values in of_report
         ]
         assert [status.values for status in listed] == [values for *_, values in of_report]
         found.append((stamp, listed))

@@ -1,6 +1,7 @@
 """Messages in, messages out."""
 
 import numpy as np
+import pytest
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.imu import ImuKind, is_published, patch_imu
@@ -83,6 +84,34 @@ def test_bad_messages_are_counted_and_told_apart():
     report = filter_.report()
     assert (report.received, report.malformed, report.not_reported) == (601, 2, 1)
     assert '0 bytes are too few' in report.last_malformed
+
+
+@pytest.mark.parametrize('delay', [0, 1, 300])
+def test_output_that_comes_back_is_not_filtered_again(delay):
+    """As through a relay, which may take a while."""
+    data, looped = simulated(), MessageFilter(Parameters())
+    wanted = take_all(MessageFilter(Parameters()), data)
+    messages, published = [], []
+    for k, message in enumerate(data):
+        messages.append(message)
+        published.append(looped.take(message))
+        if k >= delay:
+            messages.append(published[k - delay])
+            assert looped.take(published[k - delay]) is None
+    assert published == wanted
+    assert looped.report().returned == len(data) - delay
+    at_once = MessageFilter(Parameters())
+    assert [out for out in take_at_once(at_once, messages)[0] if out is not None] == wanted
+
+
+@pytest.mark.parametrize('stamp', [0, 10**18])
+@pytest.mark.parametrize('rate', [0.0, 0.25])
+def test_a_driver_that_repeats_itself_is_no_loop(stamp, rate):
+    """The filter may agree with it to the last bit."""
+    message, filter_ = imu_message(stamp, (rate, 0, 0), (0, 0, 9.8)), MessageFilter(Parameters())
+    published = take_all(filter_, 50 * [message])
+    assert imu_fields(published[0]).angular_velocity == (rate, 0.0, 0.0)
+    assert filter_.report().returned == 0
 
 
 def test_changes_of_the_frame_are_counted():

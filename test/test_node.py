@@ -131,18 +131,32 @@ def test_bad_messages_do_no_harm(fresh):
         assert np.isfinite(imu_fields(message).angular_velocity).all()
 
 
+def test_output_that_comes_back_through_another_node_is_told(fresh):
+    data = simulated(300)
+    wanted = offline(data)
+    first = fresh.play(data[:200])
+    for message in first:
+        fresh.publish(message)
+    assert first + fresh.play(data[200:]) == wanted
+    name = '/gyro_drift_filter: input'
+    status = diagnostics(fresh, lambda s: s[name].level == b'\x02')[name]
+    assert 'come back on the input' in status.message
+    assert values(status)['Returned (own output)'] == '200'
+
+
 def test_diagnostics_count_what_comes_in(fresh):
     data = simulated(300)
     fresh.play(data)
     statuses = diagnostics(
-        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '300'
+        fresh, lambda s: values(s['/gyro_drift_filter: input']).get('Samples') == '300'
     )
-    filter_ = values(statuses['gyro_drift_filter: filter'])
+    filter_ = values(statuses['/gyro_drift_filter: filter'])
     assert filter_['Method'] == Parameters().method
     flagged = [int(filter_[f'Outliers {axis}']) for axis in 'xyz']
     probe = MessageFilter(Parameters())
     for message in data:
         probe.take(message)
+    assert {status.hardware_id for status in statuses.values()} == {'imu_link'}
     assert flagged == probe.filter.state['counts']['outliers'].tolist()
 
 
@@ -150,9 +164,9 @@ def test_a_reset_is_no_sign_of_degrees(fresh):
     fresh.play(simulated(300))
     assert call(fresh, Trigger, 'reset', Trigger.Request()).success
     statuses = diagnostics(
-        fresh, lambda s: values(s['gyro_drift_filter: input']).get('Samples') == '0'
+        fresh, lambda s: values(s['/gyro_drift_filter: input']).get('Samples') == '0'
     )
-    assert 'degrees' not in statuses['gyro_drift_filter: input'].message
+    assert 'degrees' not in statuses['/gyro_drift_filter: input'].message
 
 
 def test_degrees_draw_a_warning(fresh):
@@ -162,12 +176,12 @@ def test_degrees_draw_a_warning(fresh):
         nonlocal stamp
         stamp += 10**7
         fresh.publish(imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8)))
-        return statuses['gyro_drift_filter: input'].level == b'\x01'
+        return statuses['/gyro_drift_filter: input'].level == b'\x01'
 
     for _ in range(100):
         stamp += 10**7
         fresh.play([imu_message(stamp, (90.0, 1e-12 * stamp % 1, 0.1), (0, 0, 9.8))])
-    status = diagnostics(fresh, warned)['gyro_drift_filter: input']
+    status = diagnostics(fresh, warned)['/gyro_drift_filter: input']
     assert 'degrees' in status.message
 
 
@@ -260,6 +274,8 @@ def start(*arguments, until=None, domain=None):
         ('method: magic', "'method' must be one of"),
         ('model: {phi: [0.1, 0.2]}', "'model.phi' must be a list of three numbers"),
         ('model: {phi: []}', 'a parameter was given no value'),
+        ('model: {fi: [0.0, 0.1, 0.2]}', "unknown parameter 'model.fi': did you mean 'model.phi'?"),
+        ('wheel_radius: 0.3', "unknown parameter 'wheel_radius'"),
         ('model: {phi: [0, 0.1, 0.2]}', 'Sequence should be of same type'),
         (
             'qos_overrides: {/imu/data_raw: {subscription: {reliability: maybe}}}',
@@ -280,19 +296,66 @@ def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tm
     assert 'Traceback' not in log
 
 
-def test_an_unknown_key_is_named_in_the_log(tmp_path):
-    path = tmp_path / 'p.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    forgeting_factor: 0.98\n    epsilon: 1\n')
-    status, log = start('--params-file', str(path), until='filtering /imu/data_raw')
+def test_an_unknown_parameter_on_the_command_line_ends_the_node_with_one_line():
+    known = ['-p', 'use_sim_time:=true', '-p', 'start_type_description_service:=false']
+    status, log = start(*known, '-p', 'methd:=kalman')
+    assert status == 1
+    assert log == "gyro_drift_filter_node: unknown parameter 'methd': did you mean 'method'?\n"
+
+
+def test_files_for_other_nodes_and_parameters_of_theirs_are_told(tmp_path):
+    """In the log of a node that runs; what is for it is taken."""
+    shared, other, empty = (tmp_path / f'{name}.yaml' for name in ('shared', 'other', 'empty'))
+    shared.write_text('/**: {ros__parameters: {wheel_radius: 0.3, method: sage_husa}}')
+    other.write_text('gyro_drift_filter: {ros__parameters: {method: kalman}}')
+    empty.write_text('# nothing')
+    files = [text for path in (shared, other, empty) for text in ('--params-file', str(path))]
+    status, log = start('-r', '__ns:=/robot1', *files, until='filtering /robot1')
     assert status == 0
-    assert "unknown parameter 'forgeting_factor': did you mean 'forgetting_factor'?" in log
-    assert 'filtering /imu/data_raw into /imu/data_filtered' in log
+    assert "unknown parameter 'wheel_radius': taken to be for another node" in log
+    assert f'parameter file {shared} is' not in log
+    assert (
+        f'parameter file {other} is not used: it has parameters for /gyro_drift_filter, but this '
+        'node is /robot1/gyro_drift_filter'
+    ) in log
+    assert f'parameter file {empty} holds no node names' in log
+    assert 'into /robot1/imu/data_filtered by sage_husa' in log
+
+
+def test_help_and_options_that_do_not_exist():
+    def run(*arguments):
+        done = subprocess.run([EXECUTABLE, *arguments], capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout, done.stderr
+
+    status, out, _ = run('--help', '--ros-args', '-p', 'method:=kalman')
+    assert status == 0
+    for name in ('imu/data_raw', 'imu/data_filtered', 'motion_hint', '--params-file', 'README.md'):
+        assert name in out
+    for arguments in (['--verbose', 'now'], ['--ros-args', '--verbose']):
+        status, out, log = run(*arguments)
+        assert (status, out, log.count('\n')) == (2, '', 1)
+        assert '--verbose' in log
 
 
 def test_a_missing_parameter_file_ends_the_node_with_one_line(tmp_path):
     status, log = start('--params-file', str(tmp_path / 'none.yaml'))
     assert status == 1
     assert 'none.yaml' in log
+    assert 'Traceback' not in log
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['-r', 'imu/data_filtered:=/imu/data_raw'],
+        ['-r', '__ns:=/robot1', '-r', 'imu/data_raw:=imu', '-r', 'imu/data_filtered:=/robot1/imu'],
+    ],
+)
+def test_a_node_on_its_own_output_does_not_start(arguments):
+    status, log = start(*arguments)
+    assert status == 1
+    (line,) = [line for line in log.splitlines() if line.startswith('gyro_drift_filter_node: ')]
+    assert 'input and output are both /' in line
     assert 'Traceback' not in log
 
 
@@ -311,6 +374,25 @@ def test_wrong_type_on_the_topic_is_reported():
         context.try_shutdown()
     assert status == 0
     assert f'{message} sensor_msgs/msg/Imu: remap imu/data_raw' in log
+
+
+def test_two_instances_side_by_side(tmp_path):
+    """As the launch file starts them: one shipped file, each in its namespace, in one domain."""
+    domain = own_domain()
+    arguments = ['--params-file', str(SHIPPED), '-r', '__node:=gyro', '-r', '__ns:=/robot1']
+    environment_ = environment(domain) | {'ROS_HOME': str(tmp_path)}
+    with subprocess.Popen(
+        [EXECUTABLE, '--ros-args', *arguments], env=environment_, stderr=subprocess.PIPE, text=True
+    ) as first:
+        arguments[-1] = '__ns:=/robot2'
+        status, log = start(*arguments, until='nobody publishes /robot2/imu', domain=domain)
+        first.send_signal(signal.SIGINT)
+        _, other_log = first.communicate(timeout=60)
+    assert (status, first.returncode) == (0, 0)
+    assert 'is not used' not in log + other_log
+    assert 'filtering /robot1/imu/data_raw into /robot1/imu/data_filtered' in other_log
+    assert 'filtering /robot2/imu/data_raw into /robot2/imu/data_filtered' in log
+    assert 'is called' not in log + other_log
 
 
 class Other:
@@ -337,7 +419,7 @@ def input_status(live, other, text):
     live.wait(lambda: other.get_name() in live.node.get_node_names(), 'the other node')
 
     def told(statuses):
-        reports.append(statuses['gyro_drift_filter: input'])
+        reports.append(statuses['/gyro_drift_filter: input'])
         return text in reports[-1].message
 
     diagnostics(live, told)
@@ -351,7 +433,19 @@ def test_a_second_publisher_is_named(fresh):
         camera.create_publisher(Imu, '/imu/data_raw', 10)
         status = input_status(fresh, camera, '2 publishers on /imu/data_raw: /camera, /player')
         assert status.level in (b'\x01', b'\x03')
-    diagnostics(fresh, lambda s: 'publishers on' not in s['gyro_drift_filter: input'].message)
+    diagnostics(fresh, lambda s: 'publishers on' not in s['/gyro_drift_filter: input'].message)
+
+
+def test_a_second_publisher_of_the_output_is_named(fresh):
+    with Other(fresh, 'camera') as camera:
+        camera.create_publisher(Imu, '/imu/data_filtered', 10)
+        status = input_status(fresh, camera, '/camera publishes /imu/data_filtered, too')
+        assert status.level in (b'\x01', b'\x03')
+
+
+def test_a_second_node_of_the_same_name_is_told(fresh):
+    with Other(fresh, 'gyro_drift_filter') as other:
+        input_status(fresh, other, 'another node is called /gyro_drift_filter, too')
 
 
 def test_a_subscriber_that_asks_for_too_much_is_named(fresh):
@@ -378,11 +472,11 @@ def test_a_frame_that_changes_is_told(fresh):
     mixed = [message for pair in zip(data[::2], other[1::2], strict=True) for message in pair]
 
     def told(statuses):
-        return 'frame_id changes' in statuses['gyro_drift_filter: input'].message
+        return 'frame_id changes' in statuses['/gyro_drift_filter: input'].message
 
-    before = values(diagnostics(fresh, lambda s: True)['gyro_drift_filter: input'])
+    before = values(diagnostics(fresh, lambda s: True)['/gyro_drift_filter: input'])
     fresh.play(mixed)
-    status = diagnostics(fresh, told)['gyro_drift_filter: input']
+    status = diagnostics(fresh, told)['/gyro_drift_filter: input']
     changes = int(values(status)['Changes of frame_id']) - int(before['Changes of frame_id'])
     assert changes in (19, 20)
     assert values(status)['Last frame_id it changed to'] == 'rear'

@@ -19,7 +19,7 @@ from support.sensor import DEGREE, at_rest, by_hand
 
 pytestmark = pytest.mark.node
 
-FILTER = 'gyro_drift_filter: filter'
+FILTER = '/gyro_drift_filter: filter'
 
 
 def rates_of(messages):

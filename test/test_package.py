@@ -40,14 +40,34 @@ def test_package_xml_names_what_is_imported():
     assert imported - standard <= declared
 
 
-def test_the_launch_file_names_what_is_there():
+def test_the_launch_file_hands_each_argument_to_the_node():
     """Its structure, read as text; `launch` itself comes with ROS 2 from apt alone."""
-    text = (REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py').read_text()
-    ast.parse(text)
-    for argument in ('params_file', 'namespace', 'input', 'output', 'use_sim_time'):
-        assert f"LaunchConfiguration('{argument}')" in text
-        assert f"'{argument}'" in text
-    assert "executable='gyro_drift_filter_node'" in text
+    tree = ast.parse((REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py').read_text())
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+    def first_arguments(name):
+        return [ast.literal_eval(c.args[0]) for c in calls if getattr(c.func, 'id', '') == name]
+
+    topics = {
+        'input': 'imu/data_raw',
+        'output': 'imu/data_filtered',
+        'temperature': 'imu/temperature',
+        'motion_hint': 'motion_hint',
+    }
+    arguments = {'params_file', 'name', 'namespace', 'log_level', 'use_sim_time', *topics}
+    declared = first_arguments('DeclareLaunchArgument')
+    assert sorted(declared) == sorted(first_arguments('LaunchConfiguration')) == sorted(arguments)
+    (node,) = [call for call in calls if getattr(call.func, 'id', '') == 'Node']
+    given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+    assert given['executable'] == "'gyro_drift_filter_node'"
+    for name in ('name', 'namespace'):
+        assert given[name] == f"LaunchConfiguration('{name}')"
+    for name, option in (('params_file', '--params-file'), ('log_level', '--log-level')):
+        assert f"'{option}', LaunchConfiguration('{name}')" in given['ros_arguments']
+    for argument, topic in topics.items():
+        assert f"('{topic}', LaunchConfiguration('{argument}'))" in given['remappings']
+        (call,) = [c for c in calls if c.args and ast.unparse(c.args[0]) == f"'{argument}'"][:1]
+        assert f"default_value='{topic}'" in ast.unparse(call)
     assert (REPOSITORY / 'config' / 'gyro_drift_filter.yaml').exists()
 
 
@@ -57,7 +77,7 @@ def test_the_launch_file_loads_where_launch_is_installed():
 
     path = REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py'
     description = runpy.run_path(str(path))['generate_launch_description']()
-    assert len(description.entities) == 6
+    assert len(description.entities) == 10
 
 
 @pytest.fixture(scope='module')

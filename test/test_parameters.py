@@ -8,6 +8,7 @@ import yaml
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS
+from gyro_drift_filter.messages.parameter_sections import is_section_of
 from support.paths import REPOSITORY
 from tools.write_parameter_files import parameter_files
 
@@ -136,6 +137,34 @@ def test_a_stranger_in_a_section_for_all_nodes_draws_a_warning(tmp_path, caplog)
     path = write(tmp_path, '/**: {ros__parameters: {publish_rate: 3.0, epsilon: 7.0}}')
     assert read_parameters(path).epsilon == 7.0
     assert "unknown parameter 'publish_rate'" in caplog.text
+
+
+def test_a_slip_in_a_section_for_all_nodes_is_an_error(tmp_path):
+    with pytest.raises(ParameterError, match="'epsilonn': did you mean 'epsilon'"):
+        read_parameters(write(tmp_path, '/**: {ros__parameters: {epsilonn: 7.0}}'))
+
+
+# As rclpy 7.1 answers.
+@pytest.mark.parametrize(
+    ('section', 'of_robot', 'of_root'),
+    [
+        ('/gyro', False, True),
+        ('/robot1/gyro', True, False),
+        ('/**', True, True),
+        ('/*', False, True),
+        ('/*/gyro', True, False),
+        ('/**/gyro', True, True),
+        ('/robot1/*', True, False),
+        ('/robot1/**', True, False),
+        ('/**/robot1/gyro', True, False),
+        ('/*/*', True, False),
+        ('/**/**', True, True),
+        ('/gyr.', False, False),
+    ],
+)
+def test_which_node_a_section_is_for(section, of_robot, of_root):
+    assert is_section_of(section, '/robot1/gyro') == of_robot
+    assert is_section_of(section, '/gyro') == of_root
 
 
 def test_a_section_for_the_node_wins_over_one_for_all(tmp_path):

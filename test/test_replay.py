@@ -179,6 +179,21 @@ def test_a_bag_that_holds_our_own_output_is_filtered_anew(tmp_path):
     assert len(topics['/diagnostics']) >= 4
 
 
+@pytest.mark.parametrize(
+    ('topic', 'node'),
+    [(TOPIC, '/gyro_drift_filter'), ('/robot1/imu/data_raw', '/robot1/gyro_drift_filter')],
+)
+def test_diagnostics_name_node_and_gyroscope_as_the_node_does(topic, node, tmp_path):
+    source = write(tmp_path / 'in', {(topic, IMU_TYPE): simulated(300)})
+    summary = run(source, tmp_path / 'out')
+    names = [f'{node}: input', f'{node}: filter']
+    assert [status.name for status in summary.status] == names
+    _, data = read(tmp_path / 'out')[0]['/diagnostics'][-1]
+    statuses = STORE.deserialize_cdr(data, 'diagnostic_msgs/msg/DiagnosticArray').status
+    assert [status.name for status in statuses] == names
+    assert {status.hardware_id for status in statuses} == {'imu_link'}
+
+
 def test_recorded_sample_topics_are_kept_unless_they_are_written_anew(tmp_path):
     imu = simulated(100)
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})

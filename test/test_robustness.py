@@ -2,16 +2,19 @@
 
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.ros.memory_file import file_of
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from harness.live_node import LOSSLESS, LiveNode
@@ -65,6 +68,73 @@ def test_a_publisher_that_dies_and_returns():
     assert first + rest == offline(data)
 
 
+class Waiting:
+    """A subscription with one waiting message at a time, by its publisher's number."""
+
+    msg_type, raw = Imu, True
+
+    def __init__(self):
+        self.handle, self.number = self, None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def take_message(self, kind, raw):
+        return None if self.number is None else (b'', {'publication_sequence_number': self.number})
+
+
+def test_losses_are_counted_by_the_numbers_of_one_publisher():
+    taken, waiting, received = [], Waiting(), [0]
+    losses = Losses(taken.append, lambda: received[0])
+    # The publisher's number, how many have been received with it, and how many are lost by then.
+    for number, received[0], lost in [
+        (1000, 10, 0),  # what went before the node was there
+        (1050, 60, 0),
+        (None, 70, 0),  # nothing waits
+        (1200, 110, 100),
+        (20, 130, 100),  # another publisher
+        (50, 150, 110),
+    ]:
+        waiting.number = number
+        losses.count(waiting)
+        assert losses.total == lost
+    assert len(taken) == 5
+    losses.forget()
+    waiting.number = 10_000
+    losses.count(waiting)
+    assert losses.total == 110
+    losses.note_event(SimpleNamespace(total_count=200, total_count_change=1))
+    assert losses.total == 200
+
+
+@pytest.mark.node
+def test_what_a_starved_node_misses_is_counted():
+    """It stands still while more is sent than its queue holds."""
+    data, sent, name = simulated(20_000), 0, '/gyro_drift_filter: input'
+    with LiveNode([]) as live:
+
+        def starve(statuses):
+            nonlocal sent
+            if int(values(statuses[name])['Dropped by the middleware']):
+                return True
+            live.process.send_signal(signal.SIGSTOP)
+            for message in data[sent : sent + 400]:
+                live.publish(message)
+            sent += 400
+            live.process.send_signal(signal.SIGCONT)
+            return False
+
+        status = diagnostics(live, starve)[name]
+        assert 'before the node took them' in status.message
+        assert status.level == b'\x01'
+        received = int(values(status)['Events since startup'])
+        assert 0 < int(values(status)['Dropped by the middleware']) <= sent - received
+    assert live.returncode == 0
+
+
 @pytest.mark.node
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch, random):
@@ -94,7 +164,7 @@ def test_sim_time_that_stands_jumps_and_runs_fast():
         def play(part):
             assert live.play(part) == [next(expected) for _ in part]
 
-        name = 'gyro_drift_filter: input'
+        name = '/gyro_drift_filter: input'
         play(data[:300])  # no time yet
         diagnostics(live, lambda s: values(s[name])['Samples'] == '300')
         times = [1000.0] * 100 + [5.0, 1e6, 3.0] * 30 + list(np.arange(110) * 0.1)

@@ -22,8 +22,7 @@ _YAML_HEAD = """\
 # read this file as it is; docs/tuning.md says when to turn which. `make parameters` writes it from
 # gyro_drift_filter/core/parameters.py: change that.
 /**:
-  gyro_drift_filter:
-    ros__parameters:
+  ros__parameters:
 """
 _MARKDOWN_HEAD = """\
 # Parameters
@@ -48,10 +47,10 @@ def _yaml() -> str:
     blocks = []
     for group, described in _groups():
         if group:
-            lines = [*_comment(GROUPS[group], 6), f'{6 * " "}{group}:']
-            blocks.append(lines + [line for d in described for line in _yaml_lines(d, 8)])
+            lines = [*_comment(GROUPS[group], 4), f'{4 * " "}{group}:']
+            blocks.append(lines + [line for d in described for line in _yaml_lines(d, 6)])
         else:
-            blocks += [_yaml_lines(description, 6) for description in described]
+            blocks += [_yaml_lines(description, 4) for description in described]
     return _YAML_HEAD + '\n\n'.join('\n'.join(lines) for lines in blocks) + '\n'
 
 

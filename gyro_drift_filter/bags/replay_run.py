@@ -75,7 +75,7 @@ class ReplayRun:
         self._topic = topic
         self._typestore = recording.typestore
         self._messages = MessageFilter(parameters)
-        self._health = Health()
+        self._health = Health(Topics.of(topic).node)
         self._statistics = RateStatistics()
         self._report_times = ReportTimes()
         # Topics beside the Imu that the filter listens to.
@@ -160,7 +160,9 @@ class ReplayRun:
             filtered=filtered,
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
-            status=Health().judge(report, self._report_times.seconds, paced=False),
+            status=Health(Topics.of(self._topic).node).judge(
+                report, self._report_times.seconds, paced=False
+            ),
         )
 
 

@@ -51,6 +51,12 @@ def run(options: argparse.Namespace) -> None:
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
         parameters = parameters.with_names({'method': options.method})
+    if parameters.motion_hint != 'none' and options.motion_hint is None:
+        print(
+            f'warning: motion_hint is {parameters.motion_hint}, but no topic is named by '
+            '--motion-hint: a node that hears such hints filters otherwise',
+            file=sys.stderr,
+        )
     progress = Progress(enabled=not options.quiet and sys.stderr.isatty())
     try:
         summary = replay(

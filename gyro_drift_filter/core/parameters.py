@@ -360,11 +360,16 @@ FIELDS: dict[str, Description] = {
 }
 
 DESCRIPTIONS: tuple[Description, ...] = tuple(FIELDS.values())
+_ALL_NAMES = [description.name for description in DESCRIPTIONS]
 
 
 def unknown_name(name: str) -> str:
     """Return the message for a parameter that does not exist, with the nearest one that does."""
-    names = [description.name for description in DESCRIPTIONS]
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f'there are {", ".join(names)}'
+    near = difflib.get_close_matches(name, _ALL_NAMES, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f'there are {", ".join(_ALL_NAMES)}'
     return f"unknown parameter '{name}': {hint}"
+
+
+def is_misspelt(name: str) -> bool:
+    """Tell whether a name that does not exist is as near to one that does as a slip leaves it."""
+    return bool(difflib.get_close_matches(name, _ALL_NAMES, n=1, cutoff=0.8))

@@ -21,12 +21,13 @@ class Level(IntEnum):
 
 
 class DiagnosticStatus(NamedTuple):
-    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus` that has no hardware_id.
+    """Fields of a `diagnostic_msgs/msg/DiagnosticStatus`.
 
     Attributes:
         level: How bad it is.
         name: Of the part that it is on.
         message: What is the matter.
+        hardware_id: Which gyroscope it is on.
         listed: Its values: key and value in turn, each with a zero byte behind it; to make them
             one by one takes much longer.
     """
@@ -34,6 +35,7 @@ class DiagnosticStatus(NamedTuple):
     level: Level
     name: str
     message: str
+    hardware_id: str
     listed: str
 
     @property
@@ -56,7 +58,7 @@ def diagnostic_arrays(
         The messages, one behind the other, and (n,) the offset behind each.
     """
     statuses = [status for _, of_report in reports for status in of_report]
-    texts = ''.join([f'{s.name}\0{s.message}\0\0{s.listed}' for s in statuses])
+    texts = ''.join([f'{s.name}\0{s.message}\0{s.hardware_id}\0{s.listed}' for s in statuses])
     joined = np.frombuffer(texts.encode(), np.uint8)
     heads = [(*divmod(stamp, 1_000_000_000), len(of_report)) for stamp, of_report in reports]
     numbers = [(int(s.level), s.listed.count('\0') // 2) for s in statuses]

@@ -24,7 +24,7 @@ from gyro_drift_filter.messages.health_rules import (
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
 
 NODE_NAME = 'gyro_drift_filter'
-# The names of the statuses, behind that of the node.
+# The names of the statuses, behind the full one of the node.
 INPUT, FILTER = ': input', ': filter'
 
 # Reports, one a second, that shares and rates are taken over.
@@ -32,7 +32,7 @@ _WINDOW = 10
 _LEAST_SECONDS = 5.0  # of the window, to judge a rate
 
 _BEFORE_ALL = MessageReport(
-    0, 0, '', 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
+    0, 0, '', 0, 0, 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
 )
 
 
@@ -48,8 +48,9 @@ def package_version() -> str:
 class Health:
     """Judge the reports of a message filter, made at regular intervals."""
 
-    def __init__(self, name: str = NODE_NAME) -> None:
-        self._name = name
+    def __init__(self, node: str = f'/{NODE_NAME}') -> None:
+        """Start, for a node by its full name."""
+        self._node = node
         # Time of each report in s, and the report.
         self._window = deque([(0.0, _BEFORE_ALL)], maxlen=_WINDOW + 1)
         self._applied: set[str] = set()  # names of the rules that applied to the last report
@@ -93,7 +94,7 @@ class Health:
         """Return the status of a part by the rules that apply, or that it is sound without any."""
         level, text = (rules[0].level, rules[0].text) if rules else (Level.OK, sound)
         message = text if isinstance(text, str) else text(span)
-        return DiagnosticStatus(level, self._name + part, message, _listed(values))
+        return DiagnosticStatus(level, self._node + part, message, span.now.frame, _listed(values))
 
 
 def _input_values(span: Span) -> dict[str, Any]:
@@ -107,6 +108,8 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Refused (malformed)': now.malformed,
         'Refused (no usable rate yet)': state.refused,
         'Passed on (not reported)': now.not_reported,
+        'Returned (own output)': now.returned,
+        'Dropped by the middleware': now.lost,
         'Repeats': state.repeats,
         'Gaps': state.gaps,
         'Missing samples': state.missing_samples,
@@ -115,7 +118,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Equal stamps': state.same_stamps,
         'Backward stamps': state.backward_stamps,
         'Changes of frame_id': now.frame_changes,
-        'Last frame_id it changed to': now.frame,
+        'Last frame_id it changed to': now.frame if now.frame_changes else '',
         'Times stuck': state.times_stuck,
         'Unusable rates bridged': state.unusable,
         'Samples at the end of the range': state.clipped,

@@ -205,6 +205,13 @@ INPUT_RULES = (
         'no message: is the driver running, and is the topic right?',
     ),
     Rule(
+        'returned',
+        Level.ERROR,
+        lambda span: span.now.returned > span.before.returned,
+        'the filtered messages come back on the input: some node sends the output there. They are '
+        'passed over; remap one of the topics',
+    ),
+    Rule(
         'malformed',
         Level.ERROR,
         lambda span: span.now.malformed > span.before.malformed,
@@ -270,6 +277,13 @@ INPUT_RULES = (
         lambda span: _has_grown(span, 'unusable'),
         'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by the '
         'prediction for as long as gap_limit, then nothing is published',
+    ),
+    Rule(
+        'lost',
+        Level.WARN,
+        lambda span: span.now.lost > span.before.lost,
+        'the middleware has dropped messages before the node took them: the processor or the '
+        'network does not keep up',
     ),
     Rule(
         'restarted',

@@ -43,6 +43,7 @@ class ImuKind(IntEnum):
     GOOD = 0
     NOT_REPORTED = 1  # its covariance starts with -1 (REP-145): the sensor has no gyroscope
     MALFORMED = 2
+    RETURNED = 3  # the filter's own output, which some other node has sent to its input
 
 
 class FaultReason(IntEnum):
@@ -141,6 +142,13 @@ def is_published(imu: Imu) -> bool:
     if imu['kind'] == ImuKind.GOOD:
         return bool(imu['result']['status'] != SampleStatus.REFUSED)
     return bool(imu['kind'] == ImuKind.NOT_REPORTED)
+
+
+@kernel
+def rate_variance(data: NDArray[np.uint8], imu: Imu, axis: int) -> float:
+    """Return the variance of a rate that the message itself states, in (rad/s)^2."""
+    offset = imu['start'] + imu['doubles'] + 8 * (_RATE_COVARIANCE + 4 * axis)
+    return double(data, offset, imu['big_endian'])
 
 
 @kernel

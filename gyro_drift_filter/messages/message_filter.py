@@ -5,6 +5,7 @@ time, a replay many that stand in one array of bytes.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated, Any, TypedDict
 
 import numpy as np
@@ -23,6 +24,7 @@ from gyro_drift_filter.messages.imu import (
     fault_text,
     is_published,
     patch_imu,
+    rate_variance,
     read_imu,
 )
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, write_sample_message
@@ -35,6 +37,9 @@ from gyro_drift_filter.messages.telemetry import (
 
 # What is longer is cut off.
 LONGEST_FRAME_ID = 256
+# Published messages that are known again: more than queues hold. A prime, so that regular stamps do
+# not share a place.
+REMEMBERED = 1021
 
 Text = Annotated[NDArray[np.uint8], np.uint8, (LONGEST_FRAME_ID,)]
 
@@ -46,6 +51,8 @@ class Reception(TypedDict):
     malformed: int  # messages that are no Imu; nothing is published for them
     last_fault: Fault  # of the last of these
     not_reported: int  # messages without angular velocity, which are passed on as they came
+    returned: int  # messages that this filter had published, and does not filter again
+    lost: int  # messages that never came in, as far as the node knows
     frame_changes: int  # messages with another frame_id than the one before
     has_frame_id: bool  # whether there was a message with a header
     frame_id_size: int  # of the last header, without its closing zero byte
@@ -53,6 +60,17 @@ class Reception(TypedDict):
 
 
 RECEPTION = record(Reception)
+
+
+class Published(TypedDict):
+    """A filtered message, as far as it takes to know it again."""
+
+    stamp: int  # ns
+    angular_velocity: Annotated[NDArray[np.float64], np.float64, (3,)]
+    angular_velocity_variance: Annotated[NDArray[np.float64], np.float64, (3,)]
+
+
+PUBLISHED = record(Published)
 
 
 class Note(TypedDict):
@@ -83,12 +101,51 @@ def _note_frame_id(data: NDArray[np.uint8], imu: Imu, reception: Reception) -> N
 
 
 @kernel
-def _take(data: NDArray[np.uint8], imu: Imu, reception: Reception, filter_: FilterRecord) -> None:
+def _has_returned(data: NDArray[np.uint8], imu: Imu, published: Published) -> bool:
+    """Tell whether a message is one that was published: by rates and variances, to the last bit.
+
+    Equal stamps alone are no sign, as a driver may repeat itself, but it does not know the filter's
+    variance.
+    """
+    sample = imu['sample']
+    if sample['stamp'] != published['stamp']:
+        return False
+    for axis in range(3):
+        if sample['angular_velocity'][axis] != published['angular_velocity'][axis]:
+            return False
+        if rate_variance(data, imu, axis) != published['angular_velocity_variance'][axis]:
+            return False
+    return True
+
+
+@kernel
+def _remember(imu: Imu, published: Published) -> None:
+    """Note what is published for a message."""
+    result = imu['result']
+    published['stamp'] = imu['sample']['stamp']
+    for axis in range(3):
+        published['angular_velocity'][axis] = result['angular_velocity'][axis]
+        published['angular_velocity_variance'][axis] = result['angular_velocity_variance'][axis]
+
+
+@kernel
+def _take(
+    data: NDArray[np.uint8],
+    imu: Imu,
+    reception: Reception,
+    published: Sequence[Published],
+    filter_: FilterRecord,
+) -> None:
     """Count a message that has been read from the data; if it is good, filter it."""
     reception['received'] += 1
     if imu['kind'] == ImuKind.MALFORMED:
         reception['malformed'] += 1
         reception['last_fault'] = imu['fault']
+        return
+    remembered = published[imu['sample']['stamp'] % REMEMBERED]
+    if imu['kind'] == ImuKind.GOOD and _has_returned(data, imu, remembered):
+        imu['kind'] = ImuKind.RETURNED
+        reception['returned'] += 1
         return
     _note_frame_id(data, imu, reception)
     if imu['kind'] == ImuKind.NOT_REPORTED:
@@ -96,24 +153,27 @@ def _take(data: NDArray[np.uint8], imu: Imu, reception: Reception, filter_: Filt
         return
     step(imu['sample'], filter_)
     imu['result'] = filter_['state']['result']
+    if is_published(imu):
+        _remember(imu, remembered)
 
 
-@entry_kernel(np.uint8, int, IMU, RECEPTION, FILTER)
+@entry_kernel(np.uint8, int, IMU, RECEPTION, PUBLISHED, FILTER)
 def filter_message(
     message: NDArray[np.uint8],
     size: int,
     imus: Sequence[Imu],
     reception: Sequence[Reception],
+    published: Sequence[Published],
     filter_: NDArray[np.void],
 ) -> bool:
     """Filter the message that the first `size` bytes are: they are made the filtered one.
 
-    `imus`, `reception` and `filter_` are (1,), and written. Returns whether there is a message to
-    publish.
+    `imus`, `reception` and `filter_` are (1,), `published` is (REMEMBERED,), and written. Returns
+    whether there is a message to publish.
     """
     imu = imus[0]
     read_imu(message, 0, size, imu)
-    _take(message, imu, reception[0], filter_[0])
+    _take(message, imu, reception[0], published, filter_[0])
     if not is_published(imu):
         return False
     if imu['kind'] == ImuKind.GOOD:
@@ -121,17 +181,19 @@ def filter_message(
     return True
 
 
-@entry_kernel(read_only(np.uint8), IMU, NOTE, RECEPTION, FILTER)
+@entry_kernel(read_only(np.uint8), IMU, NOTE, RECEPTION, PUBLISHED, FILTER)
 def filter_imus(
     data: NDArray[np.uint8],
     imus: Sequence[Imu],
     notes: Sequence[Note],
     reception: Sequence[Reception],
+    published: Sequence[Published],
     filter_: NDArray[np.void],
 ) -> None:
     """Filter messages that were read from the data, and write what is to be noted on the way.
 
-    The notes (m,) are in the order of their indexes; `reception` and `filter_` are (1,).
+    The notes (m,) are in the order of their indexes; `reception` and `filter_` are (1,), and
+    `published` is (REMEMBERED,).
     """
     noted = 0
     for i in range(len(imus) + 1):
@@ -140,7 +202,7 @@ def filter_imus(
             read_telemetry(filter_[0]['state'], notes[noted]['telemetry'])
             noted += 1
         if i < len(imus):
-            _take(data, imus[i], reception[0], filter_[0])
+            _take(data, imus[i], reception[0], published, filter_[0])
 
 
 class MessageFilter:
@@ -156,6 +218,8 @@ class MessageFilter:
         self.filter = Filter(parameters)
         self._reception: Any = np.zeros(1, RECEPTION)
         self._imus: Any = np.zeros(1, IMU)
+        self._published: Any = np.zeros(REMEMBERED, PUBLISHED)
+        self._published['angular_velocity_variance'] = np.nan  # as nothing has
         self.reception: Reception = self._reception[0]
         self.imu: Imu = self._imus[0]
         self._message, self._sample_message = np.empty((2, 1024), np.uint8)
@@ -167,7 +231,7 @@ class MessageFilter:
             self._message, self._sample_message = np.empty((2, 2 * size), np.uint8)
         self._message[:size] = np.frombuffer(message, np.uint8)
         published = filter_message(
-            self._message, size, self._imus, self._reception, self.filter.record
+            self._message, size, self._imus, self._reception, self._published, self.filter.record
         )
         return self._message[:size].tobytes() if published else None
 
@@ -185,7 +249,7 @@ class MessageFilter:
             imus: (n,) IMU; their results are written.
             notes: (m,) NOTE in the order of their indexes, from 0 to n; the rest is written.
         """
-        filter_imus(data, imus, notes, self._reception, self.filter.record)
+        filter_imus(data, imus, notes, self._reception, self._published, self.filter.record)
 
     def report(self) -> MessageReport:
         """Return what it is like now; what is done later does not change it."""
@@ -201,8 +265,10 @@ class MessageFilter:
                 int(reception['malformed']),
                 fault_text(reception['last_fault']) if reception['malformed'] else '',
                 int(reception['not_reported']),
+                int(reception['returned']),
+                int(reception['lost']),
                 int(reception['frame_changes']),
-                _last_frame_id(reception) if reception['frame_changes'] else '',
+                _shown(reception['frame_id'][: reception['frame_id_size']].tobytes()),
                 self.filter.parameters,
                 telemetry,
             )
@@ -212,6 +278,6 @@ class MessageFilter:
         ]
 
 
-def _last_frame_id(reception: Reception) -> str:
-    text = reception['frame_id'][: reception['frame_id_size']].tobytes()
+@lru_cache(maxsize=16)
+def _shown(text: bytes) -> str:
     return printable(text.decode('utf-8', 'replace'))

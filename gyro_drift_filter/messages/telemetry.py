@@ -68,6 +68,8 @@ class MessageReport(NamedTuple):
         malformed: and
         last_malformed: and
         not_reported: and
+        returned: and
+        lost: and
         frame_changes: and
         frame: and
         parameters: of its filter.
@@ -78,6 +80,8 @@ class MessageReport(NamedTuple):
     malformed: int
     last_malformed: str
     not_reported: int
+    returned: int
+    lost: int
     frame_changes: int
     frame: str
     parameters: Parameters

@@ -11,6 +11,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.ros.arguments import (
+    USAGE,
+    UsageError,
+    asks_for_help,
+    parameter_files,
+    reporting_rcl,
+)
 
 try:
     from rclpy.experimental import EventsExecutor
@@ -24,9 +31,14 @@ _LATEST_SECONDS = 0.2
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
+    Args:
+        arguments: Of the process, its name first.
+
     Returns:
-        0 after one of them, 1 after a known error, which is one line on stderr.
+        0 after one of them or --help; 1 after a known error, 2 after an unknown option, which are
+        one line on stderr.
     """
+    arguments = sys.argv if arguments is None else arguments
     asked: list[int] = []
 
     def stop(number: int, frame: object) -> None:
@@ -39,11 +51,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, stop)
     node = None
     try:
+        if asks_for_help(arguments):
+            print(USAGE, end='')
+            return 0
         node = _start(arguments)
         spin(node, asked)
     except GyroDriftFilterError as error:
         print(f'gyro_drift_filter_node: {error}', file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
     except ExternalShutdownException:
         pass
     finally:
@@ -53,20 +68,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _start(arguments: Sequence[str] | None) -> Node:
-    try:
-        rclpy.init(
-            args=None if arguments is None else list(arguments),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-    except RuntimeError as error:  # rcl could not read the arguments or the parameter file
-        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
-        raise GyroDriftFilterError(reason) from error
+def _start(arguments: Sequence[str]) -> Node:
+    with reporting_rcl():
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     spare_linear_algebra()
     # Imported here, as it loads the kernels.
     from gyro_drift_filter.ros.node import GyroDriftFilterNode
 
-    return GyroDriftFilterNode()
+    return GyroDriftFilterNode(parameter_files(arguments))
 
 
 def spin(node: Node, asked: Sequence[int]) -> None:

@@ -1,4 +1,4 @@
-"""Who else is on the node's topics: names what keeps messages from coming."""
+"""Who else is on the node's topics, or has its name: what keeps messages away, or mixes them."""
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -10,7 +10,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 
 
 class Neighbours:
-    """Look at the publishers of the input and the subscribers of the output."""
+    """Look at the nodes at the input and the output, and at those of the same name."""
 
     def __init__(self, node: Node, input_: Subscription, output: Publisher) -> None:
         self._node = node
@@ -36,6 +36,21 @@ class Neighbours:
                 f'{len(imus)} publishers on {topic}: {names}. Their messages are mixed: remap all '
                 'but one'
             )
+        own = node.get_fully_qualified_name()
+        nodes = [
+            _full_name(namespace, name) for name, namespace in node.get_node_names_and_namespaces()
+        ]
+        if nodes.count(own) > 1:
+            return (
+                f'another node is called {own}, too: what is asked of one may be answered by the '
+                'other; start one with -r __node:=NAME or in a namespace'
+            )
+        for other in node.get_publishers_info_by_topic(output):
+            if other.topic_type == IMU_TYPE and _name(other) != own:
+                return (
+                    f'{_name(other)} publishes {output}, too: the messages are mixed; remap the '
+                    'output of one'
+                )
         offered = self._own(node.get_publishers_info_by_topic(output))
         for other in node.get_subscriptions_info_by_topic(output):
             reason = _mismatch(offered, other)
@@ -75,7 +90,11 @@ class Neighbours:
 
 
 def _name(other: TopicEndpointInfo) -> str:
-    return f'{other.node_namespace.rstrip("/")}/{other.node_name}'
+    return _full_name(other.node_namespace, other.node_name)
+
+
+def _full_name(namespace: str, name: str) -> str:
+    return f'{namespace.rstrip("/")}/{name}'
 
 
 def _mismatch(offered: TopicEndpointInfo | None, requested: TopicEndpointInfo | None) -> str:

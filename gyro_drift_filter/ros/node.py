@@ -1,7 +1,8 @@
 """The node: serialized Imu in, filtered serialized Imu out, and what the filter thinks of it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSPublisherMatchedInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
@@ -33,6 +38,7 @@ from gyro_drift_filter.messages.imu import EXAMPLE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
+from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
 from gyro_drift_filter.ros.neighbours import Neighbours
@@ -40,6 +46,8 @@ from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
 _LOG_PAUSE = 10_000_000_000  # ns
+# After so many messages what was lost is counted: several times while a full queue is emptied.
+_COUNT_EVERY = 50
 # Best effort matches every publisher, reliable matches every subscriber. The input's depth rides
 # out half a second without the processor at 400 Hz.
 _INPUT_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -62,23 +70,29 @@ def _reporting_qos(topic: str) -> Iterator[None]:
 class GyroDriftFilterNode(Node):
     """Filter `imu/data_raw` into `imu/data_filtered`.
 
+    Args:
+        parameter_files: Those that the process was given, to tell of one that is not for it.
+        options: For `rclpy.node.Node`.
+
     Raises:
-        ParameterError: A parameter has a wrong value.
+        ParameterError: A parameter has a wrong name or value.
+        GyroDriftFilterError: Input and output are one topic.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, parameter_files: Sequence[Path] = (), **options: Any) -> None:
         try:
             super().__init__(
                 NODE_NAME, automatically_declare_parameters_from_overrides=True, **options
             )
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
-        parameters = LiveParameters(self, self._configure)
+        parameters = LiveParameters(self, self._configure, parameter_files)
+        self._refuse_a_loop()
         self._messages = MessageFilter(parameters.current)
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).take(EXAMPLE)
-        self._health = Health(self.get_name())
+        self._health = Health(self.get_fully_qualified_name())
         self._memory = BiasMemory(self, self._messages.filter)
         self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -97,14 +111,17 @@ class GyroDriftFilterNode(Node):
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(Trigger, '~/calibrate', self._calibrate)
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
+        self._until_count = _COUNT_EVERY  # messages
+        self._losses = Losses(self._take, lambda: int(self._messages.reception['received']))
         with _reporting_qos('imu/data_raw'):
             self._input = self.create_subscription(
                 Imu,
                 'imu/data_raw',
-                lambda data: self._cold_start.take(self._filter, data),
+                self._take,
                 _INPUT_QOS,
                 raw=True,
                 qos_overriding_options=overridable,
+                event_callbacks=SubscriptionEventCallbacks(message_lost=self._losses.note_event),
             )
         self._neighbours = Neighbours(self, self._input, self._output)
         self.create_subscription(
@@ -118,6 +135,14 @@ class GyroDriftFilterNode(Node):
             f'{parameters.current.method}'
             + ('' if is_compiled() else ', in plain Python: install numba for speed')
         )
+
+    def _refuse_a_loop(self) -> None:
+        topic = self.resolve_topic_name('imu/data_raw')
+        if topic == self.resolve_topic_name('imu/data_filtered'):
+            raise GyroDriftFilterError(
+                f'input and output are both {topic}: the filter would filter its own output; remap '
+                'one of imu/data_raw and imu/data_filtered'
+            )
 
     def _create_sample_output(self, name: str) -> Publisher:
         def matched(info: QoSPublisherMatchedInfo) -> None:
@@ -136,6 +161,13 @@ class GyroDriftFilterNode(Node):
     def _configure(self, parameters: Parameters) -> None:
         self._messages.filter.configure(parameters)
         self._hint.listen(parameters.motion_hint)
+
+    def _take(self, data: bytes) -> None:
+        self._cold_start.take(self._filter, data)
+        self._until_count -= 1
+        if self._until_count == 0:
+            self._until_count = _COUNT_EVERY
+            self._count_losses()
 
     def _filter(self, data: bytes) -> None:
         if not self._memory.recalled:
@@ -186,6 +218,7 @@ class GyroDriftFilterNode(Node):
 
     def _report(self) -> None:
         self._memory.save_if_due()
+        self._messages.reception['lost'] = self._losses.total
         now = self._steady.now()
         seconds = (now - self._reported).nanoseconds * 1e-9
         self._reported = now
@@ -201,10 +234,18 @@ class GyroDriftFilterNode(Node):
                     level=bytes([status.level]),
                     name=status.name,
                     message=status.message,
+                    hardware_id=status.hardware_id,
                     values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
                 )
             )
         self._diagnostics.publish(array)
+
+    def _count_losses(self) -> None:
+        # What is kept for later is not received yet, and of two publishers each has its own count.
+        if self._cold_start.waiting is not None or self._input.get_publisher_count() != 1:
+            self._losses.forget()
+        else:
+            self._losses.count(self._input)
 
     def _with_surroundings(
         self, status: diagnostics.DiagnosticStatus

@@ -1,7 +1,8 @@
 """The filter's parameters as ROS 2 parameters: declared with descriptions, checked as a whole."""
 
-from collections.abc import Callable, Mapping
-from typing import cast
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -17,7 +18,11 @@ from gyro_drift_filter.core.parameters import (
     DESCRIPTIONS,
     OF_EVERY_NODE,
     Description,
-    unknown_name,
+)
+from gyro_drift_filter.messages.parameter_sections import (
+    is_section_of,
+    note_unknown,
+    read_sections,
 )
 
 _NAMES = {description.name: description for description in DESCRIPTIONS}
@@ -26,7 +31,9 @@ _NAMES = {description.name: description for description in DESCRIPTIONS}
 class LiveParameters:
     """Hold the parameters of a node; the node takes each valid change at once."""
 
-    def __init__(self, node: Node, changed: Callable[[Parameters], None]) -> None:
+    def __init__(
+        self, node: Node, changed: Callable[[Parameters], None], files: Sequence[Path]
+    ) -> None:
         """Declare the parameters.
 
         Args:
@@ -34,9 +41,10 @@ class LiveParameters:
                 user gave is there as it was typed: an integer where a double belongs, a name that
                 does not exist.
             changed: Called with the new parameters after each change.
+            files: The parameter files that the process was given.
 
         Raises:
-            ParameterError: A value is wrong.
+            ParameterError: A name or a value is wrong.
         """
         self._node = node
         self._changed = changed
@@ -47,10 +55,11 @@ class LiveParameters:
             for name, parameter in found.items()
             if name.split('.')[0] not in OF_EVERY_NODE
         }
+        sections = self._sections(files)
         for name in given:
             if name not in _NAMES:
-                # Not an error: a section for all nodes (/**) may hold what is meant for others.
-                node.get_logger().error(unknown_name(name))
+                holders = [section for section, content in sections if name in content]
+                node.get_logger().warning(note_unknown(name, holders))
         ours = {name: value for name, value in given.items() if name in _NAMES}
         self.current = Parameters.from_names(ours)
         for name in ours:
@@ -61,6 +70,26 @@ class LiveParameters:
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
+
+    def _sections(self, files: Sequence[Path]) -> list[tuple[str, dict[str, Any]]]:
+        """Return the sections of files that are for the node; warn of a file that has none."""
+        node, log = self._node.get_fully_qualified_name(), self._node.get_logger()
+        ours = []
+        for file in files:
+            try:
+                sections = read_sections(file)
+            except ParameterError as error:  # rcl has read it
+                log.warning(f'{error}: nothing of it is used')
+                continue
+            found = [item for item in sections.items() if is_section_of(item[0], node)]
+            if not found:
+                names = ', '.join(sections) or 'no node at all'
+                log.warning(
+                    f'parameter file {file} is not used: it has parameters for {names}, but this '
+                    f'node is {node}. A section /**: is for every node'
+                )
+            ours += found
+        return ours
 
     def _with_doubles(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn integers into doubles where doubles belong: `ros2 param set` types 1 as integer."""

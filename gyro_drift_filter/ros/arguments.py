@@ -1,0 +1,78 @@
+"""What the node's process is called with: ROS's own arguments, and --help."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.utilities import remove_ros_args
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+USAGE = """\
+usage: gyro_drift_filter_node [--help] [--ros-args ...]
+
+Filter a gyroscope while the robot runs: drift, noise and outliers go, motion stays.
+
+  subscribes  imu/data_raw       sensor_msgs/Imu, the raw rates
+              imu/temperature    sensor_msgs/Temperature, where there is one
+              motion_hint        what the parameter motion_hint names
+  publishes   imu/data_filtered  sensor_msgs/Imu, every sample
+              /diagnostics       what came in, and what to do about it
+              ~/bias, ~/innovation and others, while somebody listens
+  serves      ~/reset, ~/calibrate
+
+  -r imu/data_raw:=/camera/imu   filter another topic
+  -r __ns:=/robot1               run in a namespace; -r __node:=NAME gives another name
+  --params-file FILE.yaml        parameters, as config/gyro_drift_filter.yaml
+  -p method:=adaptive            how to filter: adaptive, kalman or sage_husa
+  -p bias.enabled:=true          whether the bias is learned at rest and taken off
+  -p sample_rate:=0.0            Hz, for a driver that does not stamp; 0 learns it from stamps
+
+All of these stand behind --ros-args. 'ros2 param describe /gyro_drift_filter NAME' explains a
+parameter; README.md and docs/parameters.md have them all. 'gyro_drift --help' is for bags.
+"""
+
+
+class UsageError(GyroDriftFilterError):
+    """The process was called with an option that does not exist."""
+
+
+@contextmanager
+def reporting_rcl() -> Iterator[None]:
+    """Turn what rcl says of arguments or a parameter file that it can't read into one line."""
+    try:
+        yield
+    except RuntimeError as error:
+        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        raise GyroDriftFilterError(reason) from error
+
+
+def asks_for_help(arguments: Sequence[str]) -> bool:
+    """Tell whether the arguments of a process, its name first, ask for help.
+
+    Raises:
+        UsageError: There is one that neither ROS nor the node knows.
+        GyroDriftFilterError: One that is for ROS can't be read.
+    """
+    with reporting_rcl():
+        try:
+            left = remove_ros_args(list(arguments))[1:]
+        except rclpy_implementation.UnknownROSArgsError as error:
+            raise UsageError(f'unknown options behind --ros-args: {error}; see --help') from error
+    if {'-h', '--help'} & set(left):
+        return True
+    if left:
+        raise UsageError(f'unknown options: {" ".join(left)}; see --help')
+    return False
+
+
+def parameter_files(arguments: Sequence[str]) -> list[Path]:
+    """Return the parameter files among ROS's own arguments."""
+    files, is_ros = [], False
+    for argument, value in pairwise([*arguments, '']):
+        is_ros = argument == '--ros-args' or (is_ros and argument != '--')
+        if is_ros and argument == '--params-file':
+            files.append(Path(value))
+    return files
