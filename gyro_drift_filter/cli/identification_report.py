@@ -22,7 +22,7 @@ _CHOICE = (
     'ARMA(1, 0).'
 )
 # Arrays as long as the recording are left out of the JSON.
-_LONG = ('residuals', 'cleaned', 'gaps')
+_LONG = ('residuals', 'cleaned')
 
 
 def report(result: 'Identification', material: float) -> str:
@@ -52,8 +52,8 @@ def _head(result: 'Identification') -> str:
     ]
     if timing.uneven > 0.01:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
-    if timing.cuts:
-        lines[-1] += f'; cut at {timing.cuts} gap{"s" if timing.cuts > 1 else ""}'
+    if cuts := len(timing.breaks):
+        lines[-1] += f'; cut at {cuts} gap{"s" if cuts > 1 else ""}'
     if quiet.missing:
         lines.append(f'missing: {quiet.missing} samples are not finite')
     return '\n'.join(lines)

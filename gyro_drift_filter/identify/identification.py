@@ -136,6 +136,11 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
     if seconds >= SHORTEST_QUIET:
         return seconds
     needed = f'{SHORTEST_QUIET:g} s of rest are needed'
+    if quiet.open and not quiet.spans:
+        raise IdentificationError(
+            'no rest can be told: the rates change as slowly as those of a body, and the recording '
+            "does not show that this is the sensor's own filter; let it lie still for ten minutes"
+        )
     if quiet.longest is None:
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
