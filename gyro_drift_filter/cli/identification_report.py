@@ -68,7 +68,7 @@ def _overview(result: 'Identification') -> str:
         ('outliers taken out', lambda a: str(a.preprocessed.outliers)),
         ('noise at rest (rad/s)', lambda a: f'{a.deviation:.6f}'),
         ('AR(1) plus white noise: phi', lambda a: _phi(a.description)),
-        ('  95 % interval', lambda a: _interval(a.description.phi_interval, a.description)),
+        ('  95 % interval', lambda a: _interval(a.description.phi_interval, a.description, '.4f')),
         ('  drift (rad/s)', lambda a: _deviation(a.description.drift_variance, a.description)),
         (
             '  95 % interval',
@@ -115,8 +115,11 @@ def _roots(interval: tuple[float, float]) -> tuple[float, float]:
     return math.sqrt(max(interval[0], 0.0)), math.sqrt(max(interval[1], 0.0))
 
 
-def _interval(interval: tuple[float, float], description: 'DriftAndWhite') -> str:
-    return f'{interval[0]:.3g} to {interval[1]:.3g}' if description.identifiable else '-'
+def _interval(
+    interval: tuple[float, float], description: 'DriftAndWhite', form: str = '.3g'
+) -> str:
+    # In as many digits as the estimate, so that it lies within as printed, too.
+    return f'{interval[0]:{form}} to {interval[1]:{form}}' if description.identifiable else '-'
 
 
 def _read(reading: 'Reading | None', factor: float) -> str:

@@ -246,11 +246,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     total = drift + white
     distinct = abs(drift * phi / total) * math.sqrt(data.samples)
     spread = float(best.covariance[0, 0])
-    # The drift's variance is a ratio, the covariance at lag 1 over phi, and so too large on
-    # average; to second order by this share.
-    excess = -best.covariance[0, 1] * phi / (drift * (phi**2 + spread))
-    drift /= 1.0 + max(float(excess), -0.5)
-    bounds = ((-1.0, 1.0), (0.0, math.inf), (-math.inf, math.inf))
+    bounds = ((-1.0, 1.0), (-math.inf, math.inf), (-math.inf, math.inf))
     phi_interval, drift_interval, white_interval = (
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
@@ -268,7 +264,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
         phi_interval=phi_interval,
         drift_variance=scale**2 * drift,
         drift_variance_interval=_scaled(drift_interval, scale),
-        white_variance=scale**2 * (total - drift),
+        white_variance=scale**2 * white,
         white_variance_interval=_scaled(white_interval, scale),
     )
 
