@@ -12,7 +12,7 @@ from statsmodels.tsa.arima_process import ArmaProcess
 from statsmodels.tsa.stattools import acf
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.identify.identification import AxisModel, Identification
+from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 from gyro_drift_filter.identify.spectrum import spectrum
 
 mpl.use('Agg')
@@ -66,10 +66,15 @@ def draw(
     for name, title, draw_panel, label in drawn:
         figure, panels = plt.subplots(3, 1, sharex=True, figsize=(9, 8.5), layout='constrained')
         for index, (panel, axis) in enumerate(zip(panels, result.axes, strict=True)):
-            draw_panel(panel, axis, index)
             panel.set_title(f'axis {AXES[index]}', fontsize=10, loc='left')
+            if isinstance(axis, DeadAxis):
+                what = f'dead: {np.degrees(axis.value):.6g} deg/s throughout'
+                panel.text(0.5, 0.5, what, ha='center', transform=panel.transAxes)
+                continue
+            draw_panel(panel, axis, index)
             panel.grid(alpha=0.3)
-        panels[0].legend(loc='best', fontsize=8)
+        alive = [not isinstance(axis, DeadAxis) for axis in result.axes]
+        panels[alive.index(True)].legend(loc='best', fontsize=8)
         panels[-1].set_xlabel(label)
         figure.suptitle(title)
         path = folder / f'{name}.png'

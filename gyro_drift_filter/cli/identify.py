@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
@@ -68,6 +67,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 
     try:
+        from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
     except ImportError as error:

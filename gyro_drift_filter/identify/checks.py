@@ -16,6 +16,7 @@ from statsmodels.tsa.stattools import adfuller, kpss
 from gyro_drift_filter.identify.blocks import block_means
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation
+from gyro_drift_filter.identify.series import Values, parts
 
 Floats = NDArray[np.float64]
 
@@ -57,6 +58,19 @@ class Check:
     consequence: str
 
 
+def dead_value(values: Values) -> float | None:
+    """Return the value of an axis (n,) that holds one to the last bit, None where it changes."""
+    known: float | None = None
+    for part in parts(values):
+        finite = part[np.isfinite(part)]
+        if not len(finite):
+            continue
+        known = float(finite[0]) if known is None else known
+        if (finite != known).any():
+            return None
+    return known
+
+
 def require_noise(spans: Sequence[Floats], axis: str) -> None:
     """Make sure that an axis measures at all.
 
@@ -76,14 +90,15 @@ def require_noise(spans: Sequence[Floats], axis: str) -> None:
     mode = levels[np.argmax(counts)]
     share = float(counts.max()) / len(values)
     if len(levels) == 1 or np.ptp(levels) <= 1e-12 * np.abs(levels).max():
-        what = 'zero throughout' if mode == 0.0 else f'constant at {mode:.6g} rad/s'
+        what = 'zero throughout' if mode == 0.0 else f'constant at {np.degrees(mode):.6g} deg/s'
         raise IdentificationError(
             f'axis {axis} is {what}: it does not measure, or the driver filters its noise away'
         )
     if share > DEAD_SHARE and _nearest(levels, mode) > DEAD_STEPS * _usual_step(levels, mode):
         raise IdentificationError(
             f'axis {axis} has a dead band: {100 * share:.0f} % of the samples at rest are '
-            f'{mode:.6g} rad/s and the nearest other is {_nearest(levels, mode):.3g} rad/s off; '
+            f'{np.degrees(mode):.6g} deg/s and the nearest other is '
+            f'{np.degrees(_nearest(levels, mode)):.3g} deg/s off; '
             'switch the dead band or zero-rate filter of the driver off'
         )
     if share > COARSE_SHARE:
@@ -232,7 +247,8 @@ def check_quantisation(spans: Sequence[Floats], deviation: float) -> Check:
     share = step / deviation if deviation > 0.0 else 0.0
     passed = share <= STEP_LIMIT
     detail = (
-        f'steps of {step:.4g} rad/s are {share:.3g} of the noise deviation (limit {STEP_LIMIT:g})'
+        f'steps of {np.degrees(step):.4g} deg/s are {share:.3g} of the noise deviation '
+        f'(limit {STEP_LIMIT:g})'
         if step
         else 'no quantisation found'
     )

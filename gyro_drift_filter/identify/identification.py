@@ -1,5 +1,6 @@
 """The whole identification of one recording: rests, bias, tests, models, filter parameters."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from gyro_drift_filter.identify.checks import (
     check_quantisation,
     check_stationarity,
     check_zero_mean,
+    dead_value,
     require_noise,
 )
 from gyro_drift_filter.identify.errors import IdentificationError
@@ -73,6 +75,13 @@ class AxisModel:
 
 
 @dataclass(frozen=True)
+class DeadAxis:
+    """An axis that holds one value in rad/s throughout: it does not measure."""
+
+    value: float
+
+
+@dataclass(frozen=True)
 class Identification:
     """What is known of a gyroscope from one recording.
 
@@ -81,7 +90,7 @@ class Identification:
         quiet: The motionless spans.
         begins: Begin of each span in s from the first sample.
         seconds: Length of all of them together.
-        axes: One per axis.
+        axes: One per axis; not all of them are dead.
         warnings: Sentences on how far it can be trusted.
     """
 
@@ -89,7 +98,7 @@ class Identification:
     quiet: Quiet
     begins: tuple[float, ...]
     seconds: float
-    axes: tuple[AxisModel, ...]
+    axes: tuple[AxisModel | DeadAxis, ...]
     warnings: tuple[str, ...]
 
 
@@ -111,17 +120,26 @@ def identify(
         paper: Take Q and R as the paper does, instead of those of the filter's own likelihood.
 
     Raises:
-        IdentificationError: There is no rest of `SHORTEST_QUIET` s, or an axis shows no noise.
+        IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
+            though it is not dead, or all are dead.
     """
     timing = learn_timing(stamps)
     quiet = find_quiet(timing, rates, accelerations)
     begins = tuple(float((stamps[span.first] - stamps[0]) * 1e-9) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, timing.period)
+    dead = [dead_value(rates[:, axis]) for axis in range(3)]
+    if None not in dead:
+        raise IdentificationError(
+            'all three axes are dead, each holds one value throughout: the gyroscope does not '
+            "measure, or the driver's zero-rate filter takes its noise away"
+        )
     axes = tuple(
         _identify_axis(
             rates[:, axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper
         )
-        for axis in range(3)
+        if value is None
+        else DeadAxis(value)
+        for axis, value in enumerate(dead)
     )
     return Identification(timing, quiet, begins, seconds, axes, _warnings(seconds, axes))
 
@@ -154,10 +172,14 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
     raise IdentificationError(f'only {seconds:.1f} s of rest, the longest {longest}; {needed}')
 
 
-def _warnings(seconds: float, axes: Sequence[AxisModel]) -> tuple[str, ...]:
+def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str, ...]:
     """Return one sentence each, with the axes that it is about."""
     about: dict[str, list[str]] = {}
     for name, axis in zip(AXES, axes, strict=True):
+        if isinstance(axis, DeadAxis):
+            what = f'{math.degrees(axis.value):.6g} deg/s throughout: it does not measure'
+            about.setdefault(f'dead, {what}', []).append(name)
+            continue
         sentences = [f'{c.name}: {c.consequence}' for c in axis.checks if not c.passed]
         if axis.lost > _MATERIAL_LOSS:
             sentences.append(

@@ -246,7 +246,9 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     total = drift + white
     distinct = abs(drift * phi / total) * math.sqrt(data.samples)
     spread = float(best.covariance[0, 0])
-    bounds = ((-1.0, 1.0), (-math.inf, math.inf), (-math.inf, math.inf))
+    # A variance ends at zero, unless the likeliest value lies below: that is no drift.
+    least = 0.0 if drift > 0.0 else -math.inf
+    bounds = ((-1.0, 1.0), (least, math.inf), (-math.inf, math.inf))
     phi_interval, drift_interval, white_interval = (
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
