@@ -167,7 +167,7 @@ def _models(name: str, axis: AxisModel) -> str:
 
 
 def _with_errors(values: NDArray[np.float64], deviations: NDArray[np.float64]) -> str:
-    return ', '.join(f'{v:.4f}±{d:.4f}' for v, d in zip(values, deviations, strict=True)) or '-'
+    return ', '.join(f'{v:.4f}+-{d:.4f}' for v, d in zip(values, deviations, strict=True)) or '-'
 
 
 def parameter_file(result: Identification, source: str, noise: str) -> str:

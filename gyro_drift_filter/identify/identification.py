@@ -33,7 +33,9 @@ from gyro_drift_filter.identify.models import (
 )
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
 from gyro_drift_filter.identify.quiet import SHORTEST_SECONDS, Quiet, Span, find_quiet
+from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square
 from gyro_drift_filter.identify.timing import Timing, learn_timing
+from gyro_drift_filter.identify.tones import Tone, find_tones
 
 Floats = NDArray[np.float64]
 
@@ -60,6 +62,7 @@ class AxisModel:
         noise: Q and R for the filter.
         deviation: Standard deviation of the noise at rest.
         allan: Allan deviation.
+        tones: Sines in the noise.
     """
 
     preprocessed: Preprocessed
@@ -72,6 +75,7 @@ class AxisModel:
     noise: FilterNoise
     deviation: float
     allan: Allan
+    tones: tuple[Tone, ...]
 
 
 @dataclass(frozen=True)
@@ -103,9 +107,9 @@ class Identification:
 
 
 def identify(
-    stamps: NDArray[np.int64],
-    rates: Floats,
-    accelerations: Floats,
+    stamps: NDArray[np.int64] | Stored,
+    rates: Floats | tuple[Values, ...],
+    accelerations: Floats | tuple[Values, ...],
     *,
     orders: Sequence[Order] = ORDERS,
     paper: bool = False,
@@ -114,8 +118,8 @@ def identify(
 
     Args:
         stamps: (n,) in ns.
-        rates: (n, 3) in rad/s.
-        accelerations: (n, 3) in m/s^2, NaN or zero where there is none.
+        rates: (n, 3) in rad/s, or its columns.
+        accelerations: (n, 3) in m/s^2, or its columns; NaN or zero where there is none.
         orders: ARMA orders to compare; (1, 0), which the filter takes, among them.
         paper: Take Q and R as the paper does, instead of those of the filter's own likelihood.
 
@@ -123,20 +127,18 @@ def identify(
         IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
             though it is not dead, or all are dead.
     """
-    timing = learn_timing(stamps)
-    quiet = find_quiet(timing, rates, accelerations)
-    begins = tuple(float((stamps[span.first] - stamps[0]) * 1e-9) for span in quiet.spans)
+    timing, rates = learn_timing(stamps), columns(rates)
+    quiet = find_quiet(timing, rates, columns(accelerations))
+    begins = tuple(_seconds(stamps, span.first) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, timing.period)
-    dead = [dead_value(rates[:, axis]) for axis in range(3)]
+    dead = [dead_value(rate) for rate in rates]
     if None not in dead:
         raise IdentificationError(
             'all three axes are dead, each holds one value throughout: the gyroscope does not '
             "measure, or the driver's zero-rate filter takes its noise away"
         )
     axes = tuple(
-        _identify_axis(
-            rates[:, axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper
-        )
+        _identify_axis(rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper)
         if value is None
         else DeadAxis(value)
         for axis, value in enumerate(dead)
@@ -144,7 +146,12 @@ def identify(
     return Identification(timing, quiet, begins, seconds, axes, _warnings(seconds, axes))
 
 
-def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> float:
+def _seconds(stamps: NDArray[np.int64] | Stored, index: int) -> float:
+    """Return the time of a sample in s from the first one."""
+    return float(stamps[index : index + 1][0] - stamps[:1][0]) * 1e-9
+
+
+def _require_rest(quiet: Quiet, stamps: NDArray[np.int64] | Stored, period: float) -> float:
     """Return the length of all rests in s.
 
     Raises:
@@ -163,7 +170,7 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
-    begin = (int(stamps[quiet.longest.first]) - int(stamps[0])) * 1e-9
+    begin = _seconds(stamps, quiet.longest.first)
     longest = f'{len(quiet.longest) * period:.1f} s, from {begin:.1f} s after the start'
     if not quiet.spans:
         raise IdentificationError(
@@ -189,6 +196,11 @@ def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str
                 )
             )
         sentences += axis.allan.warnings
+        sentences += [
+            f'a tone of {math.degrees(tone.amplitude):.2g} deg/s at {tone.frequency:.4g} Hz is in '
+            'the noise: a motor, the mains or the sensor itself'
+            for tone in axis.tones
+        ]
         for sentence in sentences:
             about.setdefault(sentence, []).append(name)
     warnings = [
@@ -203,7 +215,7 @@ def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str
 
 
 def _identify_axis(
-    rate: Floats,
+    rate: Values,
     spans: Sequence[Span],
     begins: Sequence[float],
     period: float,
@@ -211,13 +223,13 @@ def _identify_axis(
     orders: Sequence[Order],
     paper: bool,
 ) -> AxisModel:
-    raw = [rate[span.first : span.stop] for span in spans]
+    raw = [Stretch(rate, span.first, span.stop) for span in spans]
     require_noise(raw, name)
     clean = preprocess(rate, spans, period, begins)
     residuals = clean.residuals
     longest = max(len(piece) for piece in residuals)
     fitted = [piece for piece in residuals if len(piece) >= min(_SHORTEST_FITTED, longest)]
-    deviation = float(np.sqrt(np.mean(np.concatenate(fitted) ** 2)))
+    deviation = math.sqrt(mean_square(fitted))
     fits = fit_arma(fitted, orders)
     chosen = choose(fits)
     drift = next(candidate for candidate in fits if candidate.order == (1, 0))
@@ -238,4 +250,5 @@ def _identify_axis(
         noise=paper_noise(drift, deviation) if paper else fit_filter_noise(fitted, phi),
         deviation=deviation,
         allan=allan_deviation(clean.cleaned, period),
+        tones=find_tones(residuals, period),
     )
