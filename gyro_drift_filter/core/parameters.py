@@ -197,7 +197,7 @@ class Parameters:
         'back (adaptive); false takes them as they are.',
     )
     outlier_threshold: float = _parameter(
-        9.0,
+        7.0,
         'outlier.threshold',
         'A sample is held back where its innovation is beyond both this and outlier.acceleration; '
         'the samples after it show whether it was motion. For adaptive.',

@@ -48,11 +48,13 @@ MEAN_DEVIATIONS = 5.0
 HALVES_DEVIATIONS = 4.0
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
-# Of a first segment, the variance of the means may be so many times what that of the values says,
-# as correlated noise scatters more, and the squared differences of values this share of what they
-# are of white noise.
-LARGEST_SCATTER = 4.0
-LEAST_ROUGHNESS = 0.3
+# While the noise is not known, the means may scatter as the noisiest sensors and a running motor make
+# them: by less than this where they are averages over a second, and by the root of the time more
+# where they are of less. It is an angle random walk of 69 deg/sqrt(h), some 50 times that of a cheap
+# gyroscope; a body in motion has five times as much. The same for gravity.
+LARGEST_RANDOM_WALK = 0.02  # rad/s^(1/2)
+LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
+STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
@@ -70,28 +72,26 @@ class Signal(TypedDict):
 
     variance: float  # of values about their block's mean
     scatter: float  # variance of the means of blocks
-    value: float  # sum over the value under way, then its mean
-    previous: float  # the value before
+    value: float  # sum over the value under way
     # the block under way, and the one before, which waits for the verdict on this one
     origin: float
     sum: float
     squares: float
-    differences: float  # squares of differences of values
     waiting_mean: float
     waiting_variance: float
-    waiting_roughness: float
     # the segment
     means: float  # sum of means less the first one
     mean_squares: float
     variances: float
     largest_variance: float  # read only where the noise is not known yet
-    roughness: float  # sum of half the mean squared differences
+    steps: float  # sum of squared differences of one mean and the next
+    last: float  # mean of the last block
     first: float  # mean of the first block
     # of the first `HALF` blocks of the segment
     early_means: float
     early_mean_squares: float
     early_variances: float
-    early_roughness: float
+    early_steps: float
     # the segment before in the same rest
     before: float
     before_blocks: int
@@ -174,7 +174,6 @@ def _start_block(rest: Rest) -> None:
         signal = rest['signals'][i]
         signal['sum'] = 0.0
         signal['squares'] = 0.0
-        signal['differences'] = 0.0
 
 
 @kernel
@@ -195,7 +194,7 @@ def _start_segment(rest: Rest) -> None:
         signal['mean_squares'] = 0.0
         signal['variances'] = 0.0
         signal['largest_variance'] = 0.0
-        signal['roughness'] = 0.0
+        signal['steps'] = 0.0
 
 
 @kernel
@@ -235,13 +234,9 @@ def _note_value(rest: Rest) -> None:
         value = signal['value'] * share
         if rest['count'] == 1:
             signal['origin'] = value
-        else:
-            difference = value - signal['previous']
-            signal['differences'] += difference * difference
         deviation = value - signal['origin']
         signal['sum'] += deviation
         signal['squares'] += deviation * deviation
-        signal['previous'] = value
 
 
 @kernel
@@ -262,7 +257,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
         rest['known'] = False
     if not still:
-        ready = _lasted(rest) and _holds_together(rest, length)
+        ready = _lasted(rest) and _holds_together(rest, lengths)
         rest['at_rest'] = False
         rest['run'] = 0
         _start_block(rest)
@@ -283,7 +278,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         rest['halves'] = Halves.LEFT_BEHIND
         return BlockOutcome.NOTHING
     rest['halves'] = Halves.WHOLE
-    if not _holds_together(rest, length):
+    if not _holds_together(rest, lengths):
         rest['at_rest'] = False
         _forget_before(rest)
         if rest['known']:
@@ -316,7 +311,7 @@ def _drop_early_half(rest: Rest) -> None:
         signal['means'] -= signal['early_means']
         signal['mean_squares'] -= signal['early_mean_squares']
         signal['variances'] -= signal['early_variances']
-        signal['roughness'] -= signal['early_roughness']
+        signal['steps'] -= signal['early_steps']
     _note_half(rest)
 
 
@@ -354,7 +349,6 @@ def _let_wait(rest: Rest) -> None:
         mean, variance = _block(rest, signal)
         signal['waiting_mean'] = mean
         signal['waiting_variance'] = variance
-        signal['waiting_roughness'] = signal['differences'] / (2.0 * rest['count'] - 2.0)
 
 
 @kernel
@@ -365,11 +359,14 @@ def _add_to_segment(rest: Rest) -> None:
         mean, variance = signal['waiting_mean'], signal['waiting_variance']
         if rest['blocks'] == 0:
             signal['first'] = mean
+        else:
+            step = mean - signal['last']
+            signal['steps'] += step * step
+        signal['last'] = mean
         deviation = mean - signal['first']
         signal['means'] += deviation
         signal['mean_squares'] += deviation * deviation
         signal['variances'] += variance
-        signal['roughness'] += signal['waiting_roughness']
         signal['largest_variance'] = max(signal['largest_variance'], variance)
     rest['blocks'] += 1
     if rest['blocks'] == HALF:
@@ -384,7 +381,7 @@ def _note_half(rest: Rest) -> None:
         signal['early_means'] = signal['means']
         signal['early_mean_squares'] = signal['mean_squares']
         signal['early_variances'] = signal['variances']
-        signal['early_roughness'] = signal['roughness']
+        signal['early_steps'] = signal['steps']
 
 
 @kernel
@@ -451,28 +448,20 @@ def _scatter(rest: Rest, signal: Signal) -> float:
 
 
 @kernel
-def _holds_together(rest: Rest, length: int) -> bool:
+def _holds_together(rest: Rest, lengths: RestLengths) -> bool:
     """Return whether the means of the segment scatter as noise does, and gravity stands."""
-    blocks = 1.0 * rest['blocks']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        scatter = _scatter(rest, signal)
         if rest['known']:
-            limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (blocks - 1.0))
-            if scatter > limit * signal['scatter'] or (i < 3 and _has_halves(rest, signal)):
+            limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
+            if _scatter(rest, signal) > limit * signal['scatter']:
                 return False
-        else:
-            count = 1.0 * length
-            variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
-            if scatter > LARGEST_SCATTER * variance / count:
+            if i < 3 and _has_halves(rest, signal, signal['scatter']):
                 return False
-            limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (count - 1.0))
-            if signal['largest_variance'] > limit * variance:
-                return False
-            smooth = signal['roughness'] < LEAST_ROUGHNESS * signal['variances']
-            if smooth and variance > LEAST_VARIANCE:
-                return False
+        elif not _is_stationary(rest, i, lengths):
+            return False
         if i >= 3 and signal['before_blocks'] > 0:
+            blocks = 1.0 * rest['blocks']
             step = signal['first'] + signal['means'] / blocks - signal['before']
             spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
             if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
@@ -481,14 +470,48 @@ def _holds_together(rest: Rest, length: int) -> bool:
 
 
 @kernel
-def _has_halves(rest: Rest, signal: Signal) -> bool:
+def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
+    """Return whether signal `index` can be that of a body at rest, with noise of any spectrum."""
+    signal, length = rest['signals'][index], 1.0 * lengths['block']
+    scatter = _scatter(rest, signal)
+    walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
+    variance = max(signal['variances'] / rest['blocks'], LEAST_VARIANCE)
+    # Noise that is correlated over several values scatters like fewer of them.
+    alike = max(0.5 * scatter * length / variance, 1.0)
+    limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (length - 1.0))
+    return (
+        scatter <= walk * walk / lengths['block_seconds']
+        and signal['largest_variance'] <= limit * variance
+        and not _has_halves(rest, signal, max(scatter, variance / length))
+    )
+
+
+@kernel
+def _has_halves(rest: Rest, signal: Signal, scatter: float) -> bool:
     """Return whether the mean of the segment moves from its first half to its second."""
     late = rest['blocks'] - HALF
     if late <= 0:
         return False
     step = (signal['means'] - signal['early_means']) / late - signal['early_means'] / HALF
-    spread = signal['scatter'] * (1.0 / HALF + 1.0 / late)
+    spread = scatter * (1.0 / HALF + 1.0 / late)
     return bool(step * step > HALVES_DEVIATIONS * HALVES_DEVIATIONS * spread)
+
+
+@kernel
+def _correlated_ratio(rest: Rest) -> float:
+    """Return how much more the mean of a segment varies than if its blocks were independent.
+
+    From the correlation of one block and the next on the axes of the gyroscope, as if it fell off
+    exponentially.
+    """
+    correlation = 0.0
+    for i in range(3):
+        signal = rest['signals'][i]
+        # Von Neumann's ratio, 2 for independent ones and for a coarse sensor that shows none.
+        steps = signal['steps'] / (rest['blocks'] - 1.0) + 2.0 * LEAST_VARIANCE
+        correlation += (1.0 - 0.5 * steps / (_scatter(rest, signal) + LEAST_VARIANCE)) / 3.0
+    correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
+    return (1.0 + correlation) / (1.0 - correlation)
 
 
 @kernel
@@ -498,7 +521,7 @@ def _learn(rest: Rest, length: int) -> None:
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = max(LEARNING, 1.0 / rest['learned'])
     if rest['learned'] == 1:
-        rest['variance_ratio'] = 1.0
+        rest['variance_ratio'] = _correlated_ratio(rest)
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         variance = max(signal['variances'] / blocks, LEAST_VARIANCE)

@@ -27,6 +27,7 @@ class SensorChecks(TypedDict):
     acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
     largest: PerAxis  # |rate| of those that were stopped at, rad/s
+    at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # last change of the rate, rad/s
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     equal_all: int  # how often all rates and accelerations have come before in a row
@@ -66,28 +67,39 @@ def note_values(checks: SensorChecks, sample: Sample, period: float) -> None:
 @kernel
 def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
     """Look for rates at the end of the range; return whether all are those of the sample before."""
-    rate, same = sample['angular_velocity'], True
-    equal, largest = checks['equal'], checks['largest']
-    entered, resolution = checks['entered'], checks['resolution']
+    rate, measured, equal = sample['angular_velocity'], checks['measured'], checks['equal']
+    same = rate[0] == measured[0] and rate[1] == measured[1] and rate[2] == measured[2]
     for axis in range(3):
-        if is_usable(rate[axis]):
-            change = abs(rate[axis] - checks['measured'][axis])
-            if change > 0.0:
-                entered[axis] = change
-                if change < resolution[axis] or resolution[axis] == 0.0:
-                    resolution[axis] = change
-            elif entered[axis] > CLIPPED_STEPS * resolution[axis]:
-                largest[axis] = max(largest[axis], abs(rate[axis]))
-                fastest = abs(rate[axis]) > CLIPPED_RATE and abs(rate[axis]) == largest[axis]
-                if fastest and equal[axis] + 2 >= CLIPPED_SAMPLES:
-                    checks['clipped'][axis] += 1
-        if rate[axis] == checks['measured'][axis]:
-            equal[axis] += 1
-        else:
-            equal[axis] = 0
-            same = False
-        checks['measured'][axis] = rate[axis]
-    return same
+        equal[axis] = equal[axis] + 1 if rate[axis] == measured[axis] else 0
+        checks['at_limit'][axis] = is_usable(rate[axis]) and _is_at_limit(
+            checks, axis, rate[axis], same
+        )
+        measured[axis] = rate[axis]
+    return bool(same)
+
+
+@kernel
+def _is_at_limit(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool:
+    """Return whether a rate is at the end of the range; `same` where no axis has changed."""
+    size, change = abs(rate), abs(rate - checks['measured'][axis])
+    entered, resolution, largest = checks['entered'], checks['resolution'], checks['largest']
+    if change > 0.0:
+        entered[axis] = change
+        if change < resolution[axis] or resolution[axis] == 0.0:
+            resolution[axis] = change
+    if size <= CLIPPED_RATE or same:
+        return False
+    if change > 0.0:
+        # Where it has been stopped at before it is known with the first sample.
+        return bool(checks['clipped'][axis] > 0 and size >= largest[axis] - resolution[axis])
+    if entered[axis] <= CLIPPED_STEPS * resolution[axis]:
+        return False
+    largest[axis] = max(largest[axis], size)
+    if size < largest[axis] - resolution[axis]:
+        return False
+    if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
+        checks['clipped'][axis] += 1
+    return True
 
 
 @kernel

@@ -156,7 +156,9 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     states, workspace = filter_['state']['methods'], filter_['workspace']['methods']
     if filter_['settings']['method'] == ADAPTIVE:
         axes, tracking = states['adaptive'], states['tracking']
-        adaptive.compare_axes(axes, workspace['adaptive'], tracking, sample, filter_['settings'])
+        checks, at_rest = filter_['state']['checks'], filter_['state']['bias']['rest']['at_rest']
+        own, settings = workspace['adaptive'], filter_['settings']
+        adaptive.compare_axes(axes, own, tracking, checks, at_rest, sample, settings)
 
 
 @inlined_kernel
@@ -214,7 +216,9 @@ def rescale(filter_: 'FilterRecord', periods: float) -> None:
 def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
     """Return whether innovations can be judged, which they can't be before the noise is known."""
     if filter_['settings']['method'] == ADAPTIVE:
-        return filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
+        repeated = filter_['workspace']['methods']['adaptive']['circumstances']['repeated']
+        known = filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
+        return known and not repeated
     return True
 
 

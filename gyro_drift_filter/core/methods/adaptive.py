@@ -31,6 +31,7 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
+    LARGEST_BLOCK_WEIGHT,
     LEAST_BLOCK,
     Noise,
     interrupt_block,
@@ -40,6 +41,7 @@ from gyro_drift_filter.core.methods.noise import (
 )
 from gyro_drift_filter.core.methods.outliers import (
     FIRST_CHANGE,
+    Circumstances,
     Doubt,
     Jolt,
     OutlierLimits,
@@ -52,8 +54,10 @@ from gyro_drift_filter.core.methods.outliers import (
     note_missing,
     note_verdict,
     start_doubt,
+    was_jolted,
 )
 from gyro_drift_filter.core.sample import Sample, is_usable
+from gyro_drift_filter.core.sensor_checks import SensorChecks
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -61,10 +65,15 @@ if TYPE_CHECKING:
 # A mode probability below this is none.
 SMALLEST = 1e-300
 # What was motion among held samples is given back with this time constant, so that the heading
-# holds, as far as it is no more than this angle: no knock turns a body by more at once.
-COMPENSATION_SECONDS = 0.2
-LARGEST_COMPENSATION = 0.02  # rad
+# holds. As longest_hold bounds their number and the range of gyroscopes their rate, it is no more
+# than the first angle. The second is more than a knock turns a body that stays where it is.
+COMPENSATION_SECONDS = 0.5
+LARGEST_COMPENSATION = 2.0  # rad
+LARGEST_KNOCK = 0.02  # rad
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
+# Rates that are all those of the sample before were not measured anew where that is less likely by
+# chance than this. Drivers that poll, and buses that hang, do it far more often.
+REPEAT = 1e-3
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
@@ -83,6 +92,19 @@ class AdaptiveCoefficients(TypedDict):
     block_forgetting: float  # b of equation (13), from block to block of noise
 
 
+class Bridge(TypedDict):
+    """Repeated samples in a row, and what was put out instead: what they turned shows later."""
+
+    samples: int  # in a row, 0 where there were none before the last sample
+    angular_velocity: float  # sum of what was put out, rad/s
+    before: float  # the sample before them, rad/s
+    slope_before: float  # rad/s per sample
+    behind: bool  # the last sample was the first one after them
+
+
+BRIDGE = record(Bridge)
+
+
 class AdaptiveAxis(TypedDict):
     """State of one axis after a sample."""
 
@@ -99,6 +121,7 @@ class AdaptiveAxis(TypedDict):
     jolt: Jolt  # of the accelerometer along the same axis
     knocked: bool  # a jolt was felt while samples were held back
     held_angle: float  # rad, what the held samples turned beyond what was put out
+    bridge: Bridge
     compensation: float  # rad, of it what was motion and is still to be given back
 
 
@@ -130,6 +153,8 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
     verdict: int  # on the sample: a member of Verdict
+    accepted: float  # the sample that was accepted before it, rad/s
+    at_limit: bool  # the rate is at the end of the range
 
 
 ADAPTIVE_COEFFICIENTS = record(AdaptiveCoefficients, in_cache_lines=True)
@@ -141,8 +166,7 @@ class AdaptiveWorkspace(TypedDict):
     """What all axes need between prediction and estimate."""
 
     axes: Annotated[Sequence[AdaptiveAxisWorkspace], ADAPTIVE_AXIS_WORKSPACE, (3,)]
-    dropout: bool  # the sensor had nothing to report
-    jolted: bool  # the accelerometer was shaken
+    circumstances: Circumstances
     derivation: Derivation
 
 
@@ -165,7 +189,8 @@ def derive(
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
     coefficients['block_samples'] = samples
     exponent = samples * period / FORGETTING_SECONDS
-    coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
+    forgetting = settings['forgetting_factor'] ** exponent
+    coefficients['block_forgetting'] = max(forgetting, 1.0 - LARGEST_BLOCK_WEIGHT)
     for axis in range(3):
         workspace['axes'][axis]['of_noise'][0] = 0.0  # the variances are of other modes
 
@@ -187,6 +212,8 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     state['held_angle'] = 0.0
     state['compensation'] = 0.0
     state['knocked'] = False
+    state['bridge']['samples'] = 0
+    state['bridge']['behind'] = False
     state['sample_accepted'] = False
     state['accepted'] = rate
     start_doubt(state['doubt'], rate)
@@ -201,6 +228,7 @@ def _put_modes_at(state: AdaptiveAxis, rate: float) -> None:
         acceleration[j] = 0.0
         jerk[j] = 0.0
     state['doubt']['held'] = 0
+    state['doubt']['unseen'] = 0
     state['doubt']['agreeing'] = 0
 
 
@@ -274,23 +302,49 @@ def compare_axes(
     axes: Sequence[AdaptiveAxis],
     workspace: AdaptiveWorkspace,
     tracking: CountPerAxis,
+    checks: SensorChecks,
+    at_rest: bool,
     sample: Sample,
     settings: 'Settings',
 ) -> None:
-    """Look at all axes together, between prediction and update: jolts, and drop-outs."""
+    """Look at all axes together, between prediction and update: jolts, drop-outs, repeats."""
     rate, linear_acceleration = sample['angular_velocity'], sample['linear_acceleration']
-    jolted = surprised = False
+    jolted = jolted_before = surprised = False
+    all_equal = checks['equal'][0] > 0 and checks['equal'][1] > 0 and checks['equal'][2] > 0
+    likelihood = 1.0  # that the sensor has measured the same rates twice
+    shake = 0.0
     for axis in range(3):
-        state = axes[axis]
+        state, own = axes[axis], workspace['axes'][axis]
+        own['at_limit'] = checks['at_limit'][axis]
         if not tracking[axis]:
             continue
         if feel_jolt(state['jolt'], linear_acceleration[axis]):
             jolted = True
-        if is_usable(rate[axis]) and _surprises(state, workspace['axes'][axis], rate[axis]):
+        if was_jolted(state['jolt']):
+            jolted_before = True
+        change = max(state['jolt']['change'], state['jolt']['change_before'])
+        shake += change * change
+        if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
+        if all_equal:
+            likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
-    workspace['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    workspace['jolted'] = jolted
+    circumstances = workspace['circumstances']
+    circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
+    circumstances['repeated'] = all_equal and not at_rest and likelihood < REPEAT
+    circumstances['jolted'] = jolted
+    circumstances['jolted_before'] = jolted_before
+    circumstances['shake'] = math.sqrt(shake)
+    circumstances['at_rest'] = at_rest
+
+
+@kernel
+def _chance(workspace: AdaptiveAxisWorkspace, sample: float, resolution: float) -> float:
+    """Return how likely it is that the rate is that of the sample before by chance."""
+    variance = workspace['prediction_variance']
+    surprise = (sample - workspace['prediction']) * (sample - workspace['prediction']) / variance
+    density = math.exp(-0.5 * min(surprise, 100.0)) / math.sqrt(2.0 * math.pi * variance)
+    return float(min(density * resolution, 1.0))
 
 
 @kernel
@@ -321,65 +375,99 @@ def update(
     Returns:
         The innovation in rad/s, and whether the sample was held back.
     """
-    own, dropout, jolted = workspace['axes'][axis], workspace['dropout'], workspace['jolted']
+    own, circumstances = workspace['axes'][axis], workspace['circumstances']
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
-    verdict = judge(doubt, sample, prediction, typical, dropout, jolted, limits)
+    dropout, accepted = circumstances['dropout'], state['accepted']
+    verdict = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
     # After the verdict, which it overrules: it has to see every sample.
-    if is_constant(doubt, sample, noise['variance']):
-        _put_modes_at(state, sample)
+    constant = is_constant(doubt, sample, noise['variance'])
+    if constant:
         verdict = Verdict.ACCEPT
-    elif verdict == Verdict.HOLD:
-        note_held(doubt, sample, prediction, typical, dropout, limits)
+    elif circumstances['repeated']:
+        verdict = Verdict.BRIDGE
+    elif own['at_limit'] and _is_behind(sample, prediction, typical):
+        verdict = Verdict.PASS
+    own['verdict'] = verdict
+    own['accepted'] = accepted
+    if verdict == Verdict.HOLD or verdict == Verdict.BRIDGE:
+        if verdict == Verdict.HOLD:
+            note_held(doubt, sample, prediction, typical, dropout, limits)
+        else:
+            note_missing(doubt, typical)
         _take_prediction(state, own)
         _stay_within_reach(state, limits['growth_limit'] * doubt['held'])
-    elif verdict == Verdict.START_ANEW:
+    elif constant or verdict != Verdict.ACCEPT:
         _put_modes_at(state, sample)
-        jump = abs(sample - prediction)
-        _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
+        if verdict == Verdict.START_ANEW:
+            jump = abs(sample - prediction)
+            _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
+        elif verdict == Verdict.PASS:
+            _make_certain(state, MODES - 1)
+            note_missing(doubt, typical)  # the true rate
     else:
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
+        doubt['unseen'] = 0
         _correct(state, own, sample, steps, coefficients['modes'])
-    own['verdict'] = verdict
     doubt['last_sample'] = sample
     note_verdict(doubt, verdict == Verdict.HOLD and not dropout)
-    state['sample_accepted'] = verdict != Verdict.HOLD
-    if verdict == Verdict.HOLD:
-        interrupt_block(noise)
-        return sample - prediction, True
-    state['accepted'] = sample
+    taken = verdict == Verdict.ACCEPT or verdict == Verdict.START_ANEW
+    state['sample_accepted'] = taken
+    if taken or verdict == Verdict.PASS:
+        state['accepted'] = sample
     if verdict == Verdict.ACCEPT:
-        learn_noise(noise, sample, coefficients['block_samples'], coefficients['block_forgetting'])
-    else:
+        length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
+        learn_noise(noise, sample, circumstances['at_rest'], length, forgetting)
+    elif verdict == Verdict.START_ANEW:
         restart_block(noise)
-    return sample - prediction, False
+    else:
+        interrupt_block(noise)
+    return sample - prediction, verdict == Verdict.HOLD
+
+
+@kernel
+def _is_behind(sample: float, prediction: float, typical_innovation: float) -> bool:
+    """Return whether a rate is no larger than its prediction, as at the end of the range."""
+    size = sample if sample > 0.0 else -sample
+    predicted = prediction if sample > 0.0 else -prediction
+    return bool(predicted >= size - typical_innovation)
 
 
 @kernel
 def _compensate(
-    state: AdaptiveAxis, confirmed: bool, jolted: bool, missed: float, period: float
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    jolted: bool,
+    sample: float,
+    rate: float,
+    period: float,
 ) -> float:
-    """Return what to add to the estimate, in rad/s, for motion that was held back before.
+    """Return what to add to the estimate, in rad/s, for what the sensor turned unseen before.
 
-    Motion it was where a later sample confirmed it, or where the accelerometer felt a knock.
-    `missed` is the sample less the estimate in rad/s, `period` in s.
+    That is what was held back, where a later sample confirmed it or the accelerometer felt a knock;
+    and what was bridged. Sample and estimate in rad/s, period in s.
     """
-    if state['doubt']['held'] > 0:
-        state['held_angle'] += missed * period
+    verdict, missed = workspace['verdict'], 0.0
+    if verdict == Verdict.HOLD:
+        state['held_angle'] += (sample - rate) * period
         state['knocked'] = state['knocked'] or jolted
-    elif state['held_angle'] != 0.0:
-        moved = confirmed or state['knocked']
-        if moved and abs(state['held_angle']) <= LARGEST_COMPENSATION:
-            angle = state['compensation'] + state['held_angle']
-            state['compensation'] = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
+    elif state['held_angle'] != 0.0 and verdict != Verdict.BRIDGE:
+        largest = LARGEST_KNOCK if state['knocked'] else 0.0
+        if verdict == Verdict.START_ANEW or verdict == Verdict.PASS:
+            largest = LARGEST_COMPENSATION
+        if abs(state['held_angle']) <= largest:
+            missed = state['held_angle']
         state['held_angle'] = 0.0
         state['knocked'] = False
-    if abs(state['compensation']) < LEAST_COMPENSATION:
-        state['compensation'] = 0.0
-    angle = state['compensation'] * min(period / COMPENSATION_SECONDS, 1.0)
-    state['compensation'] -= angle
-    return float(angle / period)
+    missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
+    angle = state['compensation'] + missed
+    angle = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
+    if abs(angle) < LEAST_COMPENSATION:
+        angle = 0.0
+    now = angle * min(period / COMPENSATION_SECONDS, 1.0)
+    state['compensation'] = angle - now
+    return float(now / period)
 
 
 @kernel
@@ -405,11 +493,47 @@ def estimate(
     """
     own = workspace['axes'][axis]
     rate, variance, process_noise = _combine_modes(state, own, modes)
-    if sample == sample and not workspace['dropout']:
-        missed, jolted = sample - rate, workspace['jolted']
-        confirmed = own['verdict'] == Verdict.START_ANEW
-        rate += _compensate(state, confirmed, jolted, missed, period)
+    circumstances = workspace['circumstances']
+    if sample == sample and not circumstances['dropout']:
+        rate += _compensate(state, own, circumstances['jolted'], sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']
+
+
+@kernel
+def _cross_bridge(
+    bridge: Bridge, workspace: AdaptiveAxisWorkspace, sample: float, put_out: float
+) -> float:
+    """Return what repeated samples turned beyond what was put out, in rad/s times samples.
+
+    It shows with the second sample after them, by the cubic that has the rates and the slopes at
+    both ends. `sample` and what is put out for it are in rad/s.
+    """
+    verdict, accepted = workspace['verdict'], workspace['accepted']
+    repeated, turned = verdict == Verdict.BRIDGE, 0.0
+    if bridge['behind']:
+        slope = bridge['slope_before'] if repeated else sample - accepted
+        turned = _turned_beyond(bridge, accepted, slope)
+    if repeated and (bridge['samples'] == 0 or bridge['behind']):
+        bridge['samples'] = 0
+        bridge['angular_velocity'] = 0.0
+        bridge['before'] = accepted
+        bridge['slope_before'] = workspace['prediction'] - accepted
+    elif bridge['behind'] or verdict == Verdict.HOLD:
+        bridge['samples'] = 0
+    if repeated:
+        bridge['samples'] += 1
+        bridge['angular_velocity'] += put_out
+    bridge['behind'] = not repeated and bridge['samples'] > 0
+    return turned
+
+
+@kernel
+def _turned_beyond(bridge: Bridge, after: float, slope_after: float) -> float:
+    """Return the same for a rate after the bridge, in rad/s, and a slope in rad/s per sample."""
+    intervals = bridge['samples'] + 1.0
+    curve = (bridge['slope_before'] - slope_after) * intervals * intervals / 12.0
+    mean = 0.5 * (bridge['before'] + after)
+    return float(bridge['samples'] * mean + curve - bridge['angular_velocity'])
 
 
 @kernel

@@ -1,13 +1,13 @@
 """The sensor's own noise, learned while the robot runs: its variance R and its correlation.
 
-R is learned over blocks of samples that look like noise alone, and never from innovations, so that
+R is learned over blocks of samples at rest (`rest.py` finds it), and never from innovations, so that
 motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
 
-In white noise third differences have 20 times the variance of the noise; in motion, which is smooth
-at the scale of a sample, far less. Their ratio, a von Neumann test of third order, tells the two
-apart at every rate of turn.
+Before the first rest R is a bound: third differences have 20 times the variance of white noise, and
+motion only adds to them. In motion R falls where they are smaller than R says.
 """
 
+from enum import IntEnum
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
@@ -15,14 +15,21 @@ from gyro_drift_filter.accelerate import PerAxis, kernel, record
 BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s.
 FORGETTING_SECONDS = 0.1
+# A block of correlated noise says little: at low rates more of them count.
+LARGEST_BLOCK_WEIGHT = 0.1
 LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
-FIRST_BLOCK = 16  # samples, until noise has been seen for the first time
+FIRST_BLOCK = 16  # samples, until anything is known of the noise
 KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
 LEAST_THIRDS = 10  # third differences, without which a block says nothing
 
-# A block is noise alone where third differences carry at least this share of its variance.
+# Before the first rest a block may be noise alone where third differences carry at least this share
+# of its variance, and where that is no larger than the noise of any gyroscope.
 WHITE = 0.3
-# Of what third differences show in motion, the share that is taken for noise before any was seen.
+LARGEST_NOISE = 0.2  # rad/s
+LARGEST_BOUND = (
+    2.0  # times the lowest that was seen, whatever the mean is: motion can only raise it
+)
+# Of what third differences show of a block before the first rest, the share that is taken for noise.
 # Too low costs smoothing at rest, too high would cost motion.
 UNKNOWN_SHARE = 0.1
 # A block can raise the variance no further than by this factor.
@@ -30,9 +37,17 @@ RISE = 4.0
 LEAST_NOISE = 1e-5  # rad/s: no sensor is quieter
 FIRST_NOISE = 1e-4  # rad/s: until something is known
 STRONGEST_CORRELATION = 0.9
-LEAST_ROUGHNESS = 0.1
+LEAST_ROUGHNESS = 0.003
 # Correlation and roughness never forget slower than this.
 SLOWEST_LEARNING = 0.05
+
+
+class Bound(IntEnum):
+    """What R is taken from before the first rest."""
+
+    NONE = 0
+    OF_MOTION = 1  # a share of what is rough in motion
+    OF_NOISE = 2  # a block that looks like noise alone
 
 
 class Noise(TypedDict):
@@ -42,8 +57,16 @@ class Noise(TypedDict):
     correlation: float  # of consecutive samples: phi of equation (2)
     roughness: float  # share of R that no smooth prediction can follow
     blocks: int  # k of equation (13); 0 where the noise is not known yet
-    seen: bool  # a block of noise has been learned from
-    bounded: bool  # R is a bound, taken from a block of motion
+    seen: bool  # a block at rest has been learned from
+    # before the first rest
+    bound: int  # a member of Bound: what R is taken from
+    bounds: int  # how many blocks of that kind there were
+    lowest: float  # (rad/s)^2, that they gave
+    # the last block, which counts where the next one is at rest, too
+    waiting: bool
+    waiting_variance: float
+    waiting_correlation: float
+    waiting_roughness: float
     resolution: float  # rad/s, the smallest change seen; 0 before the first
     # the block under way
     count: int  # samples in it
@@ -76,7 +99,8 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     noise['variance'] = (deviation if known else FIRST_NOISE) ** 2
     noise['blocks'] = KNOWN_BLOCKS if known else 0
     noise['seen'] = False
-    noise['bounded'] = False
+    noise['bound'] = Bound.NONE
+    noise['waiting'] = False
     # Of third differences, x(k) - 3 x(k-1) + 3 x(k-2) - x(k-3), of AR(1) noise.
     roughness = 1.0 - correlation * (1.5 - correlation * (0.6 - 0.1 * correlation))
     noise['roughness'] = max(roughness, LEAST_ROUGHNESS)
@@ -111,9 +135,12 @@ def interrupt_block(noise: Noise) -> None:
 
 
 @kernel
-def learn_noise(noise: Noise, sample: float, block_samples: int, block_forgetting: float) -> None:
+def learn_noise(
+    noise: Noise, sample: float, at_rest: bool, block_samples: int, block_forgetting: float
+) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
+    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample;
     `block_forgetting` is b of equation (13) from one block to the next.
     """
     before, run = noise['before'], noise['run']
@@ -142,9 +169,10 @@ def learn_noise(noise: Noise, sample: float, block_samples: int, block_forgettin
     noise['count'] += 1
     noise['index'] += 1
     noise['run'] = run + 1
-    if noise['count'] >= (block_samples if noise['seen'] else FIRST_BLOCK):
-        if noise['third_difference_count'] >= LEAST_THIRDS:
-            _judge_block(noise, block_forgetting)
+    begun = noise['bound'] == Bound.OF_NOISE or noise['seen']
+    full = noise['count'] >= (block_samples if begun else FIRST_BLOCK)
+    if full and noise['third_difference_count'] >= LEAST_THIRDS:
+        _judge_block(noise, at_rest, block_forgetting)
         _next_block(noise)
 
 
@@ -157,26 +185,27 @@ def _next_block(noise: Noise) -> None:
 
 
 @kernel
-def _judge_block(noise: Noise, block_forgetting: float) -> None:
-    """Take a full block into the statistics, weighted as in equation (13), in place of (16)."""
-    n = 1.0 * noise['count']
-    centred = noise['moment'] - noise['index_sum'] * noise['sum'] / n
-    index_scatter = noise['index_squares'] - noise['index_sum'] * noise['index_sum'] / n
-    about_line = (
-        noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / index_scatter
-    )
-    variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
+def _judge_block(noise: Noise, at_rest: bool, block_forgetting: float) -> None:
+    """Take blocks into the statistics, weighted as in equation (13), in place of (16).
+
+    A motion is noticed some time after it has begun, so a block waits for the next one.
+    """
     rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
-    if rough > WHITE * variance:
-        _learn_from_noise(noise, variance, rough, block_forgetting)
-    elif noise['blocks'] > 0:
-        # In motion R never rises, and falls where even the roughness of the motion is below it.
+    # The first rest is found when it has lasted for longer than a block.
+    if at_rest and (noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)):
+        _learn_from_rest(noise, block_forgetting)
+    _let_wait(noise, rough)
+    noise['waiting'] = at_rest
+    if not at_rest and noise['blocks'] > 0:
+        # In motion R never rises, and falls where even the motion's roughness is below it.
         noise['variance'] = min(noise['variance'], 2.0 * rough / noise['roughness'])
-    else:
-        bound = UNKNOWN_SHARE * rough
-        # The first bound replaces the first guess, the later ones only lower it.
-        noise['variance'] = min(noise['variance'], bound) if noise['bounded'] else bound
-        noise['bounded'] = True
+    elif not at_rest:
+        variance = noise['waiting_variance']
+        white = rough > WHITE * variance and variance <= LARGEST_NOISE**2
+        if white:
+            _bound_noise(noise, variance, Bound.OF_NOISE)
+        else:
+            _bound_noise(noise, UNKNOWN_SHARE * rough, Bound.OF_MOTION)
     noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
     if noise['seen']:
         # A sensor of coarse steps that shows no noise still errs by a step's rounding.
@@ -185,19 +214,50 @@ def _judge_block(noise: Noise, block_forgetting: float) -> None:
 
 
 @kernel
-def _learn_from_noise(noise: Noise, variance: float, rough: float, block_forgetting: float) -> None:
+def _bound_noise(noise: Noise, variance: float, bound: Bound) -> None:
+    """Take a bound for R, if none of a better kind is known: the lowest, or the mean near it."""
+    if bound < noise['bound']:
+        return
+    if bound > noise['bound']:
+        noise['bound'] = bound
+        noise['bounds'] = 0
+        noise['lowest'] = variance
+    noise['bounds'] += 1
+    noise['lowest'] = min(noise['lowest'], variance)
+    mean = noise['variance'] + (variance - noise['variance']) / noise['bounds']
+    largest = LARGEST_BOUND if bound == Bound.OF_NOISE else 1.0
+    noise['variance'] = min(mean, largest * noise['lowest'])
+
+
+@kernel
+def _let_wait(noise: Noise, rough: float) -> None:
+    """Keep what the full block shows."""
+    n = 1.0 * noise['count']
+    centred = noise['moment'] - noise['index_sum'] * noise['sum'] / n
+    index_scatter = noise['index_squares'] - noise['index_sum'] * noise['index_sum'] / n
+    about_line = (
+        noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / index_scatter
+    )
+    variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
+    first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
+    correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
+    noise['waiting_correlation'] = correlation
+    noise['waiting_variance'] = variance * (1.0 - 0.5 * correlation * correlation)
+    noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
+
+
+@kernel
+def _learn_from_rest(noise: Noise, block_forgetting: float) -> None:
+    """Take the block that waits into the statistics."""
+    variance = noise['waiting_variance']
     noise['seen'] = True
-    if noise['blocks'] == 0 or variance < 0.5 * noise['variance']:
+    if noise['blocks'] == 0:
         noise['variance'] = variance
-        noise['blocks'] = 0
     noise['blocks'] += 1
     # A float exponent, as compiled and plain Python raise to an integer one differently.
     weight = (1.0 - block_forgetting) / (1.0 - block_forgetting ** float(noise['blocks']))  # (13)
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)
-    first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
-    correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
-    noise['correlation'] += shape_weight * (correlation - noise['correlation'])
-    roughness = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
-    noise['roughness'] += shape_weight * (roughness - noise['roughness'])
+    noise['correlation'] += shape_weight * (noise['waiting_correlation'] - noise['correlation'])
+    noise['roughness'] += shape_weight * (noise['waiting_roughness'] - noise['roughness'])

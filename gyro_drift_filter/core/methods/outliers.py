@@ -30,6 +30,7 @@ EXTRAPOLATION_POWER = 1.5  # what an extrapolation over n samples may miss grows
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
 GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
+JERK_FROM_REST = 500.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
 BODY_LIMIT = 1000.0  # rad/s^2: no body does more, so a jump beyond needs ...
@@ -45,6 +46,7 @@ JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: so
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
 JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
+LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate at once
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
@@ -56,16 +58,31 @@ class Verdict(IntEnum):
     ACCEPT = 0
     HOLD = 1  # back, until the samples after it say what it was
     START_ANEW = 2  # at this sample: what was held back was motion
+    BRIDGE = 3  # nothing was measured, the prediction stands in for it
+    PASS = 4  # as it is: the sensor is at the end of its range
+
+
+class Circumstances(TypedDict):
+    """What is known of a sample beside its rate on the axis at hand."""
+
+    dropout: bool  # the sensor had nothing to report
+    repeated: bool  # the sensor has not measured since the sample before
+    at_rest: bool  # the sensor stands still, as far as is known before the sample
+    jolted: bool  # the accelerometer has just been shaken,
+    jolted_before: bool  # or had been at the sample before
+    shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
 
 
 class OutlierLimits(TypedDict):
     """Limits for one sample period."""
 
     threshold: float  # predicted standard deviations
-    least_jump: float  # rad/s
+    least_jump: float  # rad/s,
+    least_jump_at_rest: float  # rad/s, the same where the sensor stands still
     growth_limit: float  # rad/s
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s
+    least_shake: float  # m/s^2 for a jump of 1 rad/s
     run: int  # samples: the longest run of equal outliers
     longest_hold: int  # samples
 
@@ -73,7 +90,8 @@ class OutlierLimits(TypedDict):
 class Doubt(TypedDict):
     """The samples of one axis that are held back, and the last one."""
 
-    held: int  # how many in a row
+    held: int  # how many in a row, missing ones among them
+    unseen: int  # how many in a row, up to the last one, that were not measured
     # These mean nothing where none is held.
     agreeing: int  # of them, the last ones that agree
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
@@ -88,10 +106,13 @@ class Jolt(TypedDict):
     """How the accelerometer is shaken along one axis."""
 
     linear_acceleration: float  # of the last sample, m/s^2
+    change: float  # since the sample before, m/s^2
+    change_before: float  # of that one
     usual_change: float  # from sample to sample, m/s^2
     samples_left: int  # for which the last jolt still counts
 
 
+CIRCUMSTANCES = record(Circumstances)
 OUTLIER_LIMITS = record(OutlierLimits)
 DOUBT = record(Doubt)
 JOLT = record(Jolt)
@@ -103,11 +124,20 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     enabled = settings['outlier_enabled']
     limits['threshold'] = settings['outlier_threshold'] if enabled else np.inf
     limits['least_jump'] = settings['outlier_acceleration'] * period
+    from_rest = 0.5 * JERK_FROM_REST * period * period
+    limits['least_jump_at_rest'] = min(from_rest, limits['least_jump'])
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
+    limits['least_shake'] = LEVER / period
     limits['run'] = settings['outlier_run']
     limits['longest_hold'] = 2 * settings['outlier_run'] + 2
+
+
+@kernel
+def was_jolted(jolt: Jolt) -> bool:
+    """Return whether a jolt of a sample before the present one still counts, after `feel_jolt`."""
+    return bool(0 < jolt['samples_left'] < JOLT_SAMPLES)
 
 
 @kernel
@@ -120,8 +150,11 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     change = abs(linear_acceleration - jolt['linear_acceleration'])
     jolt['linear_acceleration'] = linear_acceleration
     jolt['samples_left'] = max(jolt['samples_left'] - 1, 0)
+    jolt['change_before'] = jolt['change']
+    jolt['change'] = 0.0
     if not change < np.inf:
         return False
+    jolt['change'] = change
     usual = max(jolt['usual_change'], JOLT_FLOOR)
     if change > JOLT_RATIO * usual:
         jolt['samples_left'] = JOLT_SAMPLES
@@ -134,6 +167,7 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
     doubt['held'] = 0
+    doubt['unseen'] = 0
     doubt['agreeing'] = 0
     doubt['repeats'] = 0
     doubt['share_held'] = 0.0
@@ -145,26 +179,37 @@ def judge(
     doubt: Doubt,
     sample: float,
     prediction: float,
+    accepted: float,
     typical_innovation: float,
-    dropout: bool,
-    jolted: bool,
+    circumstances: Circumstances,
     limits: OutlierLimits,
 ) -> Verdict:
     """Return the verdict on a sample.
 
-    Arguments: sample and prediction in rad/s; the typical size of an innovation, in rad/s; whether
-    the sample is a drop-out of the sensor; whether the accelerometer has just been jolted.
+    Arguments in rad/s: the sample, its prediction, the last sample that was accepted, the typical
+    size of an innovation.
     """
-    innovation = sample - prediction
+    innovation, dropout = sample - prediction, circumstances['dropout']
     size = abs(innovation)
     jump = limits['threshold'] * typical_innovation
-    held = doubt['held']
+    held, jolted = doubt['held'], circumstances['jolted']
     if doubt['share_held'] > CROWDED and not dropout:
         return Verdict.ACCEPT if held == 0 else Verdict.START_ANEW
+    at_rest = circumstances['at_rest']
+    least_jump = limits['least_jump_at_rest'] if at_rest else limits['least_jump']
+    doubtful = size > jump and size > least_jump
+    if doubt['unseen'] > 0 and not dropout:
+        # An extrapolation says little: what a body can have come to meanwhile is no outlier.
+        reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
+        if abs(sample - accepted) <= reach:
+            return Verdict.START_ANEW if doubtful else Verdict.ACCEPT
     if held == 0:
-        # A jolt is no excuse for the first one: a corrupted message has one, too.
-        doubtful = dropout or (size > limits['least_jump'] and size > jump)
-        return Verdict.HOLD if doubtful else Verdict.ACCEPT
+        # A shake is no excuse at rest: a message that is corrupted as a whole has one, too.
+        shaken = not at_rest and circumstances['shake'] > limits['least_shake'] * size
+        knocked = circumstances['jolted_before'] or shaken
+        if doubtful and knocked and not dropout and size < JOLT_LIMIT:
+            return Verdict.START_ANEW
+        return Verdict.HOLD if doubtful or dropout else Verdict.ACCEPT
     lasted = held >= limits['longest_hold']
     if dropout:
         # One more than other runs: two drop-outs of two samples each may follow each other.
@@ -177,7 +222,9 @@ def judge(
     away = size > 0.5 * jump and size > RETURN * abs(offset) and innovation * offset > 0.0
     if near and not away:
         return Verdict.ACCEPT
-    if jolted and size < JOLT_LIMIT:
+    # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
+    small = abs(offset) <= limits['least_jump'] and innovation * offset > 0.0
+    if small or (jolted and size < JOLT_LIMIT):
         return Verdict.START_ANEW
     change = abs(sample - doubt['last_sample'])
     grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
@@ -209,6 +256,7 @@ def note_held(
     elif not _continues(doubt, abs(sample - doubt['last_sample']), dropout, limits):
         doubt['agreeing'] = 0
     doubt['held'] += 1
+    doubt['unseen'] = 0
     doubt['agreeing'] += 1
     doubt['offset'] = 0.0 if dropout else sample - prediction
 
@@ -219,6 +267,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
     if doubt['held'] == 0:
         doubt['typical_innovation'] = typical_innovation
     doubt['held'] += 1
+    doubt['unseen'] += 1
     doubt['agreeing'] = 0
     doubt['offset'] = 0.0
 
