@@ -47,7 +47,7 @@ def test_a_file_goes_with_its_series(random):
 def test_a_full_disk_is_one_line():
     full = Stored()
     full._file = Path('/dev/full').open('wb', buffering=0)  # noqa: SIM115
-    with pytest.raises(IdentificationError, match='no space left in .*TMPDIR'):
+    with pytest.raises(IdentificationError, match=r'no space left in .*TMPDIR'):
         full.append(np.zeros(10))
     full._file.close()
 
