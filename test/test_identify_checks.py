@@ -111,7 +111,7 @@ def test_no_step_is_found_where_there_is_none(values):
     ('fault', 'text'),
     [
         (lambda x: 0 * x, 'zero throughout'),
-        (lambda x: 0 * x + 0.02, 'constant at 0.02'),
+        (lambda x: 0 * x + 0.02, 'constant at 1.14592 deg/s'),
         (lambda x: x * np.nan, 'no finite sample'),
         (lambda x: np.where(np.abs(x) < NOISE, 0.0, x), 'dead band'),
         (lambda x: 10 * NOISE * np.round(x / NOISE / 5), 'too coarse'),

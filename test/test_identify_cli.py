@@ -1,7 +1,12 @@
 """`gyro_drift identify` as a person meets it."""
 
+import errno
 import json
+import os
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,8 +140,7 @@ def missing(rates):
     [
         (moving, [], 'no rest: even the quietest second of the recording moves; 20 s of rest are'),
         (None, ['--end', '10'], 'only 10.0 s of rest, the longest 10.0 s, from 0.0 s after the st'),
-        (constant, [], 'axis y is constant at 0.25 rad/s: it does not measure'),
-        (zero, [], 'axis z is zero throughout: it does not measure'),
+        (lambda rates: 0 * rates, [], 'all three axes are dead'),
         (deadband, [], 'axis x has a dead band'),
         (missing, [], 'no rest'),
         (None, ['--start', '500'], 'no sample between --start 500'),
@@ -148,6 +152,128 @@ def test_what_can_not_be_identified_is_said_in_one_line(change, options, message
     assert message in printed.err
     assert printed.err.count('\n') == 1
     assert not (tmp_path / 'model.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    ('change', 'dead', 'value'),
+    [(zero, 2, '0 deg/s throughout'), (constant, 1, '14.3239 deg/s throughout')],
+)
+def test_a_dead_axis_is_told_and_the_others_are_identified(change, dead, value, tmp_path, capsys):
+    source = bag(tmp_path / 'in', change=change)
+    paths = [str(tmp_path / 'model.json'), '--plot', str(tmp_path / 'figures')]
+    assert identify(tmp_path, source, '--json', *paths) == 0
+    printed = capsys.readouterr()
+    assert f'axis {"xyz"[dead]}: dead, {value}: it does not measure' in printed.err
+    cells = next(line for line in printed.out.splitlines() if line.startswith('bias')).split()[2:]
+    assert [cell == 'dead' for cell in cells] == [axis == dead for axis in range(3)]
+    assert f'axis {"xyz"[dead]} ' not in printed.out
+    parameters = read_parameters(tmp_path / 'model.yaml')
+    alive = [axis for axis in range(3) if axis != dead]
+    np.testing.assert_allclose(
+        np.array(parameters.bias_initial)[alive], np.array([0.01, -0.02, 0.005])[alive], atol=3e-4
+    )
+    assert parameters.bias_initial[dead] == parameters.model_noise_deviation[dead] == 0.0
+    assert f'Dead: axis {"xyz"[dead]}' in (tmp_path / 'model.yaml').read_text()
+    results = json.loads((tmp_path / 'model.json').read_text())
+    assert list(results['axes'][dead]) == ['value']
+
+
+def test_a_node_takes_the_file_in_any_namespace_and_under_any_name(tmp_path):
+    """By the loading of parameters that every rclpy node has."""
+    import rclpy
+    from rclpy.node import Node
+
+    assert identify(tmp_path, bag(tmp_path / 'in', 30)) == 0
+    expected = read_parameters(tmp_path / 'model.yaml')
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    try:
+        node = Node(
+            'my_filter',
+            namespace='/robot1/front',
+            context=context,
+            cli_args=['--ros-args', '--params-file', str(tmp_path / 'model.yaml')],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        for name in ('model.phi', 'bias.initial'):
+            values = node.get_parameter(name).value
+            assert list(values) == list(expected.names()[name])
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_the_older_form_of_the_file_is_read_as_well(tmp_path):
+    assert identify(tmp_path, bag(tmp_path / 'in', 30)) == 0
+    text = (tmp_path / 'model.yaml').read_text()
+    named = tmp_path / 'named.yaml'
+    named.write_text(text.replace('/**:', 'gyro_drift_filter:'))
+    assert named.read_text() != text
+    assert read_parameters(named) == read_parameters(tmp_path / 'model.yaml')
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['-o', '{}/model.yaml', '--json', '{}/model.yaml'], 'name the same file'),
+        (['-o', '{}/none/model.yaml'], 'there is no folder'),
+        (['-o', '{}'], 'is a folder: name a file'),
+        (['-o', '{}/model.yaml', '--plot', '{}/allan.svg'], 'name a folder; several PNG files'),
+        (['-o', '{}/model.yaml', '--plot', '{}/file/figures'], 'is no folder'),
+        (['-o', '/proc/model.yaml'], '/proc can not be written'),
+    ],
+)
+def test_a_wrong_target_is_found_before_the_work(options, said, tmp_path, capsys):
+    """The bag is none, which only the work would find."""
+    (tmp_path / 'file').touch()
+    options = [option.format(tmp_path) for option in options]
+    assert main(['identify', str(tmp_path / 'no bag'), *options]) == 1
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.err.count('\n') == 1
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
+
+
+def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch, capsys):
+    source = bag(tmp_path / 'in', 30)
+    write_text = Path.write_text
+
+    def full(self, text, **options):
+        write_text(self, text[:100], **options)
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    assert identify(tmp_path, source) == 1
+    assert 'model.yaml can not be written: No space left' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+def test_an_ascii_terminal_does_not_end_it(tmp_path):
+    source = bag(tmp_path / 'in', 25)
+    output = tmp_path / 'model.yaml'
+    environment = {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONIOENCODING': 'ascii'}
+    done = subprocess.run(
+        [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'identify', source, '-o', output],
+        env={**os.environ, **environment},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    read_parameters(output)
+
+
+@pytest.mark.parametrize(('options', 'rate'), [((), 100.0), (('--sample-rate', '50'), 50.0)])
+def test_stamps_of_zero_take_the_log_times_or_a_rate(options, rate, tmp_path, capsys):
+    data = simulate(SimulationSettings(static_seconds=40, dynamic_seconds=0, white_deviation=1e-4))
+    samples = zip(
+        data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
+    )
+    rows = [(stamp, imu_message(0, *sample)) for stamp, *sample in samples]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): rows})
+    assert identify(tmp_path, source, *options) == 0
+    said = '50 Hz as named' if options else 'log times'
+    assert f'the stamps are zero: the time is that of {said}' in capsys.readouterr().err
+    assert read_parameters(tmp_path / 'model.yaml').sample_rate == pytest.approx(rate, rel=1e-3)
 
 
 def test_a_file_that_exists_is_left_alone(tmp_path, capsys):

@@ -89,6 +89,48 @@ def test_a_weak_drift_in_white_noise_is_called_not_identifiable(ratio):
         assert not fit_drift_and_white([drift + noise]).identifiable
 
 
+def quantised(values, step):
+    return step * np.round(values / step)
+
+
+def low_passed(values, share):
+    for _ in range(2):
+        values = signal.lfilter([share], [1.0, share - 1.0], values)
+    return values
+
+
+# Noise (n,) of a sensor from white noise (n,) and other white noise.
+SENSORS = {
+    'white': lambda e, _: e,
+    'drift': lambda e, _: signal.lfilter([1.0], [1.0, -0.9], e),
+    'negative drift': lambda e, _: signal.lfilter([1.0], [1.0, 0.3], e),
+    'faint drift': lambda e, _: signal.lfilter([1.0], [1.0, -0.05], e),
+    'drift and white': lambda e, f: signal.lfilter([1.0], [1.0, -0.95], e) + 3 * f,
+    'slow drift and white': lambda e, f: signal.lfilter([0.05], [1.0, -0.999], e) + f,
+    'walk': lambda e, _: np.cumsum(e),
+    'walk and white': lambda e, f: 0.02 * np.cumsum(e) + f,
+    'quantised': lambda e, _: quantised(e, 1.5),
+    'low-passed': lambda e, _: low_passed(e, 0.45),
+    'far low-passed': lambda e, _: low_passed(e, 0.15),
+    'resonant': lambda e, _: signal.lfilter([1.0], [1.0, -0.223, 0.383, 0.075], e),
+}
+
+
+@pytest.mark.parametrize('kind', SENSORS)
+@pytest.mark.parametrize('seed', range(2))
+def test_every_interval_holds_its_estimate(kind, seed):
+    """Whatever the sensor, also where the model does not fit it."""
+    random = np.random.default_rng([seed, 11])
+    data = SENSORS[kind](*random.standard_normal((2, 3000)))
+    found = fit_drift_and_white([data - data.mean()])
+    for estimate, (low, high) in (
+        (found.phi, found.phi_interval),
+        (found.drift_variance, found.drift_variance_interval),
+        (found.white_variance, found.white_variance_interval),
+    ):
+        assert low <= estimate <= high
+
+
 def test_the_filters_own_model_is_found():
     """Data made by equations (3) and (4)."""
     phi, q, r = 0.5, 1e-4, 1.0

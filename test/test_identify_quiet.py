@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.identification import identify
@@ -29,6 +30,10 @@ def share(spans, n):
     return sum(map(len, spans)) / n
 
 
+def share_of(spans, rates):
+    return share(spans, len(rates))
+
+
 def test_a_motionless_recording_is_one_span(random):
     stamps, rates, accelerations = at_rest(random, 600)
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
@@ -44,6 +49,87 @@ def test_correlated_noise_is_no_motion(phi, seed):
     rates = rates + autoregressive(random, len(rates), phi, NOISE)
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
     assert share(spans, len(rates)) > 0.9
+
+
+def low_passed(random, seconds, rate, share, noise=0.006, times=2):
+    """Return noise (n, 3) behind first-order lags, as a sensor's own filter makes it."""
+    out = noise * random.standard_normal((round(seconds * rate) + 1000, 3))
+    for _ in range(times):
+        out = lfilter([share], [1.0, share - 1.0], out, axis=0)
+    return out[1000:]
+
+
+PHONE = np.radians([2.0, -1.2, 0.7])  # bias
+
+
+def phone(random, seconds, acceleration_noise=0.02):
+    """Return a phone that lies still: 10 Hz, noise correlated over seconds."""
+    rates = PHONE + low_passed(random, seconds, 10.0, 0.15)
+    accelerations = acceleration_noise * random.standard_normal(rates.shape)
+    return stamps_of(len(rates), 0.1), rates, np.array([0.3, -0.2, 9.8]) + accelerations
+
+
+@pytest.mark.parametrize(('rate', 'share'), [(100, 0.45), (100, 0.1), (50, 0.15), (10, 0.45)])
+def test_a_low_pass_in_the_sensor_is_no_motion(rate, share, random):
+    rates = PHONE + low_passed(random, 300, rate, share)
+    stamps = stamps_of(len(rates), 1.0 / rate)
+    for acceleration_noise in (0.02, 0.0):
+        accelerations = [0.3, -0.2, 9.8] + acceleration_noise * random.standard_normal(rates.shape)
+        spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
+        assert share_of(spans, rates) > 0.85
+
+
+@pytest.mark.parametrize('noise', [0.02, 0.0])
+def test_a_phone_that_lies_still_rests(noise, random):
+    """By gravity, and without an accelerometer by angles that walk and do not come back."""
+    stamps, rates, accelerations = phone(random, 600, noise)
+    quiet = find_quiet(learn_timing(stamps), rates, accelerations if noise else 0 * accelerations)
+    assert share_of(quiet.spans, rates) > 0.85
+
+
+def test_a_phone_is_motionless_between_turns(random):
+    stamps, rates, accelerations = phone(random, 600)
+    moving = np.zeros(len(rates), bool)
+    for k in range(1000, 6000, 1500):
+        rates[k : k + 30, 0] += 0.7 * np.sin(np.linspace(0, np.pi, 30))
+        moving[k : k + 30] = True
+    spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
+    assert share_of(spans, rates) > 0.6
+    assert not any(moving[span.first : span.stop].any() for span in spans)
+
+
+@pytest.mark.parametrize(('angle', 'shown'), [(0.004, True), (0.02, False)])
+def test_a_slow_sway_is_motion(angle, shown, random):
+    """As slow as that noise; without an accelerometer it is told where it comes back visibly."""
+    stamps, rates, accelerations = phone(random, 600, 0.005)
+    drive = random.standard_normal((len(rates) + 1000, 3))
+    angles = lfilter(*butter(3, [0.05, 0.12], 'bandpass', fs=10.0), drive, axis=0)[1000:]
+    angles *= angle / angles.std()
+    rates += np.gradient(angles, 0.1, axis=0)
+    accelerations += np.cross([0.3, -0.2, 9.8], angles)
+    accelerations = accelerations if shown else 0 * accelerations
+    assert find_quiet(learn_timing(stamps), rates, accelerations).spans == ()
+
+
+def test_slow_noise_on_one_axis_alone_is_motion(random):
+    """About the vertical, where gravity tells nothing: a sensor's filter is on every axis."""
+    stamps, rates, accelerations = at_rest(random, 300)
+    rates[:, 2] = low_passed(random, 300, 100.0, 0.02, 0.1)[:, 2]
+    assert find_quiet(learn_timing(stamps), rates, accelerations).spans == ()
+
+
+def test_slow_noise_in_a_short_recording_is_an_open_question(random):
+    stamps, rates, accelerations = phone(random, 40)
+    with pytest.raises(IdentificationError, match=r'no rest can be told: .* lie still for ten min'):
+        identify(stamps, rates, accelerations)
+
+
+def test_a_phone_is_identified(random):
+    stamps, rates, accelerations = phone(random, 600)
+    result = identify(stamps, rates, accelerations, orders=((1, 0), (2, 0)))
+    for axis, bias in zip(result.axes, PHONE, strict=True):
+        assert abs(axis.preprocessed.bias - bias) < 4 * axis.preprocessed.bias_deviation
+        assert axis.deviation == pytest.approx(0.006 * 0.202, rel=0.2)
 
 
 def test_warm_up_and_wander_are_no_motion(random):
@@ -167,7 +253,7 @@ def test_the_longest_stretch_is_told_where_none_is_long_enough(random):
 
 @pytest.mark.parametrize('n', [0, 1, 5, 16, 99])
 def test_few_samples_are_no_fault(n, random):
-    timing = Timing(PERIOD, np.zeros(max(n - 1, 0), bool), 0.0)
+    timing = Timing(PERIOD, np.zeros(0, np.int64), 0.0)
     quiet = find_quiet(timing, np.zeros((n, 3)), np.zeros((n, 3)))
     assert quiet.spans == ()
 

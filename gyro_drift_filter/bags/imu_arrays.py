@@ -1,8 +1,9 @@
-"""The Imu topic of a bag as arrays, for programs that look at all of it."""
+"""The Imu topic of a bag as arrays, in parts or as a whole."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,26 @@ from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, by_connection
 from gyro_drift_filter.bags.topics import choose_topic
-from gyro_drift_filter.core.sample import SAMPLE
 from gyro_drift_filter.messages.imu import ImuKind, frame_id
+
+
+@dataclass(frozen=True)
+class ImuPart:
+    """The good messages, m of them, of a piece of a recording.
+
+    Attributes:
+        topic: Its name.
+        frame: header.frame_id of the first message; empty where there is none.
+        samples: (m,) of `SAMPLE`.
+        log_times: (m,) in ns.
+        refused: Messages of the piece that were malformed or did not report an angular velocity.
+    """
+
+    topic: str
+    frame: str
+    samples: Any
+    log_times: NDArray[np.int64]
+    refused: int
 
 
 @dataclass(frozen=True)
@@ -36,12 +55,12 @@ class ImuArrays:
     refused: int
 
 
-def read_imu_arrays(
+def imu_parts(
     bag: Path,
     topic: str | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> ImuArrays:
-    """Read the Imu topic of a bag.
+) -> Iterator[ImuPart]:
+    """Yield the Imu topic of a bag piece by piece.
 
     Args:
         bag: rosbag2 folder or bare .mcap or .db3 file.
@@ -51,9 +70,7 @@ def read_imu_arrays(
     Raises:
         BagError: The bag can't be read or holds no usable Imu message.
     """
-    parts = [np.zeros(0, SAMPLE)]
-    done = refused = 0
-    frame = ''
+    done, good_ones = 0, 0
     with open_bag(bag) as recording:
         chosen = choose_topic(recording, topic)
         is_imu = np.zeros(by_connection(recording), np.bool_)
@@ -61,20 +78,29 @@ def read_imu_arrays(
         for piece in recording.pieces():
             imus = read_imus(piece, is_imu)
             good = imus[imus['kind'] == ImuKind.GOOD]
-            if len(good) and not any(map(len, parts)):
-                frame = frame_id(piece.message(good[0]['row']), good[0])
-            parts.append(good['sample'])
-            refused += len(imus) - len(good)
+            frame = frame_id(piece.message(good[0]['row']), good[0]) if len(good) else ''
+            log_times = np.asarray(piece.rows['log_time'][good['row']])
+            good_ones += len(good)
+            yield ImuPart(chosen, frame, good['sample'], log_times, len(imus) - len(good))
             done += len(piece.rows)
             progress(done, recording.message_count)
-    samples = np.concatenate(parts)
-    if not len(samples):
+    if not good_ones:
         raise BagError(f'topic {chosen} has no message with an angular velocity')
+
+
+def read_imu_arrays(
+    bag: Path,
+    topic: str | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ImuArrays:
+    """Read the Imu topic of a bag; arguments and errors are those of `imu_parts`."""
+    parts = list(imu_parts(bag, topic, progress))
+    samples = np.concatenate([part.samples for part in parts])
     return ImuArrays(
-        chosen,
-        frame,
+        parts[0].topic,
+        next(part.frame for part in parts if len(part.samples)),
         samples['stamp'].copy(),
         samples['angular_velocity'].copy(),
         samples['linear_acceleration'].copy(),
-        refused,
+        sum(part.refused for part in parts),
     )

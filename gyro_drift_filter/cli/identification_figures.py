@@ -1,8 +1,7 @@
 """Figures of an identification as PNG files; needs matplotlib."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,21 +11,28 @@ from statsmodels.tsa.arima_process import ArmaProcess
 from statsmodels.tsa.stattools import acf
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.identify.identification import AxisModel, Identification
+from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Reading
+from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
+from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts
 from gyro_drift_filter.identify.spectrum import spectrum
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
 
 _RAW, _MODEL, _CHOSEN, _REST = '#8a94a6', '#d1722b', '#1f5fa8', '#2a8a57'
+_INSTABILITY = '#8d3c7f'
 _LAGS = 40
+# A recording is drawn with the least and largest of so many parts, which look like all of them.
+_DRAWN = 4000
+# As `identify` leaves out a second or two at a knock, a motionless recording may lack some.
+_MOTIONLESS = 0.97
 
 
 def draw(
     folder: Path,
     result: Identification,
-    stamps: NDArray[np.int64],
-    rates: NDArray[np.float64],
+    stamps: Stored,
+    rates: Sequence[Stored],
 ) -> list[Path]:
     """Draw the recording, its Allan deviation, autocorrelation and spectrum.
 
@@ -34,22 +40,24 @@ def draw(
         folder: Made if it is missing; files of the same names in it are replaced.
         result: Of the recording.
         stamps: (n,) in ns.
-        rates: (n, 3) in rad/s.
+        rates: Three columns (n,) in rad/s.
 
     Returns:
         The files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     period = result.timing.period
-    seconds = (stamps - stamps[0]) * 1e-9
+    first = int(stamps[:1][0])
+    motionless = sum(map(len, result.quiet.spans)) > _MOTIONLESS * len(stamps)
+    title = 'Static output (figure 1 of the paper)' if motionless else 'Recording, rests shaded'
 
     def recording(panel: Axes, axis: AxisModel, index: int) -> None:
-        _recording(panel, axis, seconds, np.degrees(rates[:, index]), result)
+        _recording(panel, axis, *_envelope(stamps, rates[index], first), result)
 
     drawn: tuple[tuple[str, str, Callable[[Axes, AxisModel, int], None], str], ...] = (
         (
             'recording',
-            'Static output (figure 1 of the paper), rests shaded',
+            title,
             recording,
             'time (s)',
         ),
@@ -66,10 +74,14 @@ def draw(
     for name, title, draw_panel, label in drawn:
         figure, panels = plt.subplots(3, 1, sharex=True, figsize=(9, 8.5), layout='constrained')
         for index, (panel, axis) in enumerate(zip(panels, result.axes, strict=True)):
-            draw_panel(panel, axis, index)
             panel.set_title(f'axis {AXES[index]}', fontsize=10, loc='left')
+            if isinstance(axis, DeadAxis):
+                what = f'dead: {np.degrees(axis.value):.6g} deg/s throughout'
+                panel.text(0.5, 0.5, what, ha='center', transform=panel.transAxes)
+                continue
+            draw_panel(panel, axis, index)
             panel.grid(alpha=0.3)
-        panels[0].legend(loc='best', fontsize=8)
+            panel.legend(loc='best', fontsize=8)
         panels[-1].set_xlabel(label)
         figure.suptitle(title)
         path = folder / f'{name}.png'
@@ -77,6 +89,21 @@ def draw(
         plt.close(figure)
         written.append(path)
     return written
+
+
+def _envelope(
+    stamps: Stored, rate: Stored, first: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times in s and rates in deg/s, the least and largest of `_DRAWN` parts."""
+    size = max(1, len(stamps) // _DRAWN)
+    times, values = [], []
+    for k in range(0, len(stamps), size):
+        part = rate[k : k + size]
+        some = part[np.isfinite(part)]
+        if len(some):
+            times += [float(int(stamps[k : k + 1][0]) - first) * 1e-9] * 2
+            values += [some.min(), some.max()]
+    return np.array(times), np.degrees(values)
 
 
 def _recording(
@@ -94,8 +121,10 @@ def _recording(
     bias = float(np.degrees(axis.preprocessed.bias))
     panel.axhline(bias, color=_MODEL, linewidth=1.0, label='bias')
     # The rests are the subject: motion may leave the frame.
-    within = np.degrees(np.concatenate(axis.preprocessed.cleaned))
-    reach = 1.2 * float(np.abs(within - bias).max())
+    reach = 1.2 * max(
+        float(np.abs(np.degrees(part) - bias).max())
+        for part in all_parts(axis.preprocessed.cleaned)
+    )
     panel.set_ylim(bias - reach, bias + reach)
     panel.set_ylabel('deg/s')
 
@@ -105,21 +134,40 @@ def _allan(panel: Axes, axis: AxisModel, _: int) -> None:
     panel.loglog(
         allan.taus, 3600 * np.degrees(allan.deviations), '.-', color=_CHOSEN, label='measured'
     )
-    lines: tuple[tuple[str, Any, float], ...] = (
-        ('angle random walk', allan.angle_random_walk, -0.5),
-        ('rate random walk', allan.rate_random_walk, 0.5),
+    lines: tuple[tuple[str, Reading | None, float, str], ...] = (
+        ('angle random walk', allan.angle_random_walk, -0.5, 'deg/sqrt(h)'),
+        ('rate random walk', allan.rate_random_walk, 0.5, 'deg/h/sqrt(h)'),
     )
-    for (label, reading, slope), colour in zip(lines, (_MODEL, _REST), strict=True):
-        if reading is not None:
-            taus = np.array([reading.shortest, reading.longest])
-            # K is defined at tau = 3 s, N at 1 s.
-            value = reading.value * (taus if slope < 0 else taus / 3.0) ** slope
-            panel.plot(taus, 3600 * np.degrees(value), color=colour, linewidth=3, label=label)
+    for (label, reading, slope, unit), colour in zip(lines, (_MODEL, _REST), strict=True):
+        if reading is None:
+            continue
+        taus = np.array([reading.shortest, reading.longest])
+        # K is defined at tau = 3 s, N at 1 s.
+        value = reading.value * (taus if slope < 0 else taus / 3.0) ** slope
+        shown = np.degrees(reading.value) * (60.0 if slope < 0 else 3600.0 * 60.0)
+        panel.plot(
+            taus,
+            3600 * np.degrees(value),
+            color=colour,
+            linewidth=3,
+            label=f'{label}, {shown:.3g} {unit}',
+        )
+    instability = allan.bias_instability
+    size = 3600 * np.degrees(instability.value)
+    bound = 'at most ' if allan.still_falls else ''
+    panel.axhline(
+        BIAS_INSTABILITY * size,
+        color=_INSTABILITY,
+        linestyle='--',
+        linewidth=1,
+        label=f'0.664 bias instability, which is {bound}{size:.3g} deg/h',
+    )
+    panel.plot(instability.shortest, BIAS_INSTABILITY * size, 'o', color=_INSTABILITY)
     panel.set_ylabel('deg/h')
 
 
 def _autocorrelation(panel: Axes, axis: AxisModel, _: int) -> None:
-    piece = max(axis.preprocessed.residuals, key=len)
+    piece = max(axis.preprocessed.residuals, key=len)[:LARGEST_PART]
     lags = np.arange(1, _LAGS + 1)
     measured = np.asarray(acf(piece, nlags=_LAGS, fft=True))[1:]
     limit = 1.96 / np.sqrt(len(piece))
@@ -142,8 +190,15 @@ def _spectrum(panel: Axes, axis: AxisModel, period: float) -> None:
     panel.loglog(frequency, scale * data.power, color=_RAW, linewidth=0.7, label='measured')
     drift = next(fitted for fitted in axis.fits if fitted.order == (1, 0))
     for label, fitted, colour in (
-        ('chosen', axis.chosen, _REST),
+        ('chosen model', axis.chosen, _REST),
         ('AR(1) of the filters', drift, _MODEL),
     ):
         panel.plot(frequency, scale * fitted.density(data.frequency), color=colour, label=label)
-    panel.set_ylabel('(deg/s)²/Hz')
+    for tone in axis.tones:
+        panel.axvline(
+            tone.frequency,
+            color=_INSTABILITY,
+            linestyle=':',
+            label=f'tone of {np.degrees(tone.amplitude):.3g} deg/s at {tone.frequency:.4g} Hz',
+        )
+    panel.set_ylabel('(deg/s)^2/Hz')

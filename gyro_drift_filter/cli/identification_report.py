@@ -4,28 +4,25 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core.parameters import AXES
-
-if TYPE_CHECKING:  # needs scipy and statsmodels, which only `identify` does
-    from gyro_drift_filter.identify.allan import Reading
-    from gyro_drift_filter.identify.identification import AxisModel, Identification
-    from gyro_drift_filter.identify.models import DriftAndWhite
+from gyro_drift_filter.core.parameters import AXES, Parameters
+from gyro_drift_filter.identify.allan import Reading
+from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 
 _CHOICE = (
     '* the smallest model whose AIC is no more than {:g} above that of the best. The filters take '
     'ARMA(1, 0).'
 )
 # Arrays as long as the recording are left out of the JSON.
-_LONG = ('residuals', 'cleaned', 'gaps')
+_LONG = ('residuals', 'cleaned')
 
 
-def report(result: 'Identification', material: float) -> str:
+def report(result: Identification, material: float) -> str:
     """Return all tables of an identification.
 
     Args:
@@ -33,12 +30,21 @@ def report(result: 'Identification', material: float) -> str:
         material: Difference in AIC that counts.
     """
     parts = [_head(result), _overview(result), _checks(result)]
-    parts += [_models(name, axis) for name, axis in zip(AXES, result.axes, strict=True)]
+    parts += [_models(name, axis) for name, axis in _alive(result)]
     parts.append(_CHOICE.format(material))
     return '\n\n'.join(parts)
 
 
-def _head(result: 'Identification') -> str:
+def _alive(result: Identification) -> list[tuple[str, AxisModel]]:
+    """Return names and models of the axes that measure."""
+    return [
+        (name, axis)
+        for name, axis in zip(AXES, result.axes, strict=True)
+        if not isinstance(axis, DeadAxis)
+    ]
+
+
+def _head(result: Identification) -> str:
     timing, quiet = result.timing, result.quiet
     spans = ', '.join(
         f'{begin:.1f} to {begin + len(span) * timing.period:.1f} s'
@@ -52,39 +58,25 @@ def _head(result: 'Identification') -> str:
     ]
     if timing.uneven > 0.01:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
-    if timing.cuts:
-        lines[-1] += f'; cut at {timing.cuts} gap{"s" if timing.cuts > 1 else ""}'
+    if cuts := len(timing.breaks):
+        lines[-1] += f'; cut at {cuts} gap{"s" if cuts > 1 else ""}'
     if quiet.missing:
         lines.append(f'missing: {quiet.missing} samples are not finite')
     return '\n'.join(lines)
 
 
-def _overview(result: 'Identification') -> str:
+def _overview(result: Identification) -> str:
     degrees = math.degrees
+    alive = _alive(result)
     lines: tuple[tuple[str, Callable[[AxisModel], str]], ...] = (
         ('bias (deg/s)', lambda a: f'{degrees(a.preprocessed.bias):.4f}'),
         ('  standard error', lambda a: f'{degrees(a.preprocessed.bias_deviation):.4f}'),
         ('trend taken out, order', lambda a: str(a.preprocessed.trend_order)),
         ('outliers taken out', lambda a: str(a.preprocessed.outliers)),
-        ('noise at rest (rad/s)', lambda a: f'{a.deviation:.6f}'),
-        ('AR(1) plus white noise: phi', lambda a: _phi(a.description)),
-        ('  95 % interval', lambda a: _interval(a.description.phi_interval, a.description)),
-        ('  drift (rad/s)', lambda a: _deviation(a.description.drift_variance, a.description)),
-        (
-            '  95 % interval',
-            lambda a: _interval(_roots(a.description.drift_variance_interval), a.description),
-        ),
-        (
-            '  white noise (rad/s)',
-            lambda a: _deviation(a.description.white_variance, a.description),
-        ),
-        (
-            '  95 % interval',
-            lambda a: _interval(_roots(a.description.white_variance_interval), a.description),
-        ),
+        ('noise at rest (deg/s)', lambda a: f'{degrees(a.deviation):.4f}'),
         ('for the filters: phi', lambda a: f'{a.phi:.4f}'),
-        ('  Q (rad/s)^2', lambda a: f'{a.noise.process_noise:.4g}'),
-        ('  R (rad/s)^2', lambda a: f'{a.noise.measurement_noise:.4g}'),
+        ('  root of Q (deg/s)', lambda a: _root(a.noise.process_noise)),
+        ('  root of R (deg/s)', lambda a: _root(a.noise.measurement_noise)),
         (
             'angle random walk (deg/sqrt(h))',
             lambda a: _read(a.allan.angle_random_walk, 60.0),
@@ -99,31 +91,48 @@ def _overview(result: 'Identification') -> str:
         ('  read at tau (s)', lambda a: _taus(a.allan.rate_random_walk)),
     )
     rows = [['', *AXES]]
-    rows += [[title, *(value(axis) for axis in result.axes)] for title, value in lines]
+    for number, (title, value) in enumerate(lines):
+        dead = '-' if number else 'dead'
+        cells = (dead if isinstance(axis, DeadAxis) else value(axis) for axis in result.axes)
+        rows.append([title, *cells])
+    told = [(name, axis) for name, axis in alive if axis.description.identifiable]
+    text = table(rows)
+    if told:
+        text += '\n\n' + _drift_and_white(told)
+    if hidden := [name for name, axis in alive if not axis.description.identifiable]:
+        text += f'\n\nAR(1) plus white noise: not identifiable on {_axes(hidden)}'
+    return text
+
+
+def _drift_and_white(told: Sequence[tuple[str, AxisModel]]) -> str:
+    """Return the table of AR(1) plus white noise; intervals have as many digits as estimates."""
+    rows = [['AR(1) plus white noise, with 95 % intervals', *(name for name, _ in told)]]
+    found = [axis.description for _, axis in told]
+    rows.append(['phi', *(f'{d.phi:.4f}' for d in found)])
+    rows.append(['', *('{:.4f} to {:.4f}'.format(*d.phi_interval) for d in found)])
+    for title, estimates in (
+        ('drift (deg/s)', [(d.drift_variance, d.drift_variance_interval) for d in found]),
+        ('white noise (deg/s)', [(d.white_variance, d.white_variance_interval) for d in found]),
+    ):
+        rows.append([title, *(_root(variance) for variance, _ in estimates)])
+        rows.append(['', *(' to '.join(map(_root, interval)) for _, interval in estimates)])
     return table(rows)
 
 
-def _phi(description: 'DriftAndWhite') -> str:
-    return f'{description.phi:.4f}' if description.identifiable else 'not identifiable'
+def _axes(names: Sequence[str]) -> str:
+    return f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}'
 
 
-def _deviation(variance: float, description: 'DriftAndWhite') -> str:
-    return f'{math.sqrt(max(variance, 0.0)):.3g}' if description.identifiable else '-'
+def _root(variance: float) -> str:
+    """Return the deviation in deg/s of a variance in (rad/s)^2; none is left of a negative one."""
+    return f'{math.degrees(math.sqrt(max(variance, 0.0))):.3g}'
 
 
-def _roots(interval: tuple[float, float]) -> tuple[float, float]:
-    return math.sqrt(max(interval[0], 0.0)), math.sqrt(max(interval[1], 0.0))
-
-
-def _interval(interval: tuple[float, float], description: 'DriftAndWhite') -> str:
-    return f'{interval[0]:.3g} to {interval[1]:.3g}' if description.identifiable else '-'
-
-
-def _read(reading: 'Reading | None', factor: float) -> str:
+def _read(reading: Reading | None, factor: float) -> str:
     return '-' if reading is None else f'{factor * math.degrees(reading.value):.3g}'
 
 
-def _taus(reading: 'Reading | None') -> str:
+def _taus(reading: Reading | None) -> str:
     if reading is None:
         return '-'
     if reading.shortest == reading.longest:
@@ -131,16 +140,16 @@ def _taus(reading: 'Reading | None') -> str:
     return f'{reading.shortest:.2g} to {reading.longest:.2g}'
 
 
-def _checks(result: 'Identification') -> str:
+def _checks(result: Identification) -> str:
     lines = ['what the model assumes:']
-    for name, axis in zip(AXES, result.axes, strict=True):
+    for name, axis in _alive(result):
         for check in axis.checks:
             verdict = 'holds' if check.passed else 'FAILS'
             lines.append(f'  {name}  {check.name:<12}  {verdict}  {check.detail}')
     return '\n'.join(lines)
 
 
-def _models(name: str, axis: 'AxisModel') -> str:
+def _models(name: str, axis: AxisModel) -> str:
     rows = [[f'axis {name}', 'phi', 'theta', 'AIC', 'BIC', 'Ljung-Box p']]
     for fitted in axis.fits:
         mark = ' *' if fitted is axis.chosen else ''
@@ -158,10 +167,10 @@ def _models(name: str, axis: 'AxisModel') -> str:
 
 
 def _with_errors(values: NDArray[np.float64], deviations: NDArray[np.float64]) -> str:
-    return ', '.join(f'{v:.4f}±{d:.4f}' for v, d in zip(values, deviations, strict=True)) or '-'
+    return ', '.join(f'{v:.4f}+-{d:.4f}' for v, d in zip(values, deviations, strict=True)) or '-'
 
 
-def parameter_file(result: 'Identification', source: str, noise: str) -> str:
+def parameter_file(result: Identification, source: str, noise: str) -> str:
     """Return the text of a ROS 2 parameter file.
 
     Args:
@@ -174,28 +183,40 @@ def parameter_file(result: 'Identification', source: str, noise: str) -> str:
         # rcl takes a list of one type only, so every number has a point or an exponent.
         return '[' + ', '.join(f'{v:.9e}' for v in values) + ']'
 
-    axes = result.axes
+    default = Parameters()
+    measurement_noise = default.model_measurement_noise
+
+    def per_axis(of: Callable[[AxisModel], float], otherwise: Sequence[float]) -> str:
+        return row(
+            [
+                otherwise[i] if isinstance(axis, DeadAxis) else of(axis)
+                for i, axis in enumerate(result.axes)
+            ]
+        )
+
+    dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
+    remark = f"\n# Dead: {_axes(dead)}; the package's defaults stand there." if dead else ''
     day = datetime.now(UTC).strftime('%Y-%m-%d')
     name = ''.join(c if c.isprintable() else '?' for c in source)
     return f"""\
 # Noise model of a gyroscope, for the node and `gyro_drift replay --params`. SI units; per axis
-# x, y, z. Identified from {name}, {result.seconds:.0f} s of rest, on {day}.
-gyro_drift_filter:
+# x, y, z. Identified from {name}, {result.seconds:.0f} s of rest, on {day}.{remark}
+/**:
   ros__parameters:
     # Hz
     sample_rate: {1.0 / result.timing.period:.6f}
     bias:
       # At that time, rad/s. It holds until the first rest; standard error:
-      # {row([axis.preprocessed.bias_deviation for axis in axes])}
-      initial: {row([axis.preprocessed.bias for axis in axes])}
+      # {per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))}
+      initial: {per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial)}
     model:
       # AR(1) coefficient of the drift
-      phi: {row([axis.phi for axis in axes])}
+      phi: {per_axis(lambda axis: axis.phi, default.model_phi)}
       # Q and R of kalman and sage_husa, by {noise}, (rad/s)^2
-      process_noise: {row([axis.noise.process_noise for axis in axes])}
-      measurement_noise: {row([axis.noise.measurement_noise for axis in axes])}
+      process_noise: {per_axis(lambda axis: axis.noise.process_noise, default.model_process_noise)}
+      measurement_noise: {per_axis(lambda axis: axis.noise.measurement_noise, measurement_noise)}
       # Standard deviation of the noise at rest, for adaptive, rad/s
-      noise_deviation: {row([axis.deviation for axis in axes])}
+      noise_deviation: {per_axis(lambda axis: axis.deviation, default.model_noise_deviation)}
 """
 
 

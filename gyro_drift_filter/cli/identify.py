@@ -1,16 +1,22 @@
 """`gyro_drift identify`: a parameter file from a motionless recording."""
 
 import argparse
+import io
 import json
+import os
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 
+if TYPE_CHECKING:
+    from gyro_drift_filter.cli.identification_samples import Samples
+
+_PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
 _NEEDED = (
     'identification needs the Python packages scipy, statsmodels and allantools ({}): install them '
     "with 'pip install scipy statsmodels allantools'"
@@ -38,6 +44,12 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
     command.add_argument('--end', type=float, help='s from the first sample on')
     command.add_argument(
+        '--sample-rate',
+        type=_rate,
+        metavar='HZ',
+        help='for a recording whose stamps are zero; without it the log times of the bag count',
+    )
+    command.add_argument(
         '--order',
         type=_order,
         action='append',
@@ -55,6 +67,16 @@ def add_parser(subcommands: Any) -> None:
     command.set_defaults(run=run)
 
 
+def _rate(text: str) -> float:
+    """Return a sample rate in Hz."""
+    rate = float(text)
+    if not 0.1 <= rate <= 1e5:
+        raise argparse.ArgumentTypeError(
+            f'a sample rate lies between 0.1 and 100000 Hz, not {text}'
+        )
+    return rate
+
+
 def _order(text: str) -> tuple[int, int]:
     """Return (p, q) of "p,q"."""
     p, q = (int(part) for part in text.split(','))
@@ -65,9 +87,12 @@ def _order(text: str) -> tuple[int, int]:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
-
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A name that the terminal's alphabet does not have must not end the work.
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
+        from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
+        from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
     except ImportError as error:
@@ -80,45 +105,104 @@ def run(options: argparse.Namespace) -> None:
                 f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
                 "install matplotlib'"
             ) from error
-    for path in (options.output, options.json):
-        if path is not None and path.exists():
-            raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
+    _check_targets(options)
     progress = Progress(enabled=sys.stderr.isatty())
     try:
-        data = read_imu_arrays(options.bag, options.topic, progress)
+        samples = read_samples(
+            options.bag,
+            options.topic,
+            (options.start, options.end),
+            options.sample_rate,
+            progress,
+        )
     finally:
         progress.finish()
-    seconds = (data.stamps - data.stamps[0]) * 1e-9
-    end = seconds.max() if options.end is None else options.end
-    chosen = (seconds >= options.start) & (seconds <= end)
-    if not chosen.any():
-        raise GyroDriftFilterError(
-            f'no sample between --start {options.start:g} and --end {end:g} s: the recording has '
-            f'{seconds.max():.1f} s'
-        )
-    stamps, rates = data.stamps[chosen], data.angular_velocity[chosen]
     result = identify(
-        stamps,
-        rates,
-        data.linear_acceleration[chosen],
+        samples.stamps,
+        samples.rates,
+        samples.accelerations,
         orders=tuple(dict.fromkeys((*ORDERS, *options.order))),
         paper=options.noise == 'paper',
     )
     print(report(result, MATERIAL))
     for warning in result.warnings:
         print(f'warning: {warning}', file=sys.stderr)
-    if data.refused:
-        print(
-            f'note: {data.refused} messages left out, which are damaged or report no angular '
-            'velocity',
-            file=sys.stderr,
-        )
-    source = printable(f'{options.bag.absolute().name}, topic {data.topic}')
-    options.output.write_text(parameter_file(result, source, options.noise))
+    for note in _notes(samples, options.sample_rate):
+        print(f'note: {note}', file=sys.stderr)
+    source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
+    _write(options.output, parameter_file(result, source, options.noise))
     written = [options.output]
     if options.json:
-        options.json.write_text(json.dumps(as_plain(result), indent=1) + '\n')
+        _write(options.json, json.dumps(as_plain(result), indent=1) + '\n')
         written.append(options.json)
     if options.plot:
-        written += draw(options.plot, result, stamps, rates)
+        written += draw(options.plot, result, samples.stamps, samples.rates)
     print('\nwrote ' + '\n      '.join(map(str, written)))
+
+
+def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:
+    notes = []
+    if samples.clock:
+        notes.append(f'the stamps are zero: the time is that of {samples.clock}')
+    elif sample_rate is not None:
+        notes.append('--sample-rate is not used, as the messages have stamps')
+    if samples.refused:
+        notes.append(
+            f'{samples.refused} messages left out, which are damaged or report no angular velocity'
+        )
+    return notes
+
+
+def _check_targets(options: argparse.Namespace) -> None:
+    """Make sure that what is to be written can be, before the work and not after it.
+
+    Raises:
+        GyroDriftFilterError: It can't.
+    """
+    files = [path for path in (options.output, options.json) if path is not None]
+    if len({path.absolute() for path in files}) < len(files):
+        raise GyroDriftFilterError(f'-o and --json name the same file, {options.json}')
+    for path in files:
+        if path.is_dir():
+            raise GyroDriftFilterError(f'{path} is a folder: name a file')
+        if path.exists() or path.is_symlink():
+            raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
+        if not path.parent.is_dir():
+            raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
+        _check_writable(path.parent)
+    if options.plot is None:
+        return
+    if options.plot.suffix.lower() in _PICTURES and not options.plot.is_dir():
+        raise GyroDriftFilterError(
+            f'--plot {options.plot}: name a folder; several PNG files are written into it'
+        )
+    folder = options.plot.absolute()
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise GyroDriftFilterError(f'--plot {options.plot}: {folder} is no folder')
+    _check_writable(folder)
+
+
+def _check_writable(folder: Path) -> None:
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all: an empty one would pass for one without parameters.
+
+    Raises:
+        GyroDriftFilterError: It can't be written.
+    """
+    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
+    try:
+        try:
+            unfinished.write_text(text, encoding='utf-8')
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise GyroDriftFilterError(f'{path} can not be written: {error.strerror}') from error

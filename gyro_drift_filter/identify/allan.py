@@ -7,7 +7,9 @@ After IEEE Std 952-2020, annex C: with the averaging time tau, sigma(tau) is
 - K sqrt(tau / 3) where rate random walk rules (slope +1/2), K in rad/s^2/sqrt(Hz).
 
 Several spans are combined: at each tau, the variances of the spans long enough for it, weighted by
-their number of overlapping differences. No difference reaches over a gap.
+their number of overlapping differences. No difference reaches over a gap. Of a span of more than
+a million samples, averages that are short against that are taken in parts, long ones over means of
+as many samples as it takes to bring it below a million: differences overlap in such steps then.
 """
 
 from collections.abc import Sequence
@@ -18,6 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.series import (
+    LARGEST_PART,
+    Stretch,
+    Values,
+    block_means,
+    parts,
+)
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +34,8 @@ TAUS_PER_DECADE = 12
 # The longest tau fits this often into the longest span; fewer leave the deviation to chance.
 LEAST_CLUSTERS = 8
 LEAST_SAMPLES = 64
+# Averages of a long span are taken in parts up to this share of a part.
+_IN_PARTS = 64
 BIAS_INSTABILITY = 0.664  # sqrt(2 ln 2 / pi)
 
 # How far a slope may be off and still count as -1/2 or +1/2; slopes are read over half a decade.
@@ -68,6 +79,12 @@ class Allan:
     rate_random_walk: Reading | None
     warnings: tuple[str, ...]
 
+    @property
+    def still_falls(self) -> bool:
+        """Whether the minimum may lie at longer times: the bias instability is a bound then."""
+        bottom = int(np.argmin(self.deviations))
+        return bool(self.deviations[bottom:].max() < RISE * self.deviations[bottom])
+
     def at(self, tau: float) -> float:
         """Return the deviation in rad/s at `tau` in s, on a straight line of logarithms.
 
@@ -82,7 +99,7 @@ class Allan:
         return float(np.exp(np.interp(np.log(tau), np.log(self.taus), np.log(self.deviations))))
 
 
-def allan_deviation(spans: Sequence[Floats], period: float) -> Allan:
+def allan_deviation(spans: Sequence[Values], period: float) -> Allan:
     """Return the Allan deviation of one axis at rest and what is read from it.
 
     Outliers raise the whole curve, so `Preprocessed.cleaned` is what to pass. A trend rises with
@@ -132,26 +149,51 @@ def _cluster_sizes(longest: int) -> NDArray[np.int64]:
 
 
 def _combine(
-    spans: Sequence[Floats], period: float, sizes: NDArray[np.int64]
+    spans: Sequence[Values], period: float, sizes: NDArray[np.int64]
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return taus in s, Allan variances and numbers of differences over all spans."""
     sums = np.zeros(len(sizes))
     counts = np.zeros(len(sizes), np.int64)
     for span in spans:
         usable = sizes <= len(span) // LEAST_CLUSTERS
-        if not usable.any():
-            continue
-        # In units of samples, where every size is exact; the mean is of no account but costs
-        # digits in the running sum.
-        sizes_used, deviations, _, numbers = allantools.oadev(
-            span - span.mean(), rate=1.0, data_type='freq', taus=sizes[usable].astype(float)
-        )
-        where = np.searchsorted(sizes, np.round(sizes_used).astype(np.int64))
-        sums[where] += np.asarray(numbers) * np.asarray(deviations) ** 2
-        counts[where] += np.asarray(numbers, np.int64)
+        # As the parts are no shorter than half of that, they hold many averages.
+        short = usable & (sizes <= LARGEST_PART // _IN_PARTS)
+        if len(span) <= LARGEST_PART:
+            short = usable
+        for part in parts(span):
+            _add(part, 1, sizes, short, sums, counts)
+        step = -(-len(span) // LARGEST_PART)
+        if (usable & ~short).any():
+            _add(_means(span, step), step, sizes, usable & ~short, sums, counts)
     found = counts > 0
     taus = np.asarray(sizes[found] * period, float)
     return taus, sums[found] / counts[found], counts[found]
+
+
+def _add(
+    values: Floats,
+    step: int,
+    sizes: NDArray[np.int64],
+    usable: NDArray[np.bool_],
+    sums: Floats,
+    counts: NDArray[np.int64],
+) -> None:
+    """Add the squares of the differences of a series, means of `step` samples, at usable sizes."""
+    numbers = np.round(sizes[usable] / step)
+    if not len(numbers):
+        return
+    # In units of samples, where every size is exact; the mean is of no account but costs digits
+    # in the running sum.
+    _, deviations, _, found = allantools.oadev(
+        values - values.mean(), rate=1.0, data_type='freq', taus=numbers
+    )
+    sums[usable] += np.asarray(found) * np.asarray(deviations) ** 2
+    counts[usable] += np.asarray(found, np.int64)
+
+
+def _means(span: Values, step: int) -> Floats:
+    """Return the means of so many samples each; those that are left over at the end are not."""
+    return block_means([Stretch(span, 0, len(span) // step * step)], len(span) // step)
 
 
 def _slopes(taus: Floats, deviations: Floats) -> Floats:

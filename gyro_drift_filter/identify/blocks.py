@@ -37,9 +37,3 @@ def row_means(rows: Floats) -> Floats:
     count = np.isfinite(rows).sum(axis=1)
     total = np.nansum(rows, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def block_means(values: Floats, blocks: int) -> Floats:
-    """Return the means of `blocks` parts of equal length, to a sample: (blocks,)."""
-    edges = np.arange(blocks + 1) * len(values) // blocks
-    return np.asarray(np.add.reduceat(values, edges[:-1]) / np.diff(edges), float)

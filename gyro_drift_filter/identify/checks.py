@@ -4,18 +4,26 @@ At a million samples every real sensor fails every test by its p-value, so the v
 size of the effect wherever it has one. Only an axis that measures nothing is an error.
 """
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from statsmodels.stats.stattools import jarque_bera
 from statsmodels.tsa.stattools import adfuller, kpss
 
-from gyro_drift_filter.identify.blocks import block_means
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation
+from gyro_drift_filter.identify.series import (
+    Values,
+    all_parts,
+    block_means,
+    mean_of,
+    mean_square,
+    parts,
+    thinned,
+)
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +65,20 @@ class Check:
     consequence: str
 
 
-def require_noise(spans: Sequence[Floats], axis: str) -> None:
+def dead_value(values: Values) -> float | None:
+    """Return the value of an axis (n,) that holds one to the last bit, None where it changes."""
+    known: float | None = None
+    for part in parts(values):
+        finite = part[np.isfinite(part)]
+        if not len(finite):
+            continue
+        known = float(finite[0]) if known is None else known
+        if (finite != known).any():
+            return None
+    return known
+
+
+def require_noise(spans: Sequence[Values], axis: str) -> None:
     """Make sure that an axis measures at all.
 
     Args:
@@ -68,7 +89,7 @@ def require_noise(spans: Sequence[Floats], axis: str) -> None:
         IdentificationError: The axis is empty, all zero, constant, dead-banded, or so coarse that
             nearly all samples hold one value.
     """
-    values = np.concatenate([np.asarray(span, float) for span in spans] or [np.zeros(0)])
+    values = thinned(spans)
     values = values[np.isfinite(values)]
     if not len(values):
         raise IdentificationError(f'axis {axis} has no finite sample at rest')
@@ -76,14 +97,15 @@ def require_noise(spans: Sequence[Floats], axis: str) -> None:
     mode = levels[np.argmax(counts)]
     share = float(counts.max()) / len(values)
     if len(levels) == 1 or np.ptp(levels) <= 1e-12 * np.abs(levels).max():
-        what = 'zero throughout' if mode == 0.0 else f'constant at {mode:.6g} rad/s'
+        what = 'zero throughout' if mode == 0.0 else f'constant at {np.degrees(mode):.6g} deg/s'
         raise IdentificationError(
             f'axis {axis} is {what}: it does not measure, or the driver filters its noise away'
         )
     if share > DEAD_SHARE and _nearest(levels, mode) > DEAD_STEPS * _usual_step(levels, mode):
         raise IdentificationError(
             f'axis {axis} has a dead band: {100 * share:.0f} % of the samples at rest are '
-            f'{mode:.6g} rad/s and the nearest other is {_nearest(levels, mode):.3g} rad/s off; '
+            f'{np.degrees(mode):.6g} deg/s and the nearest other is '
+            f'{np.degrees(_nearest(levels, mode)):.3g} deg/s off; '
             'switch the dead band or zero-rate filter of the driver off'
         )
     if share > COARSE_SHARE:
@@ -93,7 +115,7 @@ def require_noise(spans: Sequence[Floats], axis: str) -> None:
         )
 
 
-def check_zero_mean(residuals: Sequence[Floats]) -> Check:
+def check_zero_mean(residuals: Sequence[Values]) -> Check:
     """Test that no span's mean departs from zero; the statistic is in its own deviations.
 
     The deviation of a mean is taken from block means, so that it holds for correlated noise.
@@ -101,13 +123,13 @@ def check_zero_mean(residuals: Sequence[Floats]) -> Check:
     Args:
         residuals: Per span (n,) in rad/s.
     """
-    every = np.concatenate(list(residuals))
-    whole = mean_deviation(every)
+    count = sum(map(len, residuals))
+    whole = mean_deviation(residuals)
     worst, where = 0.0, 0
     for index, span in enumerate(residuals):
         # A short span is judged by the whole recording's deviation, scaled to its length.
-        deviation = whole * np.sqrt(len(every) / len(span))
-        score = abs(float(span.mean())) / float(deviation) if deviation > 0.0 else 0.0
+        deviation = whole * np.sqrt(count / len(span))
+        score = abs(mean_of([span])) / float(deviation) if deviation > 0.0 else 0.0
         if score > worst:
             worst, where = score, index
     passed = worst <= MEAN_LIMIT
@@ -124,7 +146,7 @@ def check_zero_mean(residuals: Sequence[Floats]) -> Check:
     )
 
 
-def check_stationarity(residuals: Sequence[Floats]) -> Check:
+def check_stationarity(residuals: Sequence[Values]) -> Check:
     """Test by ADF (null: a unit root) and KPSS (null: a constant level) together.
 
     Both run on the longest span, averaged in equal blocks down to 2,000 points at most, and ADF
@@ -140,13 +162,13 @@ def check_stationarity(residuals: Sequence[Floats]) -> Check:
         IdentificationError: The longest span is too short, or constant.
     """
     span = max(residuals, key=len)
-    if len(span) < STATIONARITY_LEAST or span.std() == 0.0:
+    points = block_means([span], min(len(span), STATIONARITY_POINTS))
+    if len(span) < STATIONARITY_LEAST or points.std() == 0.0:
         raise IdentificationError(
             f'stationarity can not be tested on {len(span)} samples without change'
             if len(span) >= STATIONARITY_LEAST
             else f'{len(span)} samples are too few to test stationarity'
         )
-    points = block_means(span, min(len(span), STATIONARITY_POINTS))
     points = points / points.std()
     lags = int(12 * (len(points) / 100) ** 0.25)
     with warnings.catch_warnings():
@@ -188,7 +210,7 @@ _STATIONARITY = {
 }
 
 
-def check_normality(residuals: Sequence[Floats]) -> Check:
+def check_normality(residuals: Sequence[Values]) -> Check:
     """Test by skewness and excess kurtosis, and report the statistic of Jarque and Bera.
 
     The verdict goes by the size of the two (0.5 and 1), not by p: at a million samples an excess
@@ -201,18 +223,26 @@ def check_normality(residuals: Sequence[Floats]) -> Check:
     Raises:
         IdentificationError: The residuals are constant.
     """
-    every = np.concatenate(list(residuals))
-    if not len(every) or every.std() == 0.0:
+    count = sum(map(len, residuals))
+    mean = mean_of(residuals) if count else 0.0
+    deviation = math.sqrt(max(mean_square(residuals) - mean**2, 0.0)) if count else 0.0
+    if deviation == 0.0:
         raise IdentificationError('normality can not be tested on values without change')
-    statistic, p, skewness, kurtosis = (float(x) for x in jarque_bera(every / every.std()))
-    excess = kurtosis - 3.0
+    moments = np.zeros(2)
+    for part in all_parts(residuals):
+        scaled = (part - mean) / deviation
+        moments += (scaled**3).sum(), (scaled**4).sum()
+    skewness, excess = float(moments[0] / count), float(moments[1] / count) - 3.0
+    # Of Jarque and Bera; chi squared with two degrees of freedom where the noise is Gaussian.
+    statistic = count / 6.0 * (skewness**2 + excess**2 / 4.0)
+    p = math.exp(-0.5 * statistic)
     passed = abs(skewness) <= SKEWNESS_LIMIT and abs(excess) <= KURTOSIS_LIMIT
     return Check(
         'normality',
         passed,
         statistic,
         f'skewness {skewness:.3f} (limit {SKEWNESS_LIMIT:g}), excess kurtosis {excess:.3f} (limit '
-        f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g}, which at {len(every)} '
+        f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g}, which at {count} '
         'samples is not what counts',
         ''
         if passed
@@ -221,7 +251,7 @@ def check_normality(residuals: Sequence[Floats]) -> Check:
     )
 
 
-def check_quantisation(spans: Sequence[Floats], deviation: float) -> Check:
+def check_quantisation(spans: Sequence[Values], deviation: float) -> Check:
     """Compare the sensor's step with its noise; the statistic is step over deviation.
 
     Args:
@@ -232,7 +262,8 @@ def check_quantisation(spans: Sequence[Floats], deviation: float) -> Check:
     share = step / deviation if deviation > 0.0 else 0.0
     passed = share <= STEP_LIMIT
     detail = (
-        f'steps of {step:.4g} rad/s are {share:.3g} of the noise deviation (limit {STEP_LIMIT:g})'
+        f'steps of {np.degrees(step):.4g} deg/s are {share:.3g} of the noise deviation '
+        f'(limit {STEP_LIMIT:g})'
         if step
         else 'no quantisation found'
     )
@@ -248,7 +279,7 @@ def check_quantisation(spans: Sequence[Floats], deviation: float) -> Check:
     )
 
 
-def find_step(spans: Sequence[Floats]) -> float:
+def find_step(spans: Sequence[Values]) -> float:
     """Return the quantisation step in rad/s, 0 where there is none.
 
     The differences of neighbouring samples are whole multiples of it. Small differences are tried,
@@ -257,8 +288,14 @@ def find_step(spans: Sequence[Floats]) -> float:
     Args:
         spans: Rates at rest as the sensor gives them, (n,) each, in rad/s; may hold NaN.
     """
-    differences = np.concatenate([np.abs(np.diff(span)) for span in spans] or [np.zeros(0)])
-    differences = differences[np.isfinite(differences)][:QUANTISATION_SAMPLES]
+    found, count = [np.zeros(0)], 0
+    for part in all_parts(spans):
+        steps = np.abs(np.diff(part))
+        found.append(steps[np.isfinite(steps)])
+        count += len(found[-1])
+        if count >= QUANTISATION_SAMPLES:
+            break
+    differences = np.concatenate(found)[:QUANTISATION_SAMPLES]
     differences = differences[differences > 0.0]
     if not len(differences):
         return 0.0

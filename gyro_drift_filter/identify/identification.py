@@ -1,5 +1,6 @@
 """The whole identification of one recording: rests, bias, tests, models, filter parameters."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from gyro_drift_filter.identify.checks import (
     check_quantisation,
     check_stationarity,
     check_zero_mean,
+    dead_value,
     require_noise,
 )
 from gyro_drift_filter.identify.errors import IdentificationError
@@ -31,7 +33,9 @@ from gyro_drift_filter.identify.models import (
 )
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
 from gyro_drift_filter.identify.quiet import SHORTEST_SECONDS, Quiet, Span, find_quiet
+from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square
 from gyro_drift_filter.identify.timing import Timing, learn_timing
+from gyro_drift_filter.identify.tones import Tone, find_tones
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +62,7 @@ class AxisModel:
         noise: Q and R for the filter.
         deviation: Standard deviation of the noise at rest.
         allan: Allan deviation.
+        tones: Sines in the noise.
     """
 
     preprocessed: Preprocessed
@@ -70,6 +75,14 @@ class AxisModel:
     noise: FilterNoise
     deviation: float
     allan: Allan
+    tones: tuple[Tone, ...]
+
+
+@dataclass(frozen=True)
+class DeadAxis:
+    """An axis that holds one value in rad/s throughout: it does not measure."""
+
+    value: float
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,7 @@ class Identification:
         quiet: The motionless spans.
         begins: Begin of each span in s from the first sample.
         seconds: Length of all of them together.
-        axes: One per axis.
+        axes: One per axis; not all of them are dead.
         warnings: Sentences on how far it can be trusted.
     """
 
@@ -89,14 +102,14 @@ class Identification:
     quiet: Quiet
     begins: tuple[float, ...]
     seconds: float
-    axes: tuple[AxisModel, ...]
+    axes: tuple[AxisModel | DeadAxis, ...]
     warnings: tuple[str, ...]
 
 
 def identify(
-    stamps: NDArray[np.int64],
-    rates: Floats,
-    accelerations: Floats,
+    stamps: NDArray[np.int64] | Stored,
+    rates: Floats | tuple[Values, ...],
+    accelerations: Floats | tuple[Values, ...],
     *,
     orders: Sequence[Order] = ORDERS,
     paper: bool = False,
@@ -105,28 +118,40 @@ def identify(
 
     Args:
         stamps: (n,) in ns.
-        rates: (n, 3) in rad/s.
-        accelerations: (n, 3) in m/s^2, NaN or zero where there is none.
+        rates: (n, 3) in rad/s, or its columns.
+        accelerations: (n, 3) in m/s^2, or its columns; NaN or zero where there is none.
         orders: ARMA orders to compare; (1, 0), which the filter takes, among them.
         paper: Take Q and R as the paper does, instead of those of the filter's own likelihood.
 
     Raises:
-        IdentificationError: There is no rest of `SHORTEST_QUIET` s, or an axis shows no noise.
+        IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
+            though it is not dead, or all are dead.
     """
-    timing = learn_timing(stamps)
-    quiet = find_quiet(timing, rates, accelerations)
-    begins = tuple(float((stamps[span.first] - stamps[0]) * 1e-9) for span in quiet.spans)
+    timing, rates = learn_timing(stamps), columns(rates)
+    quiet = find_quiet(timing, rates, columns(accelerations))
+    begins = tuple(_seconds(stamps, span.first) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, timing.period)
-    axes = tuple(
-        _identify_axis(
-            rates[:, axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper
+    dead = [dead_value(rate) for rate in rates]
+    if None not in dead:
+        raise IdentificationError(
+            'all three axes are dead, each holds one value throughout: the gyroscope does not '
+            "measure, or the driver's zero-rate filter takes its noise away"
         )
-        for axis in range(3)
+    axes = tuple(
+        _identify_axis(rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper)
+        if value is None
+        else DeadAxis(value)
+        for axis, value in enumerate(dead)
     )
     return Identification(timing, quiet, begins, seconds, axes, _warnings(seconds, axes))
 
 
-def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> float:
+def _seconds(stamps: NDArray[np.int64] | Stored, index: int) -> float:
+    """Return the time of a sample in s from the first one."""
+    return float(stamps[index : index + 1][0] - stamps[:1][0]) * 1e-9
+
+
+def _require_rest(quiet: Quiet, stamps: NDArray[np.int64] | Stored, period: float) -> float:
     """Return the length of all rests in s.
 
     Raises:
@@ -136,11 +161,16 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
     if seconds >= SHORTEST_QUIET:
         return seconds
     needed = f'{SHORTEST_QUIET:g} s of rest are needed'
+    if quiet.open and not quiet.spans:
+        raise IdentificationError(
+            'no rest can be told: the rates change as slowly as those of a body, and the recording '
+            "does not show that this is the sensor's own filter; let it lie still for ten minutes"
+        )
     if quiet.longest is None:
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
-    begin = (int(stamps[quiet.longest.first]) - int(stamps[0])) * 1e-9
+    begin = _seconds(stamps, quiet.longest.first)
     longest = f'{len(quiet.longest) * period:.1f} s, from {begin:.1f} s after the start'
     if not quiet.spans:
         raise IdentificationError(
@@ -149,10 +179,14 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64], period: float) -> flo
     raise IdentificationError(f'only {seconds:.1f} s of rest, the longest {longest}; {needed}')
 
 
-def _warnings(seconds: float, axes: Sequence[AxisModel]) -> tuple[str, ...]:
+def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str, ...]:
     """Return one sentence each, with the axes that it is about."""
     about: dict[str, list[str]] = {}
     for name, axis in zip(AXES, axes, strict=True):
+        if isinstance(axis, DeadAxis):
+            what = f'{math.degrees(axis.value):.6g} deg/s throughout: it does not measure'
+            about.setdefault(f'dead, {what}', []).append(name)
+            continue
         sentences = [f'{c.name}: {c.consequence}' for c in axis.checks if not c.passed]
         if axis.lost > _MATERIAL_LOSS:
             sentences.append(
@@ -162,6 +196,11 @@ def _warnings(seconds: float, axes: Sequence[AxisModel]) -> tuple[str, ...]:
                 )
             )
         sentences += axis.allan.warnings
+        sentences += [
+            f'a tone of {math.degrees(tone.amplitude):.2g} deg/s at {tone.frequency:.4g} Hz is in '
+            'the noise: a motor, the mains or the sensor itself'
+            for tone in axis.tones
+        ]
         for sentence in sentences:
             about.setdefault(sentence, []).append(name)
     warnings = [
@@ -176,7 +215,7 @@ def _warnings(seconds: float, axes: Sequence[AxisModel]) -> tuple[str, ...]:
 
 
 def _identify_axis(
-    rate: Floats,
+    rate: Values,
     spans: Sequence[Span],
     begins: Sequence[float],
     period: float,
@@ -184,13 +223,13 @@ def _identify_axis(
     orders: Sequence[Order],
     paper: bool,
 ) -> AxisModel:
-    raw = [rate[span.first : span.stop] for span in spans]
+    raw = [Stretch(rate, span.first, span.stop) for span in spans]
     require_noise(raw, name)
     clean = preprocess(rate, spans, period, begins)
     residuals = clean.residuals
     longest = max(len(piece) for piece in residuals)
     fitted = [piece for piece in residuals if len(piece) >= min(_SHORTEST_FITTED, longest)]
-    deviation = float(np.sqrt(np.mean(np.concatenate(fitted) ** 2)))
+    deviation = math.sqrt(mean_square(fitted))
     fits = fit_arma(fitted, orders)
     chosen = choose(fits)
     drift = next(candidate for candidate in fits if candidate.order == (1, 0))
@@ -211,4 +250,5 @@ def _identify_axis(
         noise=paper_noise(drift, deviation) if paper else fit_filter_noise(fitted, phi),
         deviation=deviation,
         allan=allan_deviation(clean.cleaned, period),
+        tones=find_tones(residuals, period),
     )

@@ -14,6 +14,7 @@ from scipy import signal, stats
 from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
 from statsmodels.tsa.stattools import acf, q_stat
 
+from gyro_drift_filter.identify.series import Values, mean_square
 from gyro_drift_filter.identify.spectrum import (
     Spectrum,
     climb,
@@ -82,7 +83,7 @@ class ArmaFit:
         return _arma_density(_delays(frequency, self.order), self.order, parameters)
 
 
-def fit_arma(pieces: Sequence[Array], orders: Sequence[Order] = ORDERS) -> list[ArmaFit]:
+def fit_arma(pieces: Sequence[Values], orders: Sequence[Order] = ORDERS) -> list[ArmaFit]:
     """Return a fit for each order.
 
     Args:
@@ -90,9 +91,9 @@ def fit_arma(pieces: Sequence[Array], orders: Sequence[Order] = ORDERS) -> list[
         orders: (p, q) each.
     """
     scale = _deviation(pieces)
-    scaled = [piece / scale for piece in pieces]
-    data = spectrum(scaled)
-    return [_fit_one(scaled, data, order, scale) for order in orders]
+    data = spectrum(pieces, scale)
+    sample = max(pieces, key=len)[:_LJUNG_BOX_SAMPLES] / scale
+    return [_fit_one(sample, data, order, scale) for order in orders]
 
 
 def choose(fits: Sequence[ArmaFit]) -> ArmaFit:
@@ -105,8 +106,8 @@ def choose(fits: Sequence[ArmaFit]) -> ArmaFit:
     return min(adequate, key=lambda candidate: (sum(candidate.order), candidate.aic))
 
 
-def _deviation(pieces: Sequence[Array]) -> float:
-    return math.sqrt(float(np.mean(np.concatenate(pieces) ** 2)))
+def _deviation(pieces: Sequence[Values]) -> float:
+    return math.sqrt(mean_square(pieces))
 
 
 def _delays(frequency: Array, order: Order) -> Delays:
@@ -135,9 +136,9 @@ def _is_stable(coefficients: Array) -> bool:
     return bool((np.abs(np.roots(np.concatenate([[1.0], -coefficients]))) < 1.0).all())
 
 
-def _fit_one(pieces: Sequence[Array], data: Spectrum, order: Order, scale: float) -> ArmaFit:
+def _fit_one(sample: Array, data: Spectrum, order: Order, scale: float) -> ArmaFit:
     p, q = order
-    starts = [_start(pieces, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
+    starts = [_start(sample, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
     delays = _delays(data.frequency, order)
     results = [
         fit_density(data, lambda v: _arma_density(delays, order, v), [*start.tolist(), 0.0])
@@ -157,16 +158,16 @@ def _fit_one(pieces: Sequence[Array], data: Spectrum, order: Order, scale: float
         variance=scale**2 * math.exp(result.parameters[-1]),
         aic=deviance + 2.0 * count,
         bic=deviance + math.log(data.samples) * count,
-        ljung_box=_whiteness(pieces, phi, theta),
+        ljung_box=_whiteness(sample, phi, theta),
     )
 
 
-def _start(pieces: Sequence[Array], order: Order) -> Array:
+def _start(sample: Array, order: Order) -> Array:
     """Return first values of phi and theta, by Hannan and Rissanen's regressions."""
     p, q = order
     if p == q == 0:
         return np.zeros(0)
-    longest = max(pieces, key=len)[:_START_SAMPLES]
+    longest = sample[:_START_SAMPLES]
     try:
         guess, _ = hannan_rissanen(longest, ar_order=p, ma_order=q, demean=False, unbiased=False)
         phi, theta = np.asarray(guess.ar_params), -np.asarray(guess.ma_params)
@@ -177,10 +178,9 @@ def _start(pieces: Sequence[Array], order: Order) -> Array:
     return np.concatenate([phi, theta])
 
 
-def _whiteness(pieces: Sequence[Array], phi: Array, theta: Array) -> float:
-    longest = max(pieces, key=len)[:_LJUNG_BOX_SAMPLES]
+def _whiteness(sample: Array, phi: Array, theta: Array) -> float:
     residuals = signal.lfilter(
-        np.concatenate([[1.0], -phi]), np.concatenate([[1.0], -theta]), longest
+        np.concatenate([[1.0], -phi]), np.concatenate([[1.0], -theta]), sample
     )[len(phi) + len(theta) + 20 :]
     correlations = acf(residuals, nlags=_LJUNG_BOX_LAGS, fft=True)
     statistics, _ = q_stat(correlations[1:], len(residuals))
@@ -212,7 +212,7 @@ class DriftAndWhite:
     white_variance_interval: tuple[float, float]
 
 
-def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
+def fit_drift_and_white(pieces: Sequence[Values]) -> DriftAndWhite:
     """Fit AR(1) plus white noise by maximum likelihood.
 
     Fitted are phi, the covariance at lag 1 and the variance of the sum, which the data determine
@@ -223,7 +223,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
         pieces: Parts of a recording (n,), without mean, trend and gaps.
     """
     scale = _deviation(pieces)
-    data = spectrum([piece / scale for piece in pieces])
+    data = spectrum(pieces, scale)
     cosine = np.cos(data.frequency)
 
     def density(v: Array) -> Array:
@@ -246,11 +246,9 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
     total = drift + white
     distinct = abs(drift * phi / total) * math.sqrt(data.samples)
     spread = float(best.covariance[0, 0])
-    # The drift's variance is a ratio, the covariance at lag 1 over phi, and so too large on
-    # average; to second order by this share.
-    excess = -best.covariance[0, 1] * phi / (drift * (phi**2 + spread))
-    drift /= 1.0 + max(float(excess), -0.5)
-    bounds = ((-1.0, 1.0), (0.0, math.inf), (-math.inf, math.inf))
+    # A variance ends at zero, unless the likeliest value lies below: that is no drift.
+    least = 0.0 if drift > 0.0 else -math.inf
+    bounds = ((-1.0, 1.0), (least, math.inf), (-math.inf, math.inf))
     phi_interval, drift_interval, white_interval = (
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
@@ -268,7 +266,7 @@ def fit_drift_and_white(pieces: Sequence[Array]) -> DriftAndWhite:
         phi_interval=phi_interval,
         drift_variance=scale**2 * drift,
         drift_variance_interval=_scaled(drift_interval, scale),
-        white_variance=scale**2 * (total - drift),
+        white_variance=scale**2 * white,
         white_variance_interval=_scaled(white_interval, scale),
     )
 
@@ -285,7 +283,7 @@ class FilterNoise:
     measurement_noise: float
 
 
-def fit_filter_noise(pieces: Sequence[Array], phi: float) -> FilterNoise:
+def fit_filter_noise(pieces: Sequence[Values], phi: float) -> FilterNoise:
     """Return the Q and R that make the recording likeliest for the filter's own model.
 
     In (3) the drift x adds to the rate from step to step, so the differences of the measurement are
@@ -297,7 +295,7 @@ def fit_filter_noise(pieces: Sequence[Array], phi: float) -> FilterNoise:
         phi: Coefficient of the drift.
     """
     scale = _deviation(pieces)
-    data = spectrum([np.diff(piece) / scale for piece in pieces])
+    data = spectrum(pieces, scale, differences=True)
     cosine = np.cos(data.frequency)
     drift = 1.0 / (1.0 - 2.0 * phi * cosine + phi * phi)
     difference = 2.0 - 2.0 * cosine

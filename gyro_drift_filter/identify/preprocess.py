@@ -11,9 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.identify.blocks import block_means, block_rows, row_medians
+from gyro_drift_filter.identify.blocks import block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.series import (
+    Ramp,
+    Stored,
+    Stretch,
+    Values,
+    all_parts,
+    block_means,
+    mean_of,
+    parts,
+    thinned,
+)
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -56,8 +67,8 @@ class Preprocessed:
         missing: Number of samples replaced as not finite.
     """
 
-    residuals: tuple[Floats, ...]
-    cleaned: tuple[Floats, ...]
+    residuals: tuple[Stored, ...]
+    cleaned: tuple[Stored, ...]
     bias: float
     bias_deviation: float
     trend_order: int
@@ -68,7 +79,7 @@ class Preprocessed:
 
 
 def preprocess(
-    rate: Floats, spans: Sequence[Span], period: float, begins: Sequence[float] | None = None
+    rate: Values, spans: Sequence[Span], period: float, begins: Sequence[float] | None = None
 ) -> Preprocessed:
     """Return the residuals of one axis over the motionless spans, and what was taken out.
 
@@ -86,42 +97,44 @@ def preprocess(
     Raises:
         IdentificationError: There are too few samples, or too few of them are finite.
     """
-    pieces = [np.asarray(rate[span.first : span.stop], float) for span in spans]
-    if sum(map(len, pieces)) < LEAST_SAMPLES:
-        raise IdentificationError(
-            f'{sum(map(len, pieces))} samples at rest are too few: at least {LEAST_SAMPLES}'
-        )
-    finite = [np.isfinite(piece) for piece in pieces]
-    if min(float(good.mean()) for good in finite) < 0.5:
+    count = sum(map(len, spans))
+    if count < LEAST_SAMPLES:
+        raise IdentificationError(f'{count} samples at rest are too few: at least {LEAST_SAMPLES}')
+    raw = [Stretch(rate, span.first, span.stop) for span in spans]
+    lacking = [sum(int((~np.isfinite(part)).sum()) for part in parts(piece)) for piece in raw]
+    if any(less > 0.5 * len(span) for less, span in zip(lacking, spans, strict=True)):
         raise IdentificationError('more than half of the samples of a span at rest are not finite')
-    missing = sum(int((~good).sum()) for good in finite)
-    pieces, outliers = replace_outliers(pieces, period)
+    cleaned, outliers = replace_outliers(raw, period)
     if begins is None:
         begins = [span.first * period for span in spans]
-    time = np.concatenate(
-        [begin + np.arange(len(span)) * period for begin, span in zip(begins, spans, strict=True)]
+    ramps = [Ramp(begin, period, len(span)) for begin, span in zip(begins, spans, strict=True)]
+    centre, bias = mean_of(ramps), mean_of(cleaned)
+    trend = _fit_trend(
+        block_means(ramps, TREND_BLOCKS) - centre, block_means(cleaned, TREND_BLOCKS) - bias
     )
-    values = np.concatenate(pieces)
-    centre = float(time.mean())
-    bias = float(values.mean())
-    trend = _fit_trend(time - centre, values - bias)
-    values = values - bias - _evaluate(trend, time - centre)
-    values -= values.mean()
-    borders = np.cumsum([len(piece) for piece in pieces])[:-1]
+    means = [_power_mean(ramps, centre, i) for i in range(1, len(trend) + 1)]
+    residuals = []
+    for ramp, piece in zip(ramps, cleaned, strict=True):
+        residuals.append(Stored())
+        for time, values in zip(parts(ramp), parts(piece), strict=True):
+            left = values - bias
+            for i, (coefficient, mean) in enumerate(zip(trend, means, strict=True), 1):
+                left -= coefficient * ((time - centre) ** i - mean)
+            residuals[-1].append(left)
     return Preprocessed(
-        residuals=tuple(np.split(values, borders)),
-        cleaned=tuple(pieces),
+        residuals=tuple(residuals),
+        cleaned=tuple(cleaned),
         bias=bias,
-        bias_deviation=mean_deviation(values, len(trend)),
+        bias_deviation=mean_deviation(residuals, len(trend)),
         trend_order=len(trend),
         trend=trend,
         trend_centre=centre,
         outliers=outliers,
-        missing=missing,
+        missing=sum(lacking),
     )
 
 
-def replace_outliers(pieces: Sequence[Floats], period: float) -> tuple[list[Floats], int]:
+def replace_outliers(pieces: Sequence[Values], period: float) -> tuple[list[Stored], int]:
     """Return copies with outliers and NaN replaced by lines, and the number of outliers.
 
     An outlier lies more than six robust deviations (1.4826 times the median absolute deviation,
@@ -132,20 +145,23 @@ def replace_outliers(pieces: Sequence[Floats], period: float) -> tuple[list[Floa
         period: In s.
     """
     size = max(LEAST_MEDIAN, round(MEDIAN_SECONDS / period))
-    departures = [piece - _course(piece, size) for piece in pieces]
-    every = np.concatenate(departures)
-    every = every[np.isfinite(every)]
-    limit = OUTLIER_DEVIATIONS * _robust_deviation(every)
-    cleaned, count = [], 0
-    for piece, departure in zip(pieces, departures, strict=True):
-        finite = np.isfinite(departure)
-        outlier = finite & (np.abs(np.where(finite, departure, 0.0)) > limit)
-        count += int(outlier.sum())
-        cleaned.append(_bridge(piece, finite & ~outlier))
+    departures = [Stored() for _ in pieces]
+    for piece, stored in zip(pieces, departures, strict=True):
+        for part in parts(piece):
+            stored.append(part - _course(part, size))
+    every = thinned(departures)
+    limit = OUTLIER_DEVIATIONS * _robust_deviation(every[np.isfinite(every)])
+    cleaned, count = [Stored() for _ in pieces], 0
+    for piece, stored, out in zip(pieces, departures, cleaned, strict=True):
+        for part, departure in zip(parts(piece), parts(stored), strict=True):
+            finite = np.isfinite(departure)
+            outlier = finite & (np.abs(np.where(finite, departure, 0.0)) > limit)
+            count += int(outlier.sum())
+            out.append(_bridge(part, finite & ~outlier))
     return cleaned, count
 
 
-def mean_deviation(values: Floats, fitted: int = 0) -> float:
+def mean_deviation(spans: Sequence[Values], fitted: int = 0) -> float:
     """Return the standard deviation of the mean of correlated values.
 
     The values are cut into 12 to 192 blocks; the deviation of the block means over the root of
@@ -154,13 +170,13 @@ def mean_deviation(values: Floats, fitted: int = 0) -> float:
     wanders over minutes. Bias instability has no true mean at all, so it is a lower bound then.
 
     Args:
-        values: (n,).
+        spans: (n,) each.
         fitted: Number of trend coefficients that were fitted to them.
     """
     estimates = [0.0]
     for blocks in MEAN_BLOCKS:
-        if len(values) >= 4 * blocks:
-            means = block_means(values, blocks)
+        if sum(map(len, spans)) >= 4 * blocks:
+            means = block_means(spans, blocks)
             variance = float(((means - means.mean()) ** 2).sum()) / (blocks - 1 - fitted)
             estimates.append(np.sqrt(variance / blocks))
     return float(max(estimates))
@@ -191,9 +207,13 @@ def _bridge(piece: Floats, good: Bools) -> Floats:
     return out
 
 
-def _fit_trend(time: Floats, values: Floats) -> tuple[float, ...]:
-    """Return the coefficients of (t - t0), (t - t0)^2 of the smallest sufficient order."""
-    times, means = block_means(time, TREND_BLOCKS), block_means(values, TREND_BLOCKS)
+def _fit_trend(times: Floats, means: Floats) -> tuple[float, ...]:
+    """Return the coefficients of (t - t0), (t - t0)^2 of the smallest sufficient order.
+
+    Args:
+        times: (b,) mean time of each block, less t0.
+        means: (b,) mean rate of each block.
+    """
     fits = [_fit_order(times, means, order) for order in range(HIGHEST_ORDER + 1)]
     best = min(criterion for criterion, _ in fits)
     return next(trend for criterion, trend in fits if criterion <= best + MATERIAL)
@@ -211,10 +231,6 @@ def _fit_order(times: Floats, means: Floats, order: int) -> tuple[float, tuple[f
     return float(criterion), tuple(float(solution[i] / scale**i) for i in range(1, order + 1))
 
 
-def _evaluate(trend: tuple[float, ...], time: Floats) -> Floats:
-    """Return the trend at times from its centre, of mean zero: (n,)."""
-    out = np.zeros_like(time)
-    for i, coefficient in enumerate(trend, 1):
-        power = time**i
-        out += coefficient * (power - power.mean())
-    return out
+def _power_mean(ramps: Sequence[Ramp], centre: float, power: int) -> float:
+    total = sum(float(((time - centre) ** power).sum()) for time in all_parts(ramps))
+    return total / sum(map(len, ramps))

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize
 
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, all_parts
+
 Array = NDArray[np.float64]
 # A spectral density per parameter vector, at the angular frequencies of the bins.
 Density = Callable[[Array], Array]
@@ -70,16 +72,22 @@ class Fit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-def spectrum(pieces: Sequence[Array]) -> Spectrum:
-    """Return the binned periodogram of one or several pieces of a recording.
+def spectrum(spans: Sequence[Values], scale: float = 1.0, differences: bool = False) -> Spectrum:
+    """Return the binned periodogram of one or several stretches of a recording.
+
+    A stretch that is longer than a million samples is taken in parts; what is lost are frequencies
+    of which it holds a few periods.
 
     Args:
-        pieces: Each (n,), even in time, without gap and mean; the longest sets the bins.
+        spans: Each (n,), even in time, without gap and mean; the longest part sets the bins.
+        scale: What the samples are divided by.
+        differences: Whether those from sample to sample are taken in place of the samples.
     """
-    longest = max(len(piece) for piece in pieces)
-    edges = _edges(longest)
+    longest = max(-(-len(span) // -(-len(span) // LARGEST_PART)) for span in spans)
+    edges = _edges(longest - differences)
     count, power, moment = (np.zeros(len(edges) - 1) for _ in range(3))
-    for piece in pieces:
+    for part in all_parts(spans):
+        piece = (np.diff(part) if differences else part) / scale
         n = _fast_length(len(piece))
         ordinates = np.abs(fft.rfft(piece[:n])) ** 2 / n
         k = np.arange(_SKIPPED, (n - 1) // 2)
@@ -95,7 +103,7 @@ def spectrum(pieces: Sequence[Array]) -> Spectrum:
         moment[used] / count[used],
         power[used] / count[used],
         count[used],
-        sum(len(piece) for piece in pieces),
+        sum(len(span) - differences for span in spans),
     )
 
 

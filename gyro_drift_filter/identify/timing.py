@@ -4,13 +4,16 @@ Samples are taken to be evenly spaced between gaps, as a sensor takes them, what
 drivers deliver in bursts, and stamp what they deliver.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.series import LARGEST_PART, Stored
 
+Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
@@ -28,22 +31,16 @@ class Timing:
 
     Attributes:
         period: In s.
-        gaps: (n - 1,) whether the recording is cut between two samples: time is missing there, or
-            jumps back.
+        breaks: (g,) index of each sample before which time is missing, or jumps back.
         uneven: Share of the other steps that are off by more than half a period.
     """
 
     period: float
-    gaps: Bools
+    breaks: Integers
     uneven: float
 
-    @property
-    def cuts(self) -> int:
-        """Number of gaps."""
-        return int(self.gaps.sum())
 
-
-def learn_timing(stamps: Integers) -> Timing:
+def learn_timing(stamps: Integers | Stored) -> Timing:
     """Learn the sample period from blocks of two seconds, and find the gaps.
 
     Args:
@@ -52,29 +49,44 @@ def learn_timing(stamps: Integers) -> Timing:
     Raises:
         IdentificationError: The stamps don't advance.
     """
-    steps = np.diff(stamps) * 1e-9
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    period = _period(np.where(_jumps(steps, usual), 0.0, steps))
-    gaps = _jumps(steps, period)
-    uneven = np.abs(steps[~gaps] - period) > UNEVEN * period
-    return Timing(period, gaps, float(uneven.mean()) if len(uneven) else 0.0)
+    medians = [float(np.median(steps)) for _, steps in _steps(stamps)]
+    usual = float(np.median(medians)) if medians else 0.0
+    periods = [_periods(np.where(_jumps(steps, usual), 0.0, steps)) for _, steps in _steps(stamps)]
+    if not any(map(len, periods)):
+        raise IdentificationError(
+            'the stamps do not advance: there is no sample rate to be learned; name it with '
+            '--sample-rate'
+        )
+    period = float(np.median(np.concatenate(periods)))
+    breaks, uneven, even = [np.zeros(0, np.int64)], 0, 0
+    for first, steps in _steps(stamps):
+        jumps = _jumps(steps, period)
+        breaks.append(first + 1 + np.flatnonzero(jumps))
+        off = np.abs(steps[~jumps] - period) > UNEVEN * period
+        uneven, even = uneven + int(off.sum()), even + len(off)
+    return Timing(period, np.concatenate(breaks), uneven / even if even else 0.0)
 
 
-def _jumps(steps: NDArray[np.float64], period: float) -> Bools:
+def _steps(stamps: Integers | Stored) -> Iterator[tuple[int, Floats]]:
+    """Yield the steps between stamps in s, part by part, each with the index of its first."""
+    n = len(stamps)
+    for first in range(0, n - 1, LARGEST_PART):
+        yield first, np.diff(stamps[first : min(first + LARGEST_PART + 1, n)]) * 1e-9
+
+
+def _jumps(steps: Floats, period: float) -> Bools:
     return np.abs(steps) > max(GAP_PERIODS * period, GAP_SECONDS)
 
 
-def _period(steps: NDArray[np.float64]) -> float:
-    """Return the median over blocks of the time per sample in s; a block is longer than a burst."""
+def _periods(steps: Floats) -> Floats:
+    """Return the time per sample in s of blocks (b,); a block is longer than a burst."""
     seconds = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(steps)]))
     if not seconds[-1] > 0.0:
-        raise IdentificationError(
-            'the stamps do not advance: there is no sample rate to be learned'
-        )
+        return np.zeros(0)
     edges = np.searchsorted(seconds, np.arange(0.0, seconds[-1], BLOCK_SECONDS))
     edges = np.append(edges[np.append(True, np.diff(edges) >= LEAST_BLOCK)], len(seconds) - 1)
     counts = np.diff(edges)
     used = counts > 0
     if not used.any():
-        return float(seconds[-1] / len(steps))
-    return float(np.median(np.diff(seconds[edges])[used] / counts[used]))
+        return np.array([seconds[-1] / len(steps)])
+    return np.asarray(np.diff(seconds[edges])[used] / counts[used])

@@ -1,0 +1,90 @@
+"""The samples of a bag for `gyro_drift identify`: in temporary files, as there may be many."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts
+from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.identify.series import Stored
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Of one topic, n samples.
+
+    Attributes:
+        topic: Its name.
+        refused: Messages that were malformed or did not report an angular velocity.
+        stamps: (n,) in ns.
+        rates: Three columns (n,) in rad/s.
+        accelerations: Three columns (n,) in m/s^2.
+        clock: Where the time was taken from in place of stamps, in words; empty where stamps told.
+    """
+
+    topic: str
+    refused: int
+    stamps: Stored
+    rates: tuple[Stored, ...]
+    accelerations: tuple[Stored, ...]
+    clock: str
+
+
+def read_samples(
+    bag: Path,
+    topic: str | None,
+    between: tuple[float, float | None],
+    sample_rate: float | None,
+    progress: Callable[[int, int], None],
+) -> Samples:
+    """Read the samples of a bag.
+
+    Args:
+        bag: rosbag2 folder or bare .mcap or .db3 file.
+        topic: Needed where there are several Imu topics.
+        between: First and last time to be used, in s from the first sample on.
+        sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
+        progress: Called with the number of messages done and their total.
+
+    Raises:
+        BagError: The bag can't be read or holds no usable Imu message.
+        GyroDriftFilterError: There is no sample in that time.
+    """
+    stamps = Stored(np.int64)
+    rates, accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
+    name, clock, refused, count, begin, latest = '', '', 0, 0, 0, 0.0
+    start, end = between
+    for part in imu_parts(bag, topic, progress):
+        name, refused = part.topic, refused + part.refused
+        if not len(part.samples):
+            continue
+        if not count and not part.samples['stamp'].any():
+            clock = f'{sample_rate:g} Hz as named' if sample_rate else 'log times'
+        times = _times(part, clock, sample_rate, count)
+        begin = begin if count else int(times[0])
+        count += len(times)
+        seconds = (times - begin) * 1e-9
+        latest = max(latest, float(seconds.max()))
+        used = (seconds >= start) & (seconds <= (np.inf if end is None else end))
+        stamps.append(times[used])
+        for axis in range(3):
+            rates[axis].append(part.samples['angular_velocity'][used, axis])
+            accelerations[axis].append(part.samples['linear_acceleration'][used, axis])
+    if not len(stamps):
+        raise GyroDriftFilterError(
+            f'no sample between --start {start:g} and --end {latest if end is None else end:g} s: '
+            f'the recording has {latest:.1f} s'
+        )
+    return Samples(name, refused, stamps, rates, accelerations, clock)
+
+
+def _times(part: ImuPart, clock: str, sample_rate: float | None, before: int) -> NDArray[np.int64]:
+    """Return the time of each sample in ns: stamps, or what takes their place."""
+    if not clock:
+        return np.asarray(part.samples['stamp'])
+    if sample_rate is None:
+        return part.log_times
+    return np.round((before + np.arange(len(part.samples))) * 1e9 / sample_rate).astype(np.int64)

@@ -1,0 +1,177 @@
+"""Noise that changes as slowly as a body moves, told from motion by gravity.
+
+A sensor behind its own low-pass at a few hertz gives rates as smooth as those of a hand. If they
+were a turn, gravity would turn with them; noise leaves it where it is. So the rates are integrated
+over each window, the movement of gravity that follows from them is compared with the one that the
+accelerometer shows, and the noise is taken for noise where gravity moves by less than half of it.
+
+Without an accelerometer there is one sign left: a body that does not turn on and on comes back, so
+its angles stay within bounds, while those that noise makes walk away with the root of time.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.identify.timing import Timing
+from gyro_drift_filter.identify.windows import Look, Windows, cut, look, rows_of
+
+Floats = NDArray[np.float64]
+
+# Where the quietest windows have a smaller share of their variance in differences over 20 ms than
+# this they are smooth: a body's motion up to 3 Hz, and no low-pass that gyroscopes have at 100 Hz.
+LEAST_ROUGHNESS = 0.08
+# The filter is the same on all axes: what is this much rougher on another one is motion.
+ALIKE = 3.0
+# Noise has forgotten itself where differences are this share of those of white noise.
+FORGOTTEN = 0.5
+# Noise that is correlated over longer times than a window can't be told from a bias that wanders.
+LONGEST_WINDOW = 32.0  # s
+LEAST_WINDOWS = 3
+# Angles are compared at so many points of a window, in windows up to this length: those that noise
+# makes grow with the square root of time, while the accelerometer's own noise averages out.
+_POINTS = 16
+_LONGEST_COMPARED = 256.0  # s
+# No gyroscope's noise turns faster: 70 degrees in the root of an hour, where data sheets of the
+# cheapest say 1 to 2, and a phone behind its slow filter has 15.
+_LARGEST_WALK = 0.02  # rad in the root of a second
+# Without an accelerometer: the angles of noise are twice as large over four times the time, those
+# of a body that comes back no larger.
+_WALK_TIMES, _WALK_GROWTH = 4, math.sqrt(2.0)
+# Gravity stays where it moves by less than this share of what the rates say, were they a turn.
+_SHARE = 0.5
+# The same about the vertical, where gravity says nothing: as large as the others, to this ratio.
+_VERTICAL = 3.0
+
+_Slow = tuple[Windows, list[Look]]
+
+
+class Verdict(Enum):
+    """What smooth rates are."""
+
+    NOISE = 'noise'
+    MOTION = 'motion'
+    OPEN = 'open'  # the recording does not tell
+
+
+def is_smooth(seen: Look) -> bool:
+    """Tell whether the quietest windows of an axis are smooth: motion, or slow noise."""
+    return seen.roughness < LEAST_ROUGHNESS
+
+
+def look_at_slow_noise(
+    looks: Sequence[Look], windows: Windows, axes: Sequence[Values], timing: Timing
+) -> tuple[Verdict, _Slow]:
+    """Return whether it is slow noise, and windows long enough for it with what they show.
+
+    Args:
+        looks: At three axes of the gyroscope, and three of the accelerometer if there is one.
+        windows: Of these looks.
+        axes: Samples of the same three or six.
+        timing: Of the samples.
+    """
+    slow = windows, list(looks)
+    smooth = any(map(is_smooth, looks[:3]))
+    if all(map(_has_settled, looks)) and not smooth:
+        return Verdict.NOISE, slow
+    rough = [seen.roughness for seen in looks[:3] if np.isfinite(seen.roughness)]
+    if smooth and max(rough) > ALIKE * LEAST_ROUGHNESS:
+        return Verdict.MOTION, slow
+    longer = _lengthen(slow, axes, timing)
+    return (Verdict.OPEN, slow) if longer is None else (_judge(longer, axes, timing), longer)
+
+
+def _has_settled(seen: Look) -> bool:
+    return not seen.settled < FORGOTTEN  # NaN where nothing changes
+
+
+def _lengthen(slow: _Slow, axes: Sequence[Values], timing: Timing) -> _Slow | None:
+    """Double the windows until the noise forgets itself within a part of one."""
+    windows, looks = slow
+    size = windows.size
+    while not all(map(_has_settled, looks)):
+        size *= 2
+        windows = cut(len(axes[0]), timing.breaks, size)
+        if size * timing.period > LONGEST_WINDOW or len(windows.first) < LEAST_WINDOWS:
+            return None
+        looks = [look(axis, windows, timing.period) for axis in axes]
+    return windows, looks
+
+
+def _judge(slow: _Slow, axes: Sequence[Values], timing: Timing) -> Verdict:
+    """Tell whether gravity stays where the rates, were they a turn, would move it."""
+    windows, looks = slow
+    least, size, first = 0.0, windows.size, math.inf
+    while True:
+        turned, moved, vertical = _movements(windows, looks, axes, timing.period)
+        if turned > _walked(size * timing.period) or vertical > _VERTICAL:
+            return Verdict.MOTION
+        # Turns to and fro average out over longer times; what noise makes goes on to grow.
+        if not turned > least:
+            return Verdict.OPEN
+        if moved < _SHARE * turned:
+            return Verdict.NOISE
+        first = min(first, turned)
+        if len(axes) == 3 and size == _WALK_TIMES * slow[0].size:
+            return Verdict.NOISE if turned > _WALK_GROWTH * first else Verdict.OPEN
+        least, size = turned, 2 * size
+        windows = cut(len(axes[0]), timing.breaks, size)
+        if size * timing.period > _LONGEST_COMPARED or len(windows.first) < LEAST_WINDOWS:
+            return Verdict.OPEN
+        looks = [look(axis, windows, timing.period) for axis in axes]
+
+
+def _walked(seconds: float) -> float:
+    """Return the angle in rad by which two walks depart from a straight line, at the most."""
+    return _LARGEST_WALK * math.sqrt(2.0 * seconds / 15.0)
+
+
+def _movements(
+    windows: Windows, looks: Sequence[Look], axes: Sequence[Values], period: float
+) -> tuple[float, float, float]:
+    """Return medians over calm windows of what moves gravity.
+
+    Returns:
+        The movement that follows from the rates, the one that the accelerometer shows, both as
+        parts of gravity, and the rate about the vertical over that about a horizontal axis.
+        Without an accelerometer the second is infinite and the third 1.
+    """
+    calm = np.logical_and.reduce([seen.calm for seen in looks])
+    found = []
+    for group in windows.groups():
+        six = np.stack([rows_of(axis, windows, group)[:, : windows.size] for axis in axes], axis=2)
+        six = six[calm[group] & np.isfinite(six).all(axis=(1, 2))]
+        if not len(six):
+            continue
+        rates = six[..., :3] - six[..., :3].mean(axis=1, keepdims=True)
+        angles = np.cumsum(rates, axis=1) * period
+        if len(axes) == 3:
+            size = _size(angles) * math.sqrt(2.0 / 3.0)  # of two axes, as gravity shows
+            found.append(np.column_stack([size, np.full_like(size, math.inf), np.ones_like(size)]))
+            continue
+        gravity = six[..., 3:].mean(axis=1, keepdims=True)
+        length = np.maximum(np.linalg.norm(gravity, axis=2, keepdims=True), 1e-300)
+        moved = np.stack([_size(np.cross(gravity, angles)), _size(six[..., 3:])], axis=1)
+        whole = (rates**2).sum(axis=(1, 2))
+        along = ((rates * gravity / length).sum(axis=2) ** 2).sum(axis=1)
+        across = np.maximum(0.5 * (whole - along), 1e-300)
+        found.append(np.column_stack([moved / length[:, 0], np.sqrt(along / across)]))
+    if not found:
+        return 0.0, 0.0, 1.0
+    turned_by, moved_by, vertical = np.median(np.concatenate(found), axis=0)
+    return float(turned_by), float(moved_by), float(vertical)
+
+
+def _size(vectors: Floats) -> Floats:
+    """Return how far vectors (w, n, 3) move about a straight line in each window: (w,)."""
+    n = vectors.shape[1] // _POINTS * _POINTS
+    points = vectors[:, :n].reshape(len(vectors), _POINTS, -1, 3).mean(axis=2)
+    # An unknown bias turns at a constant rate, so a line is taken out of both.
+    time = np.linspace(-1.0, 1.0, _POINTS)[:, None]
+    points = points - points.mean(axis=1, keepdims=True)
+    slope = (points * time).sum(axis=1, keepdims=True) / (time**2).sum()
+    return np.asarray(np.sqrt(((points - slope * time) ** 2).sum(axis=2).mean(axis=1)))

@@ -1,0 +1,236 @@
+"""A recording cut into windows, and what is seen of one axis in each of them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.identify.blocks import block_rows, row_means, row_medians
+from gyro_drift_filter.identify.series import Values
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+# Share of windows that are taken as the quietest, and their least number.
+QUIETEST_SHARE, QUIETEST_WINDOWS = 0.05, 5
+# A window counts as noise up to this many spreads above the level, within these ratios to it.
+SPREADS = 6.0
+LEAST_RATIO, LARGEST_RATIO = 1.35, 3.0
+# Limit of a step between means in noise deviations: AR(1) noise of 0.9 at 100 Hz reaches 3.
+LARGEST_STEP = 3.5
+# A spike: this many deviations off the median of itself and its neighbours.
+SPIKE = 6.0
+# Share of a window's largest deviations that the first look at the noise leaves out.
+TRIMMED = 0.05
+# Where this share of the samples holds one value, the sensor's step hides its noise.
+STILL_SHARE = 0.3
+# Motion of a body is smooth over this time, noise is not.
+SMOOTH_SECONDS = 0.02
+# Noise that has forgotten itself within this part of a window gives it independent samples enough.
+MEMORY_SHARE = 8
+# Samples that are looked at together, to bound the memory.
+_GROUP = 1 << 18
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Borders of windows, w of them: sample indices, and the part between gaps that each is in."""
+
+    first: Integers  # (w,)
+    stop: Integers  # (w,)
+    part: Integers  # (w,)
+    size: int  # samples, which each window has at least
+
+    def groups(self) -> Iterator[slice]:
+        """Yield runs of windows, each of which can be worked on at once."""
+        count = max(1, _GROUP // self.size)
+        for k in range(0, len(self.first), count):
+            yield slice(k, min(k + count, len(self.first)))
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is seen of one axis in w windows.
+
+    Attributes:
+        mean: (w,).
+        level: Deviation of the noise within a window.
+        limit: How far two neighbouring means may lie apart.
+        calm: (w,) which windows hold no more than that noise.
+        fits: (w,) which of these have a mean that stays, too.
+        roughness: Variance of the differences over `SMOOTH_SECONDS`, halved, over that of the
+            samples; median of the calm windows. 1 is white, and 0 a straight line; NaN where
+            nothing changes.
+        settled: The same over an eighth of a window.
+    """
+
+    mean: Floats
+    level: float
+    limit: float
+    calm: Bools
+    fits: Bools
+    roughness: float
+    settled: float
+
+
+def cut(n: int, breaks: Integers, size: int) -> Windows:
+    """Cut n samples at the breaks, and each part into windows of `size` samples or a bit more."""
+    borders = [0, *breaks.tolist(), n]
+    first, stop, part = [], [], []
+    for index, (begin, end) in enumerate(pairwise(borders)):
+        count = (end - begin) // size
+        edges = begin + (np.arange(count + 1) * (end - begin)) // max(count, 1)
+        first.append(edges[:-1])
+        stop.append(edges[1:])
+        part.append(np.full(count, index))
+    return Windows(np.concatenate(first), np.concatenate(stop), np.concatenate(part), size)
+
+
+def rows_of(values: Values, windows: Windows, group: slice) -> Floats:
+    """Return the finite samples of a group of windows, one window a row, filled up with NaN."""
+    return _rows(_load(values, windows, group, 0), windows, group)
+
+
+def look(values: Values, windows: Windows, period: float) -> Look:
+    """Look at one axis; isolated spikes are taken out.
+
+    Args:
+        values: (n,); may hold NaN.
+        windows: Of the n samples.
+        period: In s.
+    """
+    # A coarse or dead-banded sensor stands still at rest: one of its steps counts as its noise.
+    groups = list(windows.groups())
+    trimmed, steps = [], []
+    for group in groups:
+        samples = _load(values, windows, group, 0)
+        steps.append(_step_of_still_sensor(samples))
+        trimmed.append(_trimmed_deviations(_rows(samples, windows, group)))
+    step_size = min((step for step in steps if step), default=0.0)
+    first_level = max(_level(np.concatenate(trimmed))[0], step_size)
+    lags = max(1, round(SMOOTH_SECONDS / period)), max(1, windows.size // MEMORY_SHARE)
+    seen = [
+        _statistics(
+            _rows(
+                _without_spikes(_load(values, windows, group, 1), SPIKE * first_level),
+                windows,
+                group,
+            ),
+            windows,
+            group,
+            lags,
+        )
+        for group in groups
+    ]
+    mean, deviation, enough, rough, settled = (np.concatenate(x) for x in zip(*seen, strict=True))
+    level, limit = _level(deviation[enough])
+    level, limit = max(level, step_size), max(limit, LEAST_RATIO * step_size)
+    calm = enough & (deviation <= limit)
+    step = np.abs(np.diff(mean))
+    pairs = (np.diff(windows.part) == 0) & calm[1:] & calm[:-1]
+    furthest = step_limit(step[pairs], level, windows)
+    jump = pairs & (step > furthest)
+    # Which of the two moves is open: both are left out.
+    fits = calm.copy()
+    fits[1:] &= ~jump
+    fits[:-1] &= ~jump
+    return Look(mean, level, furthest, calm, fits, _median(rough[calm]), _median(settled[calm]))
+
+
+def step_limit(steps: Floats, level: float, windows: Windows) -> float:
+    """Return how far two neighbouring means may lie apart, by the steps (m,) of calm windows."""
+    size = float(np.median(windows.stop - windows.first))
+    white = SPREADS * level * np.sqrt(2.0 / size)
+    seen = SPREADS * 1.4826 * float(np.median(steps)) if len(steps) else 0.0
+    return float(max(white, min(seen, LARGEST_STEP * level)))
+
+
+def _load(values: Values, windows: Windows, group: slice, around: int) -> Floats:
+    """Return the samples of a group of windows, and so many on each side; NaN is what is not."""
+    first, stop = int(windows.first[group][0]) - around, int(windows.stop[group][-1]) + around
+    inside = values[max(first, 0) : stop]
+    samples = np.full(stop - first, np.nan)
+    offset = max(-first, 0)
+    samples[offset : offset + len(inside)] = inside
+    samples[~np.isfinite(samples)] = np.nan
+    return samples
+
+
+def _rows(samples: Floats, windows: Windows, group: slice) -> Floats:
+    begin = windows.first[group][0]
+    return block_rows(samples, windows.first[group] - begin, windows.stop[group] - begin)
+
+
+def _step_of_still_sensor(values: Floats) -> float:
+    """Return the smallest distance from the median, 0 where few samples are equal to it."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0
+    distance = np.abs(finite - np.median(finite))
+    moved = distance[distance > 0.0]
+    if not len(moved) or len(moved) > (1.0 - STILL_SHARE) * len(distance):
+        return 0.0
+    return float(moved.min())
+
+
+def _trimmed_deviations(rows: Floats) -> Floats:
+    """Return the deviation of each window without its farthest samples; nearly empty ones not."""
+    count = np.isfinite(rows).sum(axis=1)
+    rows, count = rows[count > 1], count[count > 1]
+    squares = np.sort((rows - row_medians(rows)[:, None]) ** 2, axis=1)
+    kept = np.maximum(1, ((1.0 - TRIMMED) * count).astype(int))
+    squares[np.arange(squares.shape[1]) >= kept[:, None]] = np.nan
+    return np.sqrt(row_means(squares))
+
+
+def _level(deviations: Floats) -> tuple[float, float]:
+    """Return the noise level among windows, most of which may be motion, and the limit for it."""
+    if not len(deviations):
+        return 0.0, 0.0
+    ordered = np.sort(deviations)
+    count = max(QUIETEST_WINDOWS, round(QUIETEST_SHARE * len(ordered)))
+    level = float(np.median(ordered[:count]))
+    limit = LEAST_RATIO * level
+    # From the quietest windows the level climbs to the middle of all that are like them.
+    for _ in range(20):
+        like = ordered[ordered <= limit]
+        level = float(np.median(like)) if len(like) else level
+        spread = 1.4826 * float(np.median(np.abs(like - level))) if len(like) else 0.0
+        ratio = 1.0 + SPREADS * spread / level if level else LEAST_RATIO
+        new = level * min(max(ratio, LEAST_RATIO), LARGEST_RATIO)
+        if new <= limit:
+            break
+        limit = new
+    return level, limit
+
+
+def _without_spikes(samples: Floats, size: float) -> Floats:
+    """Return all but the first and last, those that stand off both neighbours as their median."""
+    before, here, after = samples[:-2], samples[1:-1], samples[2:]
+    # Beyond the ends of the recording, and beside a sample that is missing, there is no neighbour.
+    median = np.clip(here, np.minimum(before, after), np.maximum(before, after))
+    return np.where((np.abs(here - median) > size) & (size > 0.0), median, here)
+
+
+def _statistics(
+    rows: Floats, windows: Windows, group: slice, lags: Sequence[int]
+) -> tuple[Floats, Floats, Bools, Floats, Floats]:
+    """Return means, deviations, which have half their samples or more, roughness at both lags."""
+    mean = row_means(rows)
+    deviation = np.sqrt(row_means((rows - mean[:, None]) ** 2))
+    count = np.isfinite(rows).sum(axis=1)
+    enough = count >= 0.5 * (windows.stop - windows.first)[group]
+    roughness = []
+    for lag in lags:
+        differences = row_means((rows[:, lag:] - rows[:, :-lag]) ** 2)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            roughness.append(0.5 * differences / deviation**2)
+    return mean, deviation, enough, roughness[0], roughness[1]
+
+
+def _median(values: Floats) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else np.nan
