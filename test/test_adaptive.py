@@ -6,7 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.methods.adaptive import COMPENSATION_SECONDS, LARGEST_COMPENSATION
+from gyro_drift_filter.core.methods.adaptive import (
+    COMPENSATION_SECONDS,
+    COMPENSATION_SHARE,
+    LARGEST_COMPENSATION,
+)
 from gyro_drift_filter.core.methods.mode_set import MODES
 from gyro_drift_filter.simulation.experiments import autoregressive
 
@@ -102,7 +106,10 @@ def test_a_knock_is_believed_with_the_second_sample(random):
     without = run(z)['outlier'][2000:2012, 0].sum()
     results = with_accelerations(z, accelerations)
     assert results['outlier'][2000:2012, 0].sum() <= 1 < without
-    assert abs(results['angular_velocity'][2001, 0] - z[2001, 0]) < 0.05
+    # What the first sample turned is given back.
+    held = 0.01 * z[2000, 0]
+    given_back = held / COMPENSATION_SECONDS
+    assert abs(results['angular_velocity'][2001, 0] - z[2001, 0] - given_back) < 0.05
 
 
 def test_a_message_that_is_corrupted_as_a_whole_is_held(random):
@@ -193,20 +200,26 @@ def test_never_locked_out_and_always_finite(parts, last, rate):
     tolerance = 0.05 * np.abs(last) + 1e-9 * np.abs(z).max()
     off = np.abs(results['angular_velocity'] - last)
     assert (off[len(begin) + 19] <= tolerance + LARGEST_COMPENSATION / COMPENSATION_SECONDS).all()
-    assert (off[-1] <= tolerance + 1e-6).all()
+    assert (off[-1] <= tolerance + 1e-3).all()
 
 
 @pytest.mark.parametrize('deviation', [1e-4, 0.005, 0.05])
 @pytest.mark.parametrize('rate', [100.0, 400.0, 1000.0])
 @pytest.mark.parametrize('size', [1.0, 5.0, 30.0, 1e4])
 def test_a_step_is_followed_within_a_few_samples(size, rate, deviation, random):
-    """Five samples at most; two more where no body could turn so suddenly."""
+    """Five samples at most; two more where no body could turn so suddenly.
+
+    What they turned is given back meanwhile, a sixteenth of it with each sample at most.
+    """
     n, at = int(6 * rate), int(4 * rate)
     z = deviation * random.standard_normal((n, 3))
     z[at:] += size
     out = run(z, rate)['angular_velocity'][at : at + int(rate)]
-    late = np.abs(out - size).max(axis=1) > 0.05 * size + 3.5 * deviation
-    assert not late[5 if size * rate <= 1000 else 7 :].any()
+    held = 5 if size * rate <= 1000 else 7
+    seconds = max(COMPENSATION_SECONDS, 1 / (COMPENSATION_SHARE * rate))
+    giving_back = held / (rate * seconds) * np.exp(-(np.arange(int(rate)) - held) / rate / seconds)
+    allowed = (0.05 + giving_back) * size + 3.5 * deviation
+    assert (np.abs(out - size).max(axis=1) <= allowed)[held:].all()
 
 
 @pytest.mark.parametrize('hertz', [2.0, 5.0])

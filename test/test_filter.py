@@ -241,7 +241,10 @@ def test_bridging_stays_near_and_ends_at_the_limit(method):
 )
 def test_every_parameter_takes_effect_at_once(name, value, method):
     data = recording(3000)
-    rates = 10.0 * data.angular_velocity
+    # The adaptive method learns its noise at rest, which ten times the bias is none.
+    rates = (1.0 if (name, method) == ('forgetting_factor', 'adaptive') else 10.0) * (
+        data.angular_velocity
+    )
     rates[2500] += 1.5
     rates[2700:] += 3.0
     stamps = np.zeros(3000, np.int64) if name == 'sample_rate' else data.stamps.copy()

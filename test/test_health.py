@@ -414,7 +414,8 @@ def test_counts_that_a_reset_clears_are_no_fault(random):
     messages = quiet(500, 5e-3, random)
     for k in range(88, 100):
         stamp = imu_fields(messages[k]).stamp
-        messages[k] = imu_message(stamp, (8.7 if k < 97 else np.nan, 0.01, 0.02), (0, 0, 9.8))
+        rates = (8.7 if k < 97 else np.nan, 0.01 + 0.001 * k, 0.02)
+        messages[k] = imu_message(stamp, rates, (0, 0, 9.8))
     filter_all(filter_, messages[:100])
     assert 'end of the measuring range' in health.judge(filter_.report(), 1.0)[0].message
     assert any(filter_.report().telemetry.unusable)

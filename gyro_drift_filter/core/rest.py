@@ -13,11 +13,12 @@ that does not hold together the later half is kept, for a rest that is over befo
 one: rest may begin with a turn, and of a thousand segments of plain rest one or two look like that.
 
 What the noise is on each signal, within blocks and from block to block, is learned from segments
-that hold together: from the first one on, whose values must be rough and whose means must scatter
-as the values say. The motion of a body is smooth, and its means scatter more. A vibration that
-lasts counts as noise after some minutes. Nothing here is a limit in rad/s. How much more the means
-of segments vary than the blocks within them say, as slow noise makes them, is learned from one
-segment to the next.
+that hold together. The first one may have noise of any spectrum: what tells it is that no mean
+moves from its first half to its second, neither of a rate nor of gravity, by the scatter that this
+sensor's own means have, and that this scatter is one that a body at rest can have. A vibration that
+comes later counts as noise after some minutes. How much more the means of segments vary than the
+blocks within them say, as slow noise makes them, is begun with the correlation of one block and the
+next, and learned from one segment to the next.
 """
 
 import math
@@ -49,10 +50,10 @@ HALVES_DEVIATIONS = 4.0
 FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
-# While the noise is not known, the means may scatter as the noisiest sensors and a running motor make
-# them: by less than this where they are averages over a second, and by the root of the time more
-# where they are of less. It is an angle random walk of 69 deg/sqrt(h), some 50 times that of a cheap
-# gyroscope; a body in motion has five times as much. The same for gravity.
+# While the noise is not known, the means may scatter as the noisiest sensors and a running motor
+# make them: by less than this where they are averages over a second, and by the root of the time
+# more where they are of less. It is an angle random walk of 69 deg/sqrt(h), some 50 times that of a
+# cheap gyroscope; a body in motion has three times as much. The same for gravity.
 LARGEST_RANDOM_WALK = 0.02  # rad/s^(1/2)
 LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other

@@ -156,10 +156,10 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     states, workspace = filter_['state']['methods'], filter_['workspace']['methods']
     if filter_['settings']['method'] == ADAPTIVE:
         axes, tracking = states['adaptive'], states['tracking']
-        checks, at_rest = filter_['state']['checks'], filter_['state']['bias']['rest']['at_rest']
+        checks, rest = filter_['state']['checks'], filter_['state']['bias']['rest']
         own, settings = workspace['adaptive'], filter_['settings']
         period = filter_['state']['clock']['period']
-        adaptive.compare_axes(axes, own, tracking, checks, at_rest, sample, settings, period)
+        adaptive.compare_axes(axes, own, tracking, checks, rest, sample, settings, period)
 
 
 @inlined_kernel

@@ -53,9 +53,11 @@ from gyro_drift_filter.core.methods.outliers import (
     note_held,
     note_missing,
     note_verdict,
+    shake_along,
     start_doubt,
     was_jolted,
 )
+from gyro_drift_filter.core.rest import Rest
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
@@ -75,6 +77,8 @@ LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Rates that are all those of the sample before were not measured anew where that is less likely by
 # chance than this. Drivers that poll, and buses that hang, do it far more often.
 REPEAT = 1e-3
+# Blocks of samples (`rest.py`) that are still in a row, until a jump is judged as at rest.
+STILL_BLOCKS = 3
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
@@ -304,7 +308,7 @@ def compare_axes(
     workspace: AdaptiveWorkspace,
     tracking: CountPerAxis,
     checks: SensorChecks,
-    at_rest: bool,
+    rest: Rest,
     sample: Sample,
     settings: 'Settings',
     period: float,
@@ -316,6 +320,7 @@ def compare_axes(
     _turn_compensation(axes, period)
     likelihood = 1.0  # that the sensor has measured the same rates twice
     shake = 0.0
+    still = rest['at_rest'] or (rest['known'] and rest['run'] >= STILL_BLOCKS)
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
@@ -325,7 +330,7 @@ def compare_axes(
             jolted = True
         if was_jolted(state['jolt']):
             jolted_before = True
-        change = max(state['jolt']['change'], state['jolt']['change_before'])
+        change = shake_along(state['jolt'], still)
         shake += change * change
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
@@ -336,12 +341,13 @@ def compare_axes(
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    repeated = turned and not at_rest and likelihood < REPEAT
+    repeated = turned and not rest['at_rest'] and likelihood < REPEAT
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
-    circumstances['at_rest'] = at_rest
+    circumstances['at_rest'] = rest['at_rest']
+    circumstances['still'] = still
 
 
 @kernel
@@ -390,7 +396,7 @@ def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: fl
     noise = state['noise']
     surprise = min(abs(sample - workspace['prediction']), abs(sample - state['accepted']))
     usual = DROPOUT * max(math.sqrt(noise['variance']), noise['resolution'])
-    return bool(noise['blocks'] > 0 and surprise > max(usual, workspace['typical_innovation']))
+    return bool(is_begun(noise) and surprise > max(usual, workspace['typical_innovation']))
 
 
 @kernel

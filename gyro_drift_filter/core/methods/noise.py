@@ -1,10 +1,14 @@
 """The sensor's own noise, learned while the robot runs: its variance R and its correlation.
 
-R is learned over blocks of samples at rest (`rest.py` finds it), and never from innovations, so that
-motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
+R is learned over blocks of samples at rest (`rest.py` finds it), and never from innovations, so
+that motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
+Where noise is correlated from sample to sample, half of what the sample before predicts of its
+variance is left out of R, as the modes take noise for independent and would lag behind motion.
 
-Before the first rest R is a bound: third differences have 20 times the variance of white noise, and
-motion only adds to them. In motion R falls where they are smaller than R says.
+Before the first rest R is a bound, as motion only adds to what the samples show: their variance in
+blocks that look like white noise, whose third differences have 20 times the variance of the noise,
+and of other blocks a share of these differences. In motion R falls where they are smaller than R
+says.
 """
 
 from enum import IntEnum
@@ -25,10 +29,9 @@ LEAST_THIRDS = 10  # third differences, without which a block says nothing
 # of its variance, and where that is no larger than the noise of any gyroscope.
 WHITE = 0.3
 LARGEST_NOISE = 0.2  # rad/s
-LARGEST_BOUND = (
-    2.0  # times the lowest that was seen, whatever the mean is: motion can only raise it
-)
-# Of what third differences show of a block before the first rest, the share that is taken for noise.
+LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion can only raise them
+# Of what third differences show of another block before the first rest, the share that is taken for
+# noise.
 # Too low costs smoothing at rest, too high would cost motion.
 UNKNOWN_SHARE = 0.1
 # A block can raise the variance no further than by this factor.

@@ -1,13 +1,17 @@
 """Outliers or motion: a doubtful sample is held back until those after it say what it was.
 
 A sample far outside the prediction is not accepted, and the prediction stands in for it. What the
-next sample is decides. Back near the prediction: it was an outlier, and leaves
-no trace, unless the accelerometer felt a knock: then its angle is given back. A smooth
-growth with the same sign, or a run of agreeing samples that is longer than outliers last: it was
-motion, and the filter starts anew at the sample at hand. Neither: that sample is held back, too,
-for a bounded number of samples. A jump that comes with a jolt of the accelerometer is a knock, and
-the filter starts anew at the next sample that is still away; a message that is corrupted as a whole
-has a jolt, too, but does not repeat.
+next sample is decides. Back near the prediction: it was an outlier, and leaves no trace, unless the
+accelerometer felt a knock: then its angle is given back. A smooth growth with the same sign, or a
+run of agreeing samples that is longer than outliers last: it was motion, and the filter starts anew
+at the sample at hand. Neither: that sample is held back, too, for a bounded number of samples. A
+jump that comes with a jolt of the accelerometer is a knock, and the filter starts anew at the next
+sample that is still away; a message that is corrupted as a whole has a jolt, too, but does not
+repeat.
+
+At rest noise alone says what is far. In motion it has to be more than a body reaches in a sample
+period, too, and no more than a push that shakes the accelerometer explains. After samples that were
+missing or repeated an extrapolation says little, and what a body can have come to is no outlier.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
 so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
@@ -30,7 +34,7 @@ EXTRAPOLATION_POWER = 1.5  # what an extrapolation over n samples may miss grows
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
 GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
-JERK_FROM_REST = 500.0  # rad/s^3: a motion that begins faster shows in the next sample
+JERK_FROM_REST = 250.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
 BODY_LIMIT = 1000.0  # rad/s^2: no body does more, so a jump beyond needs ...
@@ -43,6 +47,7 @@ CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
+SHAKE_RATIO = 3.0  # usual changes, above which it is no noise
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
 JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
@@ -68,6 +73,7 @@ class Circumstances(TypedDict):
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
     at_rest: bool  # the sensor stands still, as far as is known before the sample
+    still: bool  # or seems to, for some blocks of samples
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
@@ -135,6 +141,17 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
 
 
 @kernel
+def shake_along(jolt: Jolt, still: bool) -> float:
+    """Return by how much the acceleration has changed in m/s^2, now or at the sample before.
+
+    Where the sensor is still, a usual change is noise and counts as none.
+    """
+    change = max(jolt['change'], jolt['change_before'])
+    usual = max(jolt['usual_change'], JOLT_FLOOR)
+    return 0.0 if still and change < SHAKE_RATIO * usual else change
+
+
+@kernel
 def was_jolted(jolt: Jolt) -> bool:
     """Return whether a jolt of a sample before the present one still counts, after `feel_jolt`."""
     return bool(0 < jolt['samples_left'] < JOLT_SAMPLES)
@@ -154,8 +171,8 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     jolt['change'] = 0.0
     if not change < np.inf:
         return False
-    jolt['change'] = change
     usual = max(jolt['usual_change'], JOLT_FLOOR)
+    jolt['change'] = change
     if change > JOLT_RATIO * usual:
         jolt['samples_left'] = JOLT_SAMPLES
     limited = min(change, LARGEST_CHANGE * usual)
@@ -195,8 +212,8 @@ def judge(
     held, jolted = doubt['held'], circumstances['jolted']
     if doubt['share_held'] > CROWDED and not dropout:
         return Verdict.ACCEPT if held == 0 else Verdict.START_ANEW
-    at_rest = circumstances['at_rest']
-    least_jump = limits['least_jump_at_rest'] if at_rest else limits['least_jump']
+    still = circumstances['still']
+    least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
     doubtful = size > jump and size > least_jump
     if doubt['unseen'] > 0 and not dropout:
         # An extrapolation says little: what a body can have come to meanwhile is no outlier.
@@ -207,7 +224,7 @@ def judge(
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
         # one, too.
         shaken = circumstances['shake'] > limits['least_shake'] * size
-        shaken = shaken and (not at_rest or size <= limits['least_jump'])
+        shaken = shaken and (not still or size <= limits['least_jump'])
         knocked = circumstances['jolted_before'] or shaken
         if doubtful and knocked and not dropout and size < JOLT_LIMIT:
             return Verdict.START_ANEW
