@@ -144,7 +144,9 @@ class Scored:
         time = np.arange(n) / world.sample_rate
         sine = np.sin(2 * np.pi * 0.1 * (time - 20.0))
         turns = [(size, sine, time >= 20.0) for size in (2.0, 1.0, 0.5)]
-        turns.append((0.5, np.ones(n), (time >= 20.0) & (time < 50.0)))
+        # A body does not turn all at once.
+        begins = np.clip((time - 20.0) / 0.1, 0.0, 1.0)
+        turns.append((0.5, begins, (time >= 20.0) & (time < 50.0)))
         raw_noise = world.noise[:n]
         for degrees, shape, on in turns:
             truth = np.zeros((n, 3))

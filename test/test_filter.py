@@ -241,10 +241,10 @@ def test_bridging_stays_near_and_ends_at_the_limit(method):
 )
 def test_every_parameter_takes_effect_at_once(name, value, method):
     data = recording(3000)
-    # The adaptive method learns its noise at rest, which ten times the bias is none.
-    rates = (1.0 if (name, method) == ('forgetting_factor', 'adaptive') else 10.0) * (
-        data.angular_velocity
-    )
+    # The adaptive method learns its noise at rest: at the start, and where the bias is one.
+    learns_at_rest = (name, method) == ('forgetting_factor', 'adaptive')
+    rates = (1.0 if learns_at_rest else 10.0) * data.angular_velocity
+    change_at = 500 if learns_at_rest else 2000
     rates[2500] += 1.5
     rates[2700:] += 3.0
     stamps = np.zeros(3000, np.int64) if name == 'sample_rate' else data.stamps.copy()
@@ -252,7 +252,7 @@ def test_every_parameter_takes_effect_at_once(name, value, method):
     outs = []
     for change in (False, True):
         filter_ = Filter(Parameters(method=method))
-        parts = [slice(0, 2000), slice(2000, 3000)]
+        parts = [slice(0, change_at), slice(change_at, 3000)]
         for part in parts:
             if change and part.start:
                 filter_.configure(filter_.parameters.with_names({name: value}))

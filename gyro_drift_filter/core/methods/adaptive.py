@@ -57,7 +57,7 @@ from gyro_drift_filter.core.methods.outliers import (
     start_doubt,
     was_jolted,
 )
-from gyro_drift_filter.core.rest import Rest
+from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
@@ -70,6 +70,7 @@ SMALLEST = 1e-300
 # holds. As longest_hold bounds their number and the range of gyroscopes their rate, it is no more
 # than the first angle. The second is more than a knock turns a body that stays where it is.
 COMPENSATION_SECONDS = 0.25
+SMALL_ANGLE = 1e-3  # rad: below, sine and cosine are their series
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
 LARGEST_COMPENSATION = 2.0  # rad
 LARGEST_KNOCK = 0.02  # rad
@@ -77,7 +78,8 @@ LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Rates that are all those of the sample before were not measured anew where that is less likely by
 # chance than this. Drivers that poll, and buses that hang, do it far more often.
 REPEAT = 1e-3
-# Blocks of samples (`rest.py`) that are still in a row, until a jump is judged as at rest.
+# Blocks of samples (`rest.py`) that are still in a row, until the sensor counts as still here. A
+# steady turn that is no bias is still, too: what is noise and what an outlier shows as well in it.
 STILL_BLOCKS = 3
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
@@ -341,13 +343,14 @@ def compare_axes(
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    repeated = turned and not rest['at_rest'] and likelihood < REPEAT
+    repeated = turned and not still and likelihood < REPEAT
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
-    circumstances['at_rest'] = rest['at_rest']
     circumstances['still'] = still
+    long = rest['known'] and rest['run'] >= SEGMENT_BLOCKS
+    circumstances['at_rest'] = rest['at_rest'] or long
 
 
 @kernel
@@ -355,7 +358,7 @@ def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
     """Turn the angles that are still to be given back against the body, over a period in s.
 
     They belong to an orientation of the past, and stay what they are only in a frame that does not
-    turn: by the rotation of the last sample, to the second order of its angle.
+    turn. The rotation is that of the last sample (Rodrigues).
     """
     x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
     if x == 0.0 and y == 0.0 and z == 0.0:
@@ -366,9 +369,13 @@ def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
         axes[2]['accepted'] * period,
     )
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
-    axes[0]['compensation'] = x - (b * z - c * y) + 0.5 * (a * along - x * square)
-    axes[1]['compensation'] = y - (c * x - a * z) + 0.5 * (b * along - y * square)
-    axes[2]['compensation'] = z - (a * y - b * x) + 0.5 * (c * along - z * square)
+    across, within = 1.0, 0.5  # sin(angle) / angle, (1 - cos(angle)) / angle^2
+    if square > SMALL_ANGLE * SMALL_ANGLE:
+        angle = math.sqrt(square)
+        across, within = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    axes[0]['compensation'] = x - across * (b * z - c * y) + within * (a * along - x * square)
+    axes[1]['compensation'] = y - across * (c * x - a * z) + within * (b * along - y * square)
+    axes[2]['compensation'] = z - across * (a * y - b * x) + within * (c * along - z * square)
 
 
 @kernel

@@ -72,8 +72,8 @@ class Circumstances(TypedDict):
 
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
-    at_rest: bool  # the sensor stands still, as far as is known before the sample
-    still: bool  # or seems to, for some blocks of samples
+    still: bool  # the sensor has stood still for some blocks of samples before it,
+    at_rest: bool  # or for so many that a block of noise is of them alone
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
