@@ -35,6 +35,7 @@ bench: $(VENV)/.installed
 quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
 	$(BIN)/python -m benchmark.bias
+	$(BIN)/python -m benchmark.drivers
 
 coverage: compile
 	$(BIN)/coverage erase

@@ -47,6 +47,9 @@ SCATTER_DEVIATIONS = 8.0
 MEAN_DEVIATIONS = 5.0
 # Of the means of a segment's halves, which differ where a slow turn begins or ends.
 HALVES_DEVIATIONS = 4.0
+# The means of a slow turn scatter more than white values say, and differ little from one to the
+# next.
+LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.125
 FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
@@ -484,8 +487,10 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     # By the differences of means that follow each other, which a slow turn leaves as they are.
     steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
+    smooth = alike > LARGEST_SMOOTH and steps < LEAST_STEPS * scatter
     return (
-        scatter <= walk * walk / lengths['block_seconds']
+        not smooth
+        and scatter <= walk * walk / lengths['block_seconds']
         and signal['largest_variance'] <= limit * variance
         and not _has_halves(rest, signal, max(steps, variance / length), deviations)
     )

@@ -52,7 +52,7 @@ JOLT_MEMORY = 0.05  # weight of a sample in the usual change
 JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
-JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate at once
+JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
 
@@ -100,6 +100,7 @@ class Doubt(TypedDict):
     unseen: int  # how many in a row, up to the last one, that were not measured
     # These mean nothing where none is held.
     agreeing: int  # of them, the last ones that agree
+    growing: int  # of them, the last ones that were each further away than the one before
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
     typical_innovation: float  # rad/s, when the first one came
     # of every sample
@@ -243,9 +244,12 @@ def judge(
         return Verdict.ACCEPT
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = abs(offset) <= limits['least_jump'] and innovation * offset > 0.0
-    if small or (jolted and size < JOLT_LIMIT):
+    if small or (jolted and size < JOLT_LIMIT * (held + 1.0)):
         return Verdict.START_ANEW
     change = abs(sample - doubt['last_sample'])
+    # Outliers do not go away further and further, as a body does that gains speed.
+    if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):
+        return Verdict.START_ANEW
     grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
     starts = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** EXTRAPOLATION_POWER
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
@@ -274,6 +278,10 @@ def note_held(
         doubt['agreeing'] = 0
     elif not _continues(doubt, abs(sample - doubt['last_sample']), dropout, limits):
         doubt['agreeing'] = 0
+    further = doubt['held'] > 0 and _grows(
+        doubt, sample - prediction, abs(sample - doubt['last_sample']), limits
+    )
+    doubt['growing'] = doubt['growing'] + 1 if further else 0
     doubt['held'] += 1
     doubt['unseen'] = 0
     doubt['agreeing'] += 1
@@ -287,6 +295,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
         doubt['typical_innovation'] = typical_innovation
     doubt['held'] += 1
     doubt['unseen'] += 1
+    doubt['growing'] = 0
     doubt['agreeing'] = 0
     doubt['offset'] = 0.0
 
@@ -296,6 +305,14 @@ def note_verdict(doubt: Doubt, held: bool) -> None:
     """Keep count of how many samples are held: a vibration must not be held for ever."""
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
+
+
+@kernel
+def _grows(doubt: Doubt, innovation: float, change: float, limits: OutlierLimits) -> bool:
+    """Return whether a sample lies further away than the one held before it, as a body can do."""
+    further = innovation * doubt['offset'] > 0.0 and abs(innovation) > abs(doubt['offset'])
+    disagrees = change > AGREEMENT * abs(doubt['offset'])
+    return bool(further and disagrees and change < limits['growth_limit'])
 
 
 @kernel

@@ -1,0 +1,284 @@
+"""How good, as drivers deliver: one simulated motion through the habits of drivers and sensors.
+
+    python -m benchmark.drivers [--seed N] [--only WORLD ...] [--check]
+
+A ratio of 1.00 means no better and no worse than what the driver gave, its true bias taken off.
+What the columns say stands in `LEGEND`; the limits stand in `bars_drivers.json`.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from benchmark.quality import rms
+from benchmark.scenarios import motion, noise
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+# Limits of the median and of the worst.
+BARS: dict[str, tuple[float, float]] = {
+    name: (median, worst)
+    for name, (median, worst) in json.loads(
+        Path(__file__).with_name('bars_drivers.json').read_text()
+    ).items()
+}
+LEGEND = """\
+move, rest  rms error of the filtered rates in motion and at rest after 30 s, over that of what the
+            driver gave
+lost        deg by which the heading after two minutes is further off than that of what it gave
+bias        what is left of the bias in the last quarter, as a share of it
+flags       share of samples in motion that were flagged as outliers
+"""
+_DEVIATION = 0.006  # rad/s, of the noise
+_SECONDS = 120.0
+_WARM = 30.0  # s
+_SPEEDS = (1.0, 0.5, 1.5, 1.0)
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Delivery:
+    """What a driver delivers, and what is true.
+
+    Attributes:
+        rate: Messages a second.
+        stamps: (n,) in ns.
+        given: (n, 3) what the driver gives, in rad/s.
+        truth: (n, 3) in rad/s.
+        acceleration: (n, 3) in m/s^2.
+        rest: (n,), True where the body stands still.
+        bias: (3,) in rad/s.
+    """
+
+    rate: float
+    stamps: NDArray[np.int64]
+    given: Array
+    truth: Array
+    acceleration: Array
+    rest: NDArray[np.bool_]
+    bias: Array
+
+    def keep(self, kept: NDArray[np.bool_]) -> None:
+        """Drop all messages but some."""
+        for name in ('stamps', 'given', 'truth', 'acceleration', 'rest'):
+            setattr(self, name, getattr(self, name)[kept])
+
+
+def deliver(rate: float, speed: float, random: np.random.Generator) -> Delivery:
+    """Return what an ideal driver delivers: even stamps, white noise, no bias."""
+    trial = motion(_SECONDS, rate, random, speed)
+    n = len(trial.truth)
+    given = trial.truth + noise(n, rate, _DEVIATION, 'white', random)
+    stamps = 10**18 + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    bias = np.zeros(3)
+    return Delivery(rate, stamps, given, trial.truth, trial.acceleration, trial.rest, bias)
+
+
+def _lag(values: Array, share: float) -> Array:
+    """Return (n, 3) values after two first-order lags."""
+    for _ in range(2):
+        start = (1.0 - share) * values[:1]
+        values = lfilter([share], [1.0, share - 1.0], values, axis=0, zi=start)[0]
+    return values
+
+
+def _plain(speed: float, random: np.random.Generator) -> Delivery:
+    return deliver(100.0, speed, random)
+
+
+def _decimated(speed: float, random: np.random.Generator) -> Delivery:
+    """Every second sample of a sensor whose motion reaches beyond the new Nyquist frequency."""
+    delivery = deliver(100.0, speed, random)
+    delivery.keep(np.arange(len(delivery.stamps)) % 2 == 0)
+    delivery.rate = 50.0
+    return delivery
+
+
+def _arrival(speed: float, random: np.random.Generator) -> Delivery:
+    """Stamped on arrival, late by 1.5 ms on the mean."""
+    delivery = deliver(200.0, speed, random)
+    late = random.exponential(1.5e6, len(delivery.stamps)).astype(np.int64)
+    delivery.stamps = np.maximum.accumulate(delivery.stamps + late)
+    return delivery
+
+
+def _polled(speed: float, random: np.random.Generator) -> Delivery:
+    """One message in five repeats the rates; now and then the bus hangs for three more."""
+    delivery = deliver(100.0, speed, random)
+    n = len(delivery.stamps)
+    held = np.arange(n) % 5 == 4
+    for k in random.choice(np.arange(500, n - 4), n // 200, replace=False):
+        held[k : k + 3] = True
+    for k in np.flatnonzero(held):
+        delivery.given[k] = delivery.given[k - 1]
+    return delivery
+
+
+def _clipped(speed: float, random: np.random.Generator) -> Delivery:
+    """A range of 250 deg/s; judged where the motion is within it, and taken for true elsewhere."""
+    delivery = deliver(100.0, 2.0 * speed, random)
+    limit = np.radians(250.0)
+    delivery.given = np.clip(delivery.given, -limit, limit)
+    return delivery
+
+
+def _low_passed(speed: float, random: np.random.Generator) -> Delivery:
+    """The sensor's own low-pass at some 8 Hz, slow motion, and a bias."""
+    delivery = deliver(100.0, 0.1 * speed, random)
+    delivery.truth, given = _lag(delivery.truth, 0.45), _lag(delivery.given, 0.45)
+    delivery.bias = np.radians([1.0, -0.5, 0.7])
+    delivery.given = given + delivery.bias
+    return delivery
+
+
+def _dropped(speed: float, random: np.random.Generator) -> Delivery:
+    """One message in 50 missing, and ten gaps of 0.2 s."""
+    delivery = deliver(100.0, speed, random)
+    n = len(delivery.stamps)
+    kept = random.random(n) > 0.02
+    for k in random.choice(np.arange(500, n - 20), 10, replace=False):
+        kept[k : k + 20] = False
+    delivery.keep(kept)
+    return delivery
+
+
+def _jittered(speed: float, random: np.random.Generator) -> Delivery:
+    """Stamps off by up to 40 % of the period."""
+    delivery = deliver(100.0, speed, random)
+    delivery.stamps += np.round(random.uniform(-4e6, 4e6, len(delivery.stamps))).astype(np.int64)
+    return delivery
+
+
+def _coarse(speed: float, random: np.random.Generator) -> Delivery:
+    """Counts of 0.5 deg/s, rounded."""
+    delivery = deliver(100.0, speed, random)
+    count = np.radians(0.5)
+    delivery.given = np.round(delivery.given / count) * count
+    return delivery
+
+
+def _shaken(speed: float, random: np.random.Generator) -> Delivery:
+    """4 deg/s of turn-on bias beside the vibration of a motor, from power-on."""
+    delivery = deliver(100.0, speed, random)
+    tone = np.sin(2.0 * np.pi * 37.3 * np.arange(len(delivery.stamps)) / delivery.rate)[:, None]
+    delivery.bias = np.radians([1.0, -2.0, 4.0])
+    shake = 7.0 * _DEVIATION * tone * np.array([1.0, -0.7, 0.5])
+    delivery.given += shake + delivery.bias
+    delivery.acceleration += 3.0 * tone * np.array([0.2, 0.5, 0.3])
+    return delivery
+
+
+WORLDS: dict[str, Callable[[float, np.random.Generator], Delivery]] = {
+    'plain': _plain,
+    'decimated': _decimated,
+    'arrival': _arrival,
+    'polled': _polled,
+    'clipped': _clipped,
+    'low-passed': _low_passed,
+    'dropped': _dropped,
+    'jittered': _jittered,
+    'coarse': _coarse,
+    'shaken': _shaken,
+}
+
+
+def score(world: str, seed: int) -> dict[str, list[float]]:
+    """Return the figures of a world by name, one for each of its trials."""
+    figures: dict[str, list[float]] = {}
+    for number, speed in enumerate(_SPEEDS):
+        random = np.random.default_rng([seed, number])
+        delivery = WORLDS[world](speed, random)
+        filter_ = Filter(Parameters())
+        out = filter_.run(delivery.stamps, delivery.given, delivery.acceleration)
+        for name, value in _judge(world, delivery, out).items():
+            figures.setdefault(name, []).append(value)
+    return figures
+
+
+def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, float]:
+    truth, given = delivery.truth, delivery.given - delivery.bias
+    filtered = out['angular_velocity'].copy()
+    if world == 'clipped':
+        outside = np.abs(truth).max(axis=1) > np.radians(245.0)
+        filtered[outside], given[outside] = truth[outside], truth[outside]
+    warm = np.arange(len(truth)) > _WARM * delivery.rate
+    moving, still = warm & ~delivery.rest, warm & delivery.rest
+    end = _orientation(delivery, truth)
+    errors = [
+        np.degrees((_orientation(delivery, rates) * end.inv()).magnitude())
+        for rates in (filtered, given)
+    ]
+    figures = {
+        'move': rms((filtered - truth)[moving]) / rms((given - truth)[moving]),
+        'rest': rms((filtered - truth)[still]) / rms((given - truth)[still]),
+        'lost': float(errors[0] - errors[1]),
+        'flags': float((out['outlier'][moving] > 0).any(axis=1).mean()),
+    }
+    if delivery.bias.any():
+        late = still & (np.arange(len(truth)) > 0.75 * len(truth))
+        figures['bias'] = rms((filtered - truth)[late].mean(axis=0)) / rms(delivery.bias)
+    return figures
+
+
+def _orientation(delivery: Delivery, rates: Array) -> Rotation:
+    """Return the rotation that rates (n, 3) in the body's axes add up to, by the stamps."""
+    steps = np.diff(delivery.stamps, prepend=delivery.stamps[0]) * 1e-9
+    turns = Rotation.from_rotvec(rates * steps[:, None])
+    while len(turns) > 1:
+        if len(turns) % 2:
+            turns = Rotation.concatenate([turns, Rotation.identity(1)])
+        turns = turns[::2] * turns[1::2]
+    return turns[0]
+
+
+def falls_short(world: str, figures: dict[str, list[float]]) -> list[str]:
+    """Return a text for each bar of a world that does not hold."""
+    found = []
+    for name, values in figures.items():
+        median, worst = float(np.median(values)), max(values)
+        bar = BARS.get(f'{world}.{name}')
+        if bar and not (median <= bar[0] and worst <= bar[1]):
+            found.append(f'{world}.{name}: {median:.3f} / {worst:.3f}, bar {bar[0]} / {bar[1]}')
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command and return its exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--seed', type=int, default=7)
+    parser.add_argument('--only', nargs='*', default=list(WORLDS), metavar='WORLD')
+    parser.add_argument('--check', action='store_true', help='fail where a bar does not hold')
+    options = parser.parse_args(arguments)
+    if unknown := set(options.only) - set(WORLDS):
+        raise GyroDriftFilterError(
+            f'there is no world {", ".join(sorted(unknown))}: there are {", ".join(WORLDS)}'
+        )
+    names = ('move', 'rest', 'lost', 'bias', 'flags')
+    rows, short = [['median / worst', *names]], []
+    for world in options.only:
+        figures = score(world, options.seed)
+        short += falls_short(world, figures)
+        cells = (figures.get(name) for name in names)
+        rows.append([world, *(f'{np.median(v):.3g} / {max(v):.3g}' if v else '-' for v in cells)])
+    print(table(rows))
+    print()
+    print(LEGEND)
+    for text in short:
+        print(f'falls short: {text}')
+    return int(bool(short) and options.check)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
