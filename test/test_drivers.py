@@ -134,7 +134,8 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     assert results['outlier'].mean() < 0.002
 
 
-@settings(max_examples=30, deadline=None)
+# The same examples each time: the limit is measured, not proven.
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),
     speed=st.floats(0.2, 2.0),
