@@ -29,7 +29,7 @@ LOSSLESS = (
     *('-p', 'qos_overrides./imu/data_filtered.publisher.depth:=1000'),
 )
 _IN_FLIGHT = 100
-_PATIENCE = 120.0  # a first start compiles
+_PATIENCE = 300.0  # a first start compiles, which two busy cores may take four minutes for
 # Of requests, too, one may go before both sides have found each other.
 _ATTEMPTS = 60
 _BLOCK = 10  # ROS domains of a process

@@ -361,6 +361,21 @@ for wrong in (np.zeros(4), np.zeros((4, 2), np.uint8)[:, 0], np.zeros((2, 2), np
     assert small.output(code).split('\n') == ['refused 1'] * 3
 
 
+def test_a_kernel_for_kernels_alone_refuses_python(small):
+    """It has no function for Python: calling it all the same would end the process."""
+    code = """
+from gyro_drift_filter.core.inner import shifted
+from gyro_drift_filter.core.outer import twice
+for compiled in (False, True):
+    try:
+        shifted(1.0)
+    except TypeError as error:
+        print(error, shifted.py_func(1.0), twice(1.0))
+"""
+    refused = 'shifted is called by kernels alone: py_func is what Python can call 2.0 4.0'
+    assert small.output(code).split('\n') == [refused] * 2
+
+
 def test_old_caches_are_removed_when_a_new_one_is_complete(small):
     inner = small.root / 'gyro_drift_filter' / 'core' / 'inner.py'
     inner.write_text(INNER.replace('STEP = 1.0', 'STEP = 2.0'))

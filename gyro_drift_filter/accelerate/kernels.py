@@ -56,9 +56,10 @@ def is_compiled() -> bool:
 def kernel(function: Function) -> Function:
     """Return a function that kernels call, ready to be compiled by numba with its caller.
 
-    In the extension module it is a part of its callers.
+    Called from Python, it raises a TypeError where numba is in use. In the extension module it is a
+    part of its callers.
     """
-    return _compilable(function)
+    return _compilable(function, inner=True)
 
 
 def inlined_kernel(function: Function) -> Function:
@@ -66,19 +67,21 @@ def inlined_kernel(function: Function) -> Function:
 
     It saves the call, a fifth of the time of a step where the step is short.
     """
-    return _compilable(function, forceinline=True)
+    return _compilable(function, inner=True, forceinline=True)
 
 
-def _compilable(function: Function, **options: bool) -> Function:
+def _compilable(function: Function, inner: bool, **options: bool) -> Function:
     if is_extension() or not is_compiled():
         return function
     compiled: Function = numba.njit(
         error_model='numpy',
         nogil=True,  # so that `replay` reads and packs chunks meanwhile
         **options,
-        **numba_internals.options(),
+        **numba_internals.options(inner),
     )(function)
     numba_internals.keep_on_disk(compiled)
+    if inner:
+        numba_internals.refuse_calls_from_python(compiled)
     return compiled
 
 
@@ -97,7 +100,7 @@ def entry_kernel(*types: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         name = f'{function.__module__}.{function.__name__}'.replace('.', '_')
-        compiled = getattr(_extension, name, None) or kernel(function)
+        compiled = getattr(_extension, name, None) or _compilable(function, inner=False)
         if not is_extension() and is_compiled():
             numba_internals.declare(compiled, types)
         ENTRY_KERNELS[name] = EntryKernel(function, types, compiled)

@@ -3,6 +3,7 @@
 setup.py says which versions of numba have been tested. Where a later one lacks
 
 - the option `_nrt`: kernels count references to arrays, and are slower;
+- `no_cpython_wrapper` or `no_cfunc_wrapper`: compiling takes a fifth longer;
 - `NullCache`, `CompileResult` or `dumps`: nothing is kept, each start compiles, and that is logged;
 - `_compile_for_args`: a call with other types than the declared ones compiles another version;
 - `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
@@ -33,10 +34,15 @@ from gyro_drift_filter.accelerate.argument_types import ReadOnly
 _LOCK = threading.Lock()
 
 
-def options() -> dict[str, bool]:
-    """Return the option not to count references to arrays, of which no kernel makes any."""
+def options(inner: bool) -> dict[str, bool]:
+    """Return options for numba: not to make what the kernels do not need.
+
+    That is to count references to arrays, of which no kernel makes any, and a function for C, and,
+    of a kernel that kernels alone call, one for Python.
+    """
+    wanted = {'_nrt': False, 'no_cfunc_wrapper': True, 'no_cpython_wrapper': inner}
     known = getattr(import_module('numba.core.options'), 'DefaultOptions', None)
-    return {'_nrt': False} if hasattr(known, '_nrt') else {}
+    return {name: value for name, value in wanted.items() if hasattr(known, name)}
 
 
 def signature(types: Iterable[Any]) -> tuple[Any, ...]:
@@ -69,6 +75,21 @@ def declare(dispatcher: Any, types: tuple[Any, ...]) -> None:
         return dispatcher  # which is called once more
 
     dispatcher._compile_for_args = compile_at_first_call
+
+
+def refuse_calls_from_python(dispatcher: Any) -> None:
+    """Have a kernel that kernels alone call raise a TypeError where Python calls it."""
+    name = dispatcher.py_func.__name__
+
+    def refuse(*_: Any) -> Any:
+        raise TypeError(f'{name} is called by kernels alone: py_func is what Python can call')
+
+    def add_overload(compiled: Any) -> None:
+        # Not into the table for Python's calls, as there is no function for them.
+        dispatcher.overloads[tuple(compiled.signature.args)] = compiled
+
+    dispatcher._compile_for_args = refuse
+    dispatcher.add_overload = add_overload
 
 
 def compile_declared(dispatcher: Any, types: tuple[Any, ...]) -> None:
