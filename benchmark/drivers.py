@@ -7,30 +7,22 @@ What the columns say stands in `LEGEND`; the limits stand in `bars_drivers.json`
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmark.quality import rms
-from benchmark.scenarios import motion, noise
+from benchmark.quality import falls_short, read_bars, rms
+from benchmark.scenarios import motion, noise, stamps
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-# Limits of the median and of the worst.
-BARS: dict[str, tuple[float, float]] = {
-    name: (median, worst)
-    for name, (median, worst) in json.loads(
-        Path(__file__).with_name('bars_drivers.json').read_text()
-    ).items()
-}
+BARS = read_bars('bars_drivers.json')
 LEGEND = """\
 move, rest  rms error of the filtered rates in motion and at rest after 30 s, over that of what the
             driver gave
@@ -79,12 +71,11 @@ def deliver(rate: float, speed: float, random: np.random.Generator) -> Delivery:
     trial = motion(_SECONDS, rate, random, speed)
     n = len(trial.truth)
     given = trial.truth + noise(n, rate, _DEVIATION, 'white', random)
-    stamps = 10**18 + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
-    bias = np.zeros(3)
-    return Delivery(rate, stamps, given, trial.truth, trial.acceleration, trial.rest, bias)
+    even, bias = stamps(n, rate), np.zeros(3)
+    return Delivery(rate, even, given, trial.truth, trial.acceleration, trial.rest, bias)
 
 
-def _lag(values: Array, share: float) -> Array:
+def lag(values: Array, share: float) -> Array:
     """Return (n, 3) values after two first-order lags."""
     for _ in range(2):
         start = (1.0 - share) * values[:1]
@@ -135,7 +126,7 @@ def _clipped(speed: float, random: np.random.Generator) -> Delivery:
 def _low_passed(speed: float, random: np.random.Generator) -> Delivery:
     """The sensor's own low-pass at some 8 Hz, slow motion, and a bias."""
     delivery = deliver(100.0, 0.1 * speed, random)
-    delivery.truth, given = _lag(delivery.truth, 0.45), _lag(delivery.given, 0.45)
+    delivery.truth, given = lag(delivery.truth, 0.45), lag(delivery.given, 0.45)
     delivery.bias = np.radians([1.0, -0.5, 0.7])
     delivery.given = given + delivery.bias
     return delivery
@@ -241,15 +232,11 @@ def _orientation(delivery: Delivery, rates: Array) -> Rotation:
     return turns[0]
 
 
-def falls_short(world: str, figures: dict[str, list[float]]) -> list[str]:
+def misses(world: str, figures: dict[str, list[float]]) -> list[str]:
     """Return a text for each bar of a world that does not hold."""
-    found = []
-    for name, values in figures.items():
-        median, worst = float(np.median(values)), max(values)
-        bar = BARS.get(f'{world}.{name}')
-        if bar and not (median <= bar[0] and worst <= bar[1]):
-            found.append(f'{world}.{name}: {median:.3f} / {worst:.3f}, bar {bar[0]} / {bar[1]}')
-    return found
+    named = {f'{world}.{name}': values for name, values in figures.items()}
+    bars = {name: bar for name, bar in BARS.items() if name.startswith(f'{world}.')}
+    return list(falls_short(named, bars))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -269,7 +256,7 @@ def main(arguments: list[str] | None = None) -> int:
     rows, short = [['median / worst', *names]], []
     for world in options.only:
         figures = score(world, options.seed)
-        short += falls_short(world, figures)
+        short += misses(world, figures)
         cells = (figures.get(name) for name in names)
         rows.append([world, *(f'{np.median(v):.3g} / {max(v):.3g}' if v else '-' for v in cells)])
     print(table(rows))

@@ -31,12 +31,15 @@ from gyro_drift_filter.cli.table import table
 
 # Limits of the median, where there is one, and of the worst.
 Bar = tuple[float | None, float]
-BARS: dict[str, Bar] = {
-    name: (median, worst)
-    for name, (median, worst) in json.loads(
-        Path(__file__).with_name('bars.json').read_text()
-    ).items()
-}
+
+
+def read_bars(file: str) -> dict[str, Bar]:
+    """Return the bars by name, of a file beside this one."""
+    bars = json.loads(Path(__file__).with_name(file).read_text())
+    return {name: (median, worst) for name, (median, worst) in bars.items()}
+
+
+BARS = read_bars('bars.json')
 LEGEND = """\
 static      std(filtered) / std(raw) of a motionless gyroscope, after 20 s
 bursty      the same with the stamps of a driver that delivers in bursts

@@ -172,6 +172,15 @@ def start_rest(rest: Rest) -> None:
 
 
 @kernel
+def has_stood_still(rest: Rest, blocks: int) -> bool:
+    """Return whether this is rest, or has been still for so many blocks in a row.
+
+    A steady turn that is no bias is still, too: what is noise shows as well in it.
+    """
+    return bool(rest['at_rest'] or (rest['known'] and rest['run'] >= blocks))
+
+
+@kernel
 def _start_block(rest: Rest) -> None:
     rest['index'] = 0
     rest['count'] = 0

@@ -71,7 +71,7 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
     same = rate[0] == measured[0] and rate[1] == measured[1] and rate[2] == measured[2]
     for axis in range(3):
         equal[axis] = equal[axis] + 1 if rate[axis] == measured[axis] else 0
-        checks['at_limit'][axis] = is_usable(rate[axis]) and _is_at_limit(
+        checks['at_limit'][axis] = is_usable(rate[axis]) and _note_rate(
             checks, axis, rate[axis], same
         )
         measured[axis] = rate[axis]
@@ -79,8 +79,8 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
 
 
 @kernel
-def _is_at_limit(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool:
-    """Return whether a rate is at the end of the range; `same` where no axis has changed."""
+def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool:
+    """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
     size, change = abs(rate), abs(rate - checks['measured'][axis])
     entered, resolution, largest = checks['entered'], checks['resolution'], checks['largest']
     if change > 0.0:

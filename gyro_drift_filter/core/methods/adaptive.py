@@ -38,6 +38,7 @@ from gyro_drift_filter.core.methods.noise import (
     learn_noise,
     restart_block,
     start_noise,
+    usual_deviation,
 )
 from gyro_drift_filter.core.methods.outliers import (
     FIRST_CHANGE,
@@ -57,7 +58,7 @@ from gyro_drift_filter.core.methods.outliers import (
     start_doubt,
     was_jolted,
 )
-from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest
+from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
@@ -78,10 +79,9 @@ LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Rates that are all those of the sample before were not measured anew where that is less likely by
 # chance than this. Drivers that poll, and buses that hang, do it far more often.
 REPEAT = 1e-3
-# Blocks of samples (`rest.py`) that are still in a row, until the sensor counts as still here. A
-# steady turn that is no bias is still, too: what is noise and what an outlier shows as well in it.
-STILL_BLOCKS = 3
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
+# Blocks of samples in a row that have to be still (`rest.py`) for outliers to be judged by noise.
+STILL_BLOCKS = 3
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
@@ -322,7 +322,7 @@ def compare_axes(
     _turn_compensation(axes, period)
     likelihood = 1.0  # that the sensor has measured the same rates twice
     shake = 0.0
-    still = rest['at_rest'] or (rest['known'] and rest['run'] >= STILL_BLOCKS)
+    still = has_stood_still(rest, STILL_BLOCKS)
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
@@ -349,8 +349,7 @@ def compare_axes(
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
     circumstances['still'] = still
-    long = rest['known'] and rest['run'] >= SEGMENT_BLOCKS
-    circumstances['at_rest'] = rest['at_rest'] or long
+    circumstances['at_rest'] = has_stood_still(rest, SEGMENT_BLOCKS)
 
 
 @kernel
@@ -363,11 +362,8 @@ def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
     x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
     if x == 0.0 and y == 0.0 and z == 0.0:
         return
-    a, b, c = (
-        axes[0]['accepted'] * period,
-        axes[1]['accepted'] * period,
-        axes[2]['accepted'] * period,
-    )
+    a, b = axes[0]['accepted'] * period, axes[1]['accepted'] * period
+    c = axes[2]['accepted'] * period
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
     across, within = 1.0, 0.5  # sin(angle) / angle, (1 - cos(angle)) / angle^2
     if square > SMALL_ANGLE * SMALL_ANGLE:
@@ -381,9 +377,8 @@ def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
 @kernel
 def _has_turned(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: float) -> bool:
     """Return whether more was predicted to change since the sample before than noise would."""
-    noise = state['noise']
-    usual = max(math.sqrt(noise['variance']), noise['resolution'])
-    return bool(is_begun(noise) and abs(sample - workspace['prediction']) > REPEAT_CHANGE * usual)
+    change, noise = abs(sample - workspace['prediction']), state['noise']
+    return bool(is_begun(noise) and change > REPEAT_CHANGE * usual_deviation(noise))
 
 
 @kernel
@@ -402,7 +397,7 @@ def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: fl
     """Return whether a sample is far from its prediction and from the one before."""
     noise = state['noise']
     surprise = min(abs(sample - workspace['prediction']), abs(sample - state['accepted']))
-    usual = DROPOUT * max(math.sqrt(noise['variance']), noise['resolution'])
+    usual = DROPOUT * usual_deviation(noise)
     return bool(is_begun(noise) and surprise > max(usual, workspace['typical_innovation']))
 
 
@@ -454,7 +449,7 @@ def update(
             _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
         elif verdict == Verdict.PASS:
             _make_certain(state, MODES - 1)
-            note_missing(doubt, typical)  # the true rate
+            note_missing(doubt, typical)  # what the true rate is was not measured
     else:
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
@@ -579,7 +574,10 @@ def _cross_bridge(
 
 @kernel
 def _turned_beyond(bridge: Bridge, after: float, slope_after: float) -> float:
-    """Return the same for a rate after the bridge, in rad/s, and a slope in rad/s per sample."""
+    """Return what `_cross_bridge` does, for the rate after the bridge and the slope there.
+
+    In rad/s and rad/s per sample.
+    """
     intervals = bridge['samples'] + 1.0
     curve = (bridge['slope_before'] - slope_after) * intervals * intervals / 12.0
     mean = 0.5 * (bridge['before'] + after)

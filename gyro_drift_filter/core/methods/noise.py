@@ -11,6 +11,7 @@ and of other blocks a share of these differences. In motion R falls where they a
 says.
 """
 
+import math
 from enum import IntEnum
 from typing import TypedDict
 
@@ -31,8 +32,7 @@ WHITE = 0.3
 LARGEST_NOISE = 0.2  # rad/s
 LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion can only raise them
 # Of what third differences show of another block before the first rest, the share that is taken for
-# noise.
-# Too low costs smoothing at rest, too high would cost motion.
+# noise. Too low costs smoothing at rest, too high would cost motion.
 UNKNOWN_SHARE = 0.1
 # A block can raise the variance no further than by this factor.
 RISE = 4.0
@@ -115,6 +115,12 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
 def is_begun(noise: Noise) -> bool:
     """Return whether R is that of noise, if only of a block that looked like it."""
     return bool(noise['bound'] == Bound.OF_NOISE or noise['blocks'] > 0)
+
+
+@kernel
+def usual_deviation(noise: Noise) -> float:
+    """Return by how much samples differ by noise alone, in rad/s: no less than a step."""
+    return float(max(math.sqrt(noise['variance']), noise['resolution']))
 
 
 @kernel

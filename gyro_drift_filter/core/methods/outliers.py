@@ -236,21 +236,22 @@ def judge(
         longer = doubt['agreeing'] > limits['run']
         return Verdict.START_ANEW if lasted or longer else Verdict.HOLD
     offset = doubt['offset']
+    same_side = innovation * offset > 0.0
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction on the other side it has come back as well: the prediction was off.
-    away = size > 0.5 * jump and size > RETURN * abs(offset) and innovation * offset > 0.0
+    away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
     if near and not away:
         return Verdict.ACCEPT
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
-    small = abs(offset) <= limits['least_jump'] and innovation * offset > 0.0
+    small = same_side and abs(offset) <= limits['least_jump']
     if small or (jolted and size < JOLT_LIMIT * (held + 1.0)):
         return Verdict.START_ANEW
     change = abs(sample - doubt['last_sample'])
     # Outliers do not go away further and further, as a body does that gains speed.
     if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):
         return Verdict.START_ANEW
-    grows = innovation * offset > 0.0 and size > GROWTH * abs(offset)
+    grows = same_side and size > GROWTH * abs(offset)
     starts = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** EXTRAPOLATION_POWER
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
@@ -272,20 +273,21 @@ def note_held(
     limits: OutlierLimits,
 ) -> None:
     """Note a sample that is held back; arguments as for `judge`."""
+    innovation, change = sample - prediction, abs(sample - doubt['last_sample'])
     if doubt['held'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
         doubt['agreeing'] = 0
-    elif not _continues(doubt, abs(sample - doubt['last_sample']), dropout, limits):
-        doubt['agreeing'] = 0
-    further = doubt['held'] > 0 and _grows(
-        doubt, sample - prediction, abs(sample - doubt['last_sample']), limits
-    )
-    doubt['growing'] = doubt['growing'] + 1 if further else 0
+        doubt['growing'] = 0
+    else:
+        if not _continues(doubt, change, dropout, limits):
+            doubt['agreeing'] = 0
+        further = _grows(doubt, innovation, change, limits)
+        doubt['growing'] = doubt['growing'] + 1 if further else 0
     doubt['held'] += 1
     doubt['unseen'] = 0
     doubt['agreeing'] += 1
-    doubt['offset'] = 0.0 if dropout else sample - prediction
+    doubt['offset'] = 0.0 if dropout else innovation
 
 
 @kernel
