@@ -56,8 +56,8 @@ def is_compiled() -> bool:
 def kernel(function: Function) -> Function:
     """Return a function that kernels call, ready to be compiled by numba with its caller.
 
-    Called from Python, it raises a TypeError where numba is in use. In the extension module it is a
-    part of its callers.
+    In the extension module it is a part of its callers. Called from Python, as tests do, it runs as
+    plain Python.
     """
     return _compilable(function, inner=True)
 
@@ -81,7 +81,7 @@ def _compilable(function: Function, inner: bool, **options: bool) -> Function:
     )(function)
     numba_internals.keep_on_disk(compiled)
     if inner:
-        numba_internals.refuse_calls_from_python(compiled)
+        numba_internals.compile_for_kernels_alone(compiled)
     return compiled
 
 

@@ -77,18 +77,14 @@ def declare(dispatcher: Any, types: tuple[Any, ...]) -> None:
     dispatcher._compile_for_args = compile_at_first_call
 
 
-def refuse_calls_from_python(dispatcher: Any) -> None:
-    """Have a kernel that kernels alone call raise a TypeError where Python calls it."""
-    name = dispatcher.py_func.__name__
-
-    def refuse(*_: Any) -> Any:
-        raise TypeError(f'{name} is called by kernels alone: py_func is what Python can call')
+def compile_for_kernels_alone(dispatcher: Any) -> None:
+    """Have a kernel run as plain Python where Python calls it, as it does without numba."""
 
     def add_overload(compiled: Any) -> None:
         # Not into the table for Python's calls, as there is no function for them.
         dispatcher.overloads[tuple(compiled.signature.args)] = compiled
 
-    dispatcher._compile_for_args = refuse
+    dispatcher._compile_for_args = lambda *_: dispatcher.py_func  # which is called then
     dispatcher.add_overload = add_overload
 
 
