@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
 from gyro_drift_filter.core import Filter, Parameters
+from support.paths import MOTION
 
 
 @pytest.mark.parametrize('world', list(WORLDS))
@@ -152,3 +153,51 @@ def test_the_heading_is_conserved(seed, speed, repeated, lost):
     off = (orientation(results['angular_velocity']) * end.inv()).magnitude()
     given_off = (orientation(z[kept]) * end.inv()).magnitude()
     assert off < given_off + np.radians(5.0)
+
+
+@pytest.mark.parametrize('seed', [2, 4])
+def test_outliers_in_motion_are_not_given_back(seed):
+    """Not even where the sample after them is held back as well, and counts as motion then.
+
+    Simulated motion does not begin suddenly enough to show it, a hand does.
+    """
+    path = MOTION / '14_undisturbed_slow_translation_with_breaks_B.npz'
+    if not path.exists():
+        pytest.skip('the recordings of motion are not beside this clone')
+    data = np.load(path)
+    truth, accelerations = data['rate'][:12_000].astype(float), data['acc'][:12_000].astype(float)
+    random = np.random.default_rng(seed)
+    z, outlier = truth + 6e-4 * random.standard_normal(truth.shape), np.zeros(truth.shape, bool)
+    for axis in range(3):
+        for first in random.choice(np.arange(500, len(z) - 10, 10), 60, replace=False):
+            last = first + random.choice([1, 1, 1, 3])
+            z[first:last, axis] += random.choice([-1, 1]) * random.uniform(2, 35)
+            outlier[first:last, axis] = True
+    parameters = Parameters(bias_enabled=False)
+    out = Filter(parameters).run(stamps(len(z), 100.0), z, accelerations)['angular_velocity']
+    error = np.where(outlier, 0.0, out - truth)
+    assert np.sqrt(np.mean(error**2)) < 2e-3
+
+
+def test_a_small_step_is_not_confirmed_by_an_outlier(random):
+    """The first sample of a sudden motion is held back, and the next one is a spike."""
+    n = 4000
+    truth = np.zeros((n, 3))
+    starts = np.arange(1000, n - 100, 250)
+    for first in starts:
+        truth[first : first + 20, 2] = 2.0 * np.sin(2 * np.pi * np.arange(20) / 20)
+    z = truth + 6e-4 * random.standard_normal((n, 3))
+    z[starts + 2, 2] += 13.0
+    results = Filter(Parameters()).run(stamps(n, 100.0), z, upright(random, n))
+    assert np.abs(results['angular_velocity'] - truth).max() < 4.0
+
+
+def test_chance_does_not_lower_the_noise_in_motion(random):
+    """For an hour of motion, in which it can't be measured."""
+    n = 360_000
+    time = np.arange(n) / 100
+    z = 0.006 * random.standard_normal((n, 3))
+    z[2000:] += np.sin(2 * np.pi * 0.7 * time[2000:, None] + np.arange(3))
+    results = Filter(Parameters()).run(stamps(n, 100.0), z, upright(random, n))
+    learned = np.sqrt(results['measurement_noise'][[1900, -1]])
+    assert (learned[1] > 0.85 * learned[0]).all()

@@ -31,6 +31,7 @@ RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
 
 # Of each rule: what in the present report makes it apply, what does not, and some of its text.
 KALMAN = Parameters(method='kalman')
+LEARNED = {'noise_blocks': [4, 4, 4], 'measurement_noise': [1e-6, 1e-6, 1e-6]}
 CASES = {
     'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
     'returned': ({'returned': 1}, {}, 'come back on the input'),
@@ -39,6 +40,19 @@ CASES = {
     'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
     'zero': ({'stuck': True, 'all_zero': True}, {'all_zero': True}, 'exactly 0'),
     'stuck': ({'stuck': True}, {}, 'stayed the same'),
+    'frozen axis': ({'faults': [0, 1, 1]}, {'faults': [0, 2, 0]}, 'axes y, z of the gyroscope'),
+    'dead axis': ({'faults': [0, 2, 0]}, {'faults': [0, 1, 0]}, 'axis y of the gyroscope'),
+    'repeated samples': ({'not_measured': 60}, {'not_measured': 10}, 'at the rate of the sensor'),
+    'truncated': (
+        {'truncated': True, 'parameters': Parameters(input_quantisation='none')},
+        {'truncated': True},
+        'to auto or truncate',
+    ),
+    'low-pass': (
+        {'noise_correlation': [0.0, 0.0, 0.7], **LEARNED},
+        {'noise_correlation': [0.3, 0.3, 0.3], **LEARNED},
+        'a higher cut-off frequency',
+    ),
     'changing frame': ({'frame_changes': 1}, {'frame': 'imu'}, 'two sensors on one topic'),
     'not reported': ({'samples': 900}, {'samples': 901}, 'covariance starts with -1'),
     'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
@@ -66,12 +80,14 @@ CASES = {
         {'nis_sum': [1000.0, 90.0, 1000.0]},
         'lower model.process_noise',
     ),
+    'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
     'beyond bias.max': ({'beyond': True}, {}, 'bias.max (10 deg/s)'),
 }
 # Between the two limits of an alarm.
 BETWEEN = {
     'wrong rate': {'received': 1150},
     'gaps': {'gaps': 2},
+    'repeated samples': {'not_measured': 30},
     'outliers': {'outliers': [70, 0, 0]},
     'large innovations': {'nis_sum': [0.0, 3000.0, 0.0]},
     'small innovations': {'nis_sum': [1000.0, 150.0, 1000.0], 'parameters': KALMAN},
@@ -382,10 +398,20 @@ def test_telemetry_is_that_of_the_state(random):
     filter_all(filter_, [*simulated(500), b'junk'])
     state, telemetry = filter_.filter.state, filter_.report().telemetry
     counts, clock, bias = state['counts'], state['clock'], state['bias']
-    checks = state['checks']
+    checks, noise = (
+        state['checks'],
+        filter_.filter.record[0]['state']['methods']['adaptive']['noise'],
+    )
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
         **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
+        'not_measured': checks['not_measured'],
+        'faults': checks['fault'],
+        'truncated': state['quantisation']['truncated'],
+        'resolution': np.zeros(3),
+        'noise_correlation': noise['correlation'],
+        'noise_blocks': noise['blocks'],
+        'steady_seconds': bias['rest']['steady_seconds'],
         'outliers': counts['outliers'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
         **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},

@@ -257,9 +257,15 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
     if abs(change) < np.inf:
         coefficient = settings['bias_temperature_coefficient']
         moved = min(coefficient * abs(change), LARGEST_STEP)
-        state['growth'] += moved * moved
-        state['reach'] += moved * moved
+        widen(state, moved * moved)
     state['temperature'] = temperature
+
+
+@kernel
+def widen(state: Bias, variance: float) -> None:
+    """Take a step of the bias into account, by its variance in (rad/s)^2."""
+    state['growth'] += variance
+    state['reach'] += variance
 
 
 @kernel

@@ -22,6 +22,7 @@ AXES = ('x', 'y', 'z')
 
 # What the parameters of a group have in common.
 GROUPS = {
+    'input': 'What the driver delivers.',
     'outlier': 'What becomes of samples far from their prediction.',
     'bias': 'The bias is learned whenever the sensor stands still.',
     'model': 'The drift model of the paper, and the noise at rest; one value per axis x, y, z. '
@@ -182,6 +183,14 @@ class Parameters:
         unit='s',
         low=0.001,
         high=10.0,
+    )
+    input_quantisation: str = _parameter(
+        'auto',
+        'input.quantisation',
+        'How the sensor comes to whole counts. truncate: it cuts them towards zero, and half a '
+        'count is added again; round or none: they are taken as they are. auto finds out in '
+        'motion, which takes a few minutes, and adds it from then on.',
+        choices=('auto', 'none', 'round', 'truncate'),
     )
     motion_hint: str = _parameter(
         'none',

@@ -6,6 +6,7 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
 from gyro_drift_filter.core.bias import Bias
 from gyro_drift_filter.core.clock import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
+from gyro_drift_filter.core.quantisation import Quantisation
 from gyro_drift_filter.core.rest import RestLengths
 from gyro_drift_filter.core.sample import Result
 from gyro_drift_filter.core.sensor_checks import SensorChecks
@@ -42,6 +43,7 @@ class State(TypedDict):
     clock: Clock
     counts: Counts
     checks: SensorChecks
+    quantisation: Quantisation
     methods: MethodStates
     coasted: CountPerAxis  # samples in a row without a usable rate
     bias: Bias

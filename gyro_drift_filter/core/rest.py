@@ -28,7 +28,7 @@ from typing import Annotated, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.sample import Sample
 
 VALUE_SECONDS = 0.01
@@ -63,11 +63,16 @@ STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
+# Gravity stands where the means of blocks stay within this, a tilt of a degree, and is that.
+STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0  # m/s^2
 # The ratio of variances is learned slower, as a segment says less of it. It starts at one, as if
 # the first segments and so many more had said so, and one step counts for so large a ratio at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
+
+# Of the variance of an acceleration at rest: with less, what has made the noise has stopped.
+QUIETER = 0.25
 
 SIGNALS = 6
 
@@ -122,6 +127,8 @@ class Rest(TypedDict):
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
     restless: int  # blocks since the last rest
+    steady_seconds: float  # since then, for which gravity has stood
+    gravity: PerAxis  # m/s^2, when it began to
     at_rest: bool
     samples: int  # since the start of the value, missing ones among them
     accepted: int  # of them
@@ -178,6 +185,21 @@ def has_stood_still(rest: Rest, blocks: int) -> bool:
     A steady turn that is no bias is still, too: what is noise shows as well in it.
     """
     return bool(rest['at_rest'] or (rest['known'] and rest['run'] >= blocks))
+
+
+@kernel
+def has_noise_of(rest: Rest, axis: int, deviation: float) -> bool:
+    """Return whether an axis of the gyroscope has noise of more than a deviation in rad/s at rest.
+
+    Where a motor has stopped it may have none any more, and then the accelerometer has less, too.
+    """
+    if not rest['known'] or rest['signals'][axis]['variance'] <= deviation * deviation:
+        return False
+    for i in range(3, SIGNALS):
+        signal = rest['signals'][i]
+        if signal['waiting_variance'] > QUIETER * max(signal['variance'], LEAST_VARIANCE):
+            return True
+    return False
 
 
 @kernel
@@ -267,6 +289,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         for i in range(SIGNALS):
             if not _is_still(rest, rest['signals'][i]):
                 still = False
+        _note_gravity(rest, lengths)
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
         rest['known'] = False
@@ -305,6 +328,23 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         return BlockOutcome.NOTHING
     _learn(rest, length)
     return BlockOutcome.SEGMENT
+
+
+@kernel
+def _note_gravity(rest: Rest, lengths: RestLengths) -> None:
+    """Note for how long gravity has stood, whatever the rates do."""
+    gravity, size, moved = rest['gravity'], 0.0, False
+    for axis in range(3):
+        mean, _ = _block(rest, rest['signals'][3 + axis])
+        size += mean * mean
+        if abs(mean - gravity[axis]) > STEADY_GRAVITY:
+            moved = True
+    rest['steady_seconds'] += lengths['block_seconds']
+    if moved:
+        for axis in range(3):
+            gravity[axis], _ = _block(rest, rest['signals'][3 + axis])
+    if moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
+        rest['steady_seconds'] = 0.0
 
 
 @kernel
@@ -553,3 +593,4 @@ def _learn(rest: Rest, length: int) -> None:
             signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
     rest['restless'] = 0
+    rest['steady_seconds'] = 0.0

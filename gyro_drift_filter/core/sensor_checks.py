@@ -1,8 +1,13 @@
 """What the raw values say of the sensor: is it stuck, at the end of its range, or in degrees?"""
 
-from typing import TypedDict
+from enum import IntEnum
+from typing import Annotated, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.rest import Rest, has_noise_of
 from gyro_drift_filter.core.sample import Sample, is_usable
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
@@ -12,12 +17,25 @@ RANGE = 35.0
 # when the bus hangs. From so many equal samples on it says nothing of the bias.
 STUCK_SECONDS = 1.0
 STUCK_SAMPLES = 20
+# A coarse gyroscope at rest does the same, so there has to be noise of more than a step, or motion:
+# a turn about another axis of so many steps, of which each axis of any gyroscope shows a hundredth,
+# or a change of the acceleration by so many m/s^2, which nobody gives a robot without turning it.
+CROSS_STEPS = 100.0
+LEAST_PUSH = 1.0
 # A rate that is the same so many times is the end of the range, where the one before was so many
 # steps of the resolution off, as at the top of a turn it is not, and where no rate that was stopped
 # at like this was faster. The smallest range is above this, in rad/s.
 CLIPPED_RATE = 2.0
 CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
+
+
+class AxisFault(IntEnum):
+    """What is wrong with one axis beside others that live."""
+
+    NONE = 0
+    FROZEN = 1  # it has measured, and stands still to the last bit
+    DEAD = 2  # it has never shown anything else
 
 
 class SensorChecks(TypedDict):
@@ -31,8 +49,16 @@ class SensorChecks(TypedDict):
     entered: PerAxis  # last change of the rate, rad/s
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     equal_all: int  # how often all rates and accelerations have come before in a row
-    stuck: bool  # and that for `STUCK_SECONDS`
+    stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
+    # while a rate stays the same: all rates when it began to, rad/s, and whether there was motion
+    rates_then: Annotated[NDArray[np.float64], np.float64, (3, 3)]
+    turned: CountPerAxis  # 0 or 1
+    # while all of them do
+    acceleration_then: PerAxis  # m/s^2
+    pushed: bool
+    fault: CountPerAxis  # members of AxisFault
     # counts
+    not_measured: int  # samples with the rates of the one before, where noise or motion forbid it
     beyond_range: int  # samples that no gyroscope measures: degrees, not radians?
     times_stuck: int
     clipped: CountPerAxis
@@ -43,10 +69,10 @@ SENSOR_CHECKS = record(SensorChecks)
 
 
 @kernel
-def note_values(checks: SensorChecks, sample: Sample, period: float) -> None:
+def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest) -> None:
     """Take the values of a sample in, `period` s after those before."""
     rate = sample['angular_velocity']
-    same = _note_rates(checks, sample)
+    same = all_rates = _note_rates(checks, sample)
     acceleration = sample['linear_acceleration']
     for axis in range(3):
         # NaN, for who has no accelerometer, is the same as NaN.
@@ -55,13 +81,76 @@ def note_values(checks: SensorChecks, sample: Sample, period: float) -> None:
             same = False
         checks['acceleration'][axis] = force
     checks['equal_all'] = checks['equal_all'] + 1 if same else 0
-    seconds = checks['equal_all'] * period
-    stuck = checks['equal_all'] >= STUCK_SAMPLES and seconds >= STUCK_SECONDS
+    stuck = _is_long(checks['equal_all'], period)
+    for axis in range(3):
+        checks['fault'][axis] = AxisFault.NONE
+        if checks['equal'][axis] > 0:
+            checks['fault'][axis] = _fault_of(checks, axis, rate, period, rest)
+    if all_rates and _are_frozen(checks, acceleration, period):
+        stuck = True
     if stuck and not checks['stuck']:
         checks['times_stuck'] += 1
     checks['stuck'] = stuck
     if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
         _count_unlikely(checks, sample)
+
+
+@kernel
+def says_nothing(checks: SensorChecks) -> bool:
+    """Return whether the last values may be those of a sensor, or of an axis, that hangs."""
+    fault = checks['fault']
+    frozen = fault[0] == AxisFault.FROZEN or fault[1] == AxisFault.FROZEN
+    frozen = frozen or fault[2] == AxisFault.FROZEN
+    return bool(frozen or checks['stuck'] or checks['equal_all'] >= STUCK_SAMPLES)
+
+
+@kernel
+def _is_long(equal: int, period: float) -> bool:
+    return bool(equal >= STUCK_SAMPLES and equal * period >= STUCK_SECONDS)
+
+
+@kernel
+def _fault_of(
+    checks: SensorChecks, axis: int, rate: PerAxis, period: float, rest: Rest
+) -> AxisFault:
+    """Return what is wrong with an axis whose rate is that of the sample before."""
+    equal, then = checks['equal'][axis], checks['rates_then'][axis]
+    resolution = checks['resolution']
+    if equal == 1:
+        checks['turned'][axis] = 0
+        for other in range(3):
+            then[other] = rate[other]
+    for other in range(3):
+        step = max(resolution[axis], resolution[other])
+        if abs(rate[other] - then[other]) > CROSS_STEPS * step:
+            checks['turned'][axis] = 1
+    if not _is_long(equal, period):
+        return AxisFault.NONE
+    if resolution[axis] > 0.0 and has_noise_of(rest, axis, resolution[axis]):
+        return AxisFault.FROZEN
+    if checks['turned'][axis] == 0:
+        return AxisFault.NONE
+    return AxisFault.FROZEN if resolution[axis] > 0.0 else AxisFault.DEAD
+
+
+@kernel
+def _are_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> bool:
+    """Return whether no living sensor gives these rates, all of them those of the sample before."""
+    equal, then = checks['equal'], checks['acceleration_then']
+    if equal[0] == 1 or equal[1] == 1 or equal[2] == 1:
+        checks['pushed'] = False
+        for axis in range(3):
+            then[axis] = acceleration[axis]
+    frozen = False
+    for axis in range(3):
+        if abs(acceleration[axis] - then[axis]) > LEAST_PUSH:
+            checks['pushed'] = True
+        if checks['fault'][axis] == AxisFault.FROZEN:
+            frozen = True
+    for axis in range(3):
+        if not _is_long(equal[axis], period):
+            return False
+    return bool(frozen or checks['pushed'])
 
 
 @kernel

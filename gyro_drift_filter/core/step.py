@@ -5,12 +5,19 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias
+from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
 from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
+from gyro_drift_filter.core.quantisation import (
+    Mode,
+    add_half_counts,
+    is_undone,
+    note_counts,
+    variance_of_cut,
+)
 from gyro_drift_filter.core.records import FILTER, FilterRecord
 from gyro_drift_filter.core.rest import derive_lengths
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Sample, SampleStatus, is_usable
-from gyro_drift_filter.core.sensor_checks import STUCK_SAMPLES, note_values
+from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
 
 # Of a sample in the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
@@ -33,16 +40,35 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     elapsed = elapsed_seconds(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     result['status'] = SampleStatus.FILTERED
-    note_values(state['checks'], sample, clock['period'])
+    undone = _is_truncated(sample, missing, filter_)
+    note_values(state['checks'], sample, clock['period'], state['bias']['rest'])
+    if undone:
+        add_half_counts(state['quantisation'], sample['angular_velocity'])
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, filter_)
     _take_bias_off(sample, elapsed, missing, filter_)
+    if undone:
+        # The sample is the caller's.
+        for axis in range(3):
+            sample['angular_velocity'][axis] = state['checks']['measured'][axis]
     if result['status'] == SampleStatus.REFUSED:
         state['counts']['refused'] += 1
     else:
         _count_result(filter_)
     if clock['period'] != period:
         methods.rescale(filter_, clock['period'] / period)
+
+
+@kernel
+def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
+    """Look at the counts of a sample; return whether their truncation is to be undone."""
+    state, mode = filter_['state'], filter_['settings']['input_quantisation']
+    quantisation, rate = state['quantisation'], sample['angular_velocity']
+    if missing == 0:
+        newly = note_counts(quantisation, rate, state['checks']['measured'])
+        if newly and mode == Mode.AUTO:
+            widen(state['bias'], variance_of_cut(quantisation))
+    return is_undone(quantisation, mode)
 
 
 @kernel
@@ -128,9 +154,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
     bias, result = state['bias'], state['result']
     if missing == TIME_JUMP:
         leave_rest(bias)
-    accepted = (
-        result['status'] == SampleStatus.FILTERED and state['checks']['equal_all'] < STUCK_SAMPLES
-    )
+    accepted = result['status'] == SampleStatus.FILTERED and not says_nothing(state['checks'])
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             accepted = False

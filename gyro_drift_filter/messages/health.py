@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.health_rules import (
@@ -119,6 +120,11 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Backward stamps': state.backward_stamps,
         'Changes of frame_id': now.frame_changes,
         'Last frame_id it changed to': now.frame if now.frame_changes else '',
+        'Samples not measured anew': state.not_measured,
+        'Rate of the sensor (Hz)': span.sensor_rate,
+        'Low-pass of the sensor (Hz)': span.low_pass,
+        'Resolution of the gyroscope (rad/s)': state.resolution,
+        'Counts are cut towards zero': state.truncated,
         'Times stuck': state.times_stuck,
         'Unusable rates bridged': state.unusable,
         'Samples at the end of the range': state.clipped,
@@ -135,6 +141,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
+        'Rest the noise was learned from (s)': [BLOCK_SECONDS * n for n in state.noise_blocks],
         'Bias (rad/s)': state.bias,
         'Bias deviation (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,

@@ -12,12 +12,20 @@ from typing import NamedTuple
 
 from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.core.sensor_checks import RANGE
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.telemetry import MessageReport
 
 # Samples in the window below which shares say nothing.
 _FEW = 200
+# Without a rest for so long, in s, while gravity stands, something hides it.
+_LONG_WITHOUT_REST = 120.0
+# Noise with so much correlation from sample to sample has passed a low-pass. Robots turn with up to
+# 10 Hz or so, which one of so many Hz delays and weakens.
+_CORRELATED = 0.6
+_SLOW_LOW_PASS = 15.0
+_LEAST_NOISE = 2e-5  # rad/s: half of it is what a sensor that shows no noise is given
 
 
 class Span(NamedTuple):
@@ -34,6 +42,7 @@ class Span(NamedTuple):
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
+        not_measured: Share of the samples in the window that the sensor has not measured anew.
     """
 
     first: MessageReport
@@ -46,6 +55,27 @@ class Span(NamedTuple):
     is_rate_judged: bool
     outlier_shares: list[float]
     nis: list[float]
+    not_measured: float
+
+    @property
+    def sensor_rate(self) -> float:
+        """The rate in Hz at which the sensor measures, NaN where it is not known."""
+        return (1.0 - self.not_measured) * self.rate
+
+    @property
+    def low_pass(self) -> float:
+        """The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without one.
+
+        That of a first-order one, by the correlation of its noise from sample to sample.
+        """
+        state = self.now.telemetry
+        axes = zip(state.measurement_noise, state.resolution, state.noise_correlation, strict=True)
+        # What is below a step is no noise that a low-pass could have shaped.
+        shaped = [c for noise, step, c in axes if noise > max(step, _LEAST_NOISE) ** 2]
+        correlation = max(shaped, default=0.0)
+        if correlation < _CORRELATED or min(state.noise_blocks) == 0:
+            return math.nan
+        return -math.log(correlation) * self.expected_rate / (2.0 * math.pi)
 
     @property
     def advice(self) -> Advice:
@@ -85,6 +115,7 @@ def span_of(
         is_rate_judged,
         [_share(a - b, recent) for a, b in outliers],
         [_share(a - b, c - d) for a, b, c, d in nis],
+        _share(state.not_measured - state_first.not_measured, recent),
     )
 
 
@@ -185,6 +216,18 @@ def _rate_text(span: Span) -> str:
     return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
 
 
+def _axes_with(span: Span, fault: AxisFault) -> str:
+    """Return the axes that have a fault, in words; empty where there is none."""
+    faults = zip(AXES, span.now.telemetry.faults, strict=True)
+    axes = [axis for axis, of_axis in faults if of_axis == fault]
+    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}' if axes else ''
+
+
+def _is_truncation_left(span: Span) -> bool:
+    parameters = span.now.parameters
+    return span.now.telemetry.truncated and parameters.input_quantisation in ('none', 'round')
+
+
 def _noise_excess(span: Span) -> float:
     """Return how many times larger than found innovations are expected, squared."""
     parameters = span.now.parameters
@@ -245,6 +288,15 @@ INPUT_RULES = (
         'simulated sensor without noise does this, too)',
     ),
     Rule(
+        'frozen axis',
+        Level.ERROR,
+        lambda span: bool(_axes_with(span, AxisFault.FROZEN)),
+        lambda span: (
+            f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
+            'second or more, while the other sensors live: it hangs, or the driver has a dead band'
+        ),
+    ),
+    Rule(
         'changing frame',
         Level.WARN,
         lambda span: span.now.frame_changes > span.before.frame_changes,
@@ -272,6 +324,15 @@ INPUT_RULES = (
         'larger one in the driver',
     ),
     Rule(
+        'dead axis',
+        Level.WARN,
+        lambda span: bool(_axes_with(span, AxisFault.DEAD)),
+        lambda span: (
+            f'{_axes_with(span, AxisFault.DEAD)} of the gyroscope: always the same rate while '
+            'others turn, so dead or not connected; the other axes are filtered'
+        ),
+    ),
+    Rule(
         'unusable',
         Level.WARN,
         lambda span: _has_grown(span, 'unusable'),
@@ -284,6 +345,27 @@ INPUT_RULES = (
         lambda span: span.now.lost > span.before.lost,
         'the middleware has dropped messages before the node took them: the processor or the '
         'network does not keep up',
+    ),
+    Rule(
+        'repeated samples',
+        Level.WARN,
+        _beyond(lambda span: span.not_measured, 0.05, 0.02),
+        'the driver repeats samples, as it polls faster than the sensor measures: poll at the rate '
+        'of the sensor, or on its data-ready signal',
+    ),
+    Rule(
+        'truncated',
+        Level.WARN,
+        _is_truncation_left,
+        'the sensor cuts its counts towards zero, which turns the heading: set input.quantisation '
+        'to auto or truncate',
+    ),
+    Rule(
+        'low-pass',
+        Level.WARN,
+        lambda span: span.low_pass < _SLOW_LOW_PASS,
+        'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
+        'back: choose a higher cut-off frequency',
     ),
     Rule(
         'restarted',
@@ -343,6 +425,13 @@ FILTER_RULES = (
             'innovations are far smaller than the filter expects, so that no outlier will '
             'be found: ' + span.advice.small_innovations
         ),
+    ),
+    Rule(
+        'no rest',
+        Level.WARN,
+        lambda span: span.now.telemetry.steady_seconds > _LONG_WITHOUT_REST,
+        'gravity has stood still for minutes, and yet no rest is found: if the robot stands, look '
+        'for what makes its rates wander or jump (a motor, a fan, a loose mount, temperature)',
     ),
     Rule(
         'beyond bias.max',

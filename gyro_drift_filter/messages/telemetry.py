@@ -10,6 +10,7 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
+from gyro_drift_filter.core.quantisation import known_count
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]
@@ -21,7 +22,8 @@ class Telemetry(NamedTuple):
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
     the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
-    a variance in (rad/s)^2, of the last sample; period and rest_seconds are in s.
+    a variance in (rad/s)^2, of the last sample; period, rest_seconds and steady_seconds are in s.
+    resolution is in rad/s, 0 where there is none; faults are members of `AxisFault`.
     """
 
     samples: int
@@ -29,6 +31,10 @@ class Telemetry(NamedTuple):
     refused: int
     beyond_range: int
     times_stuck: int
+    not_measured: int
+    faults: Counts
+    truncated: bool
+    resolution: Values
     unusable: Counts
     clipped: Counts
     outliers: Counts
@@ -47,11 +53,14 @@ class Telemetry(NamedTuple):
     all_zero: bool
     process_noise: Values
     measurement_noise: Values
+    noise_correlation: Values
+    noise_blocks: Counts
     bias: Values
     bias_deviation: Values
     beyond: bool
     at_rest: bool
     rest_seconds: float
+    steady_seconds: float
     segments: int
     beyond_max: int
     turning: int
@@ -98,12 +107,15 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 def read_telemetry(state: Any, out: Any) -> None:
     """Write the values of a record of STATE into one of TELEMETRY."""
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
-    checks, paper = state['checks'], state['methods']['paper']
+    checks, quantisation = state['checks'], state['quantisation']
+    paper, adaptive = state['methods']['paper'], state['methods']['adaptive']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']
     out['refused'] = counts['refused']
     out['beyond_range'] = checks['beyond_range']
     out['times_stuck'] = checks['times_stuck']
+    out['not_measured'] = checks['not_measured']
+    out['truncated'] = quantisation['truncated']
     out['period'] = clock['mean_period']
     out['blocks'] = clock['blocks']
     out['gaps'] = clock['gaps']
@@ -116,6 +128,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
+    out['steady_seconds'] = bias['rest']['steady_seconds']
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
@@ -123,6 +136,8 @@ def read_telemetry(state: Any, out: Any) -> None:
     for axis in range(3):
         if checks['measured'][axis] != 0.0:
             out['all_zero'] = False
+        out['faults'][axis] = checks['fault'][axis]
+        out['resolution'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
@@ -131,6 +146,8 @@ def read_telemetry(state: Any, out: Any) -> None:
         out['divergences'][axis] = paper[axis]['divergences']
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
+        out['noise_correlation'][axis] = adaptive[axis]['noise']['correlation']
+        out['noise_blocks'][axis] = adaptive[axis]['noise']['blocks']
         out['bias'][axis] = bias['bias'][axis]
         deviation = math.sqrt(bias_variance(bias, axis))
         out['bias_deviation'][axis] = deviation if bias['known'] else math.nan

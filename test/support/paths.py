@@ -5,6 +5,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).parent.parent.parent
 TESTS = REPOSITORY / 'test'
 RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
+MOTION = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'motion'
 NAMES = (
     'broad_09_fast_rotation_with_breaks',
     'broad_24_tapping',

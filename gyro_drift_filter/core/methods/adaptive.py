@@ -49,6 +49,7 @@ from gyro_drift_filter.core.methods.outliers import (
     Verdict,
     derive_limits,
     feel_jolt,
+    has_returned,
     is_constant,
     judge,
     note_held,
@@ -162,6 +163,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     typical_innovation: float  # rad/s, by which outliers are judged
     verdict: int  # on the sample: a member of Verdict
     accepted: float  # the sample that was accepted before it, rad/s
+    returned: bool  # it lies there again, after one that was held back
     at_limit: bool  # the rate is at the end of the range
 
 
@@ -343,7 +345,10 @@ def compare_axes(
     all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    repeated = turned and not still and likelihood < REPEAT
+    unlikely = all_equal and likelihood < REPEAT
+    if unlikely:
+        checks['not_measured'] += 1
+    repeated = unlikely and turned and not still
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
@@ -435,6 +440,7 @@ def update(
         verdict = Verdict.PASS
     own['verdict'] = verdict
     own['accepted'] = accepted
+    own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, accepted)
     if verdict == Verdict.HOLD or verdict == Verdict.BRIDGE:
         if verdict == Verdict.HOLD:
             note_held(doubt, sample, prediction, typical, dropout, limits)
@@ -493,13 +499,15 @@ def _compensate(
     That is what was held back, where a later sample confirmed it or the accelerometer felt a knock;
     and what was bridged. Sample and estimate in rad/s, period in s.
     """
-    verdict, missed = workspace['verdict'], 0.0
+    verdict, returned, missed = workspace['verdict'], workspace['returned'], 0.0
     if verdict == Verdict.HOLD:
+        if returned and not state['knocked']:
+            state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
         state['knocked'] = state['knocked'] or jolted
     elif state['held_angle'] != 0.0 and verdict != Verdict.BRIDGE:
         largest = LARGEST_KNOCK if state['knocked'] else 0.0
-        if verdict == Verdict.START_ANEW or verdict == Verdict.PASS:
+        if (verdict == Verdict.START_ANEW or verdict == Verdict.PASS) and not returned:
             largest = LARGEST_COMPENSATION
         if abs(state['held_angle']) <= largest:
             missed = state['held_angle']

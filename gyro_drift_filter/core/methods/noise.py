@@ -42,6 +42,9 @@ STRONGEST_CORRELATION = 0.9
 LEAST_ROUGHNESS = 0.003
 # Correlation and roughness never forget slower than this.
 SLOWEST_LEARNING = 0.05
+# What a block's third differences show of the noise is less than a part of it by this factor in one
+# of 10,000 blocks of 50 samples.
+LEAST_SHOWN = 4.0
 
 
 class Bound(IntEnum):
@@ -210,8 +213,8 @@ def _judge_block(noise: Noise, at_rest: bool, block_forgetting: float) -> None:
     _let_wait(noise, rough)
     noise['waiting'] = at_rest
     if not at_rest and noise['blocks'] > 0:
-        # In motion R never rises, and falls where even the motion's roughness is below it.
-        noise['variance'] = min(noise['variance'], 2.0 * rough / noise['roughness'])
+        # In motion R never rises, and falls where even the motion's roughness is far below it.
+        noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
     elif not at_rest:
         variance = noise['waiting_variance']
         white = rough > WHITE * variance and variance <= LARGEST_NOISE**2

@@ -243,11 +243,11 @@ def judge(
     away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
     if near and not away:
         return Verdict.ACCEPT
+    change = abs(sample - doubt['last_sample'])
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
-    small = same_side and abs(offset) <= limits['least_jump']
+    small = same_side and abs(offset) <= limits['least_jump'] and change < limits['growth_limit']
     if small or (jolted and size < JOLT_LIMIT * (held + 1.0)):
         return Verdict.START_ANEW
-    change = abs(sample - doubt['last_sample'])
     # Outliers do not go away further and further, as a body does that gains speed.
     if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):
         return Verdict.START_ANEW
@@ -261,6 +261,15 @@ def judge(
     if lasted or (alike and doubt['agreeing'] >= run):
         return Verdict.START_ANEW
     return Verdict.HOLD
+
+
+@kernel
+def has_returned(doubt: Doubt, sample: float, accepted: float) -> bool:
+    """Return whether a sample shows that the one held back before it was an outlier.
+
+    It lies where the last accepted sample did; all in rad/s.
+    """
+    return bool(abs(sample - accepted) < RETURN * abs(doubt['last_sample'] - accepted))
 
 
 @kernel

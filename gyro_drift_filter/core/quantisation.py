@@ -1,0 +1,148 @@
+"""Counts of the converter: how large one is, and whether they are cut towards zero or rounded.
+
+A sensor that cuts loses half a count, always towards zero. At rest with a bias that is a part of
+the bias, in motion about zero it is not, and the heading drifts. It shows in motion: rates that
+come from afar land on each count as often as it is wide, and zero is twice as wide as the others
+where counts are cut. A driver's dead band makes zero wide, too, but takes it from the counts beside
+it. Both are judged over all axes together by the likelihood ratio (Wald's sequential test).
+"""
+
+import math
+from enum import IntEnum
+from typing import TypedDict
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+
+# A count is known when so many changes more were one of it than were a part of one. Where so many
+# changes have not told, there is none: the rates are calibrated or averaged.
+CERTAIN_VOTES = 50
+LONGEST_SEARCH = 2000
+# Changes of more counts than this are left out, as a small error of the count adds up.
+LARGEST_STEPS = 10.0
+SAME_COUNT = 0.05  # counts, by which the change of one count may be off
+PART = 0.1  # counts, from which on a rate or a change is no whole number of them
+LEAST_COUNT = 1e-5  # rad/s: half of a finer one is below all bias
+# A rate has come from afar with a change of so many counts, and lands on the counts up to this.
+AFAR = 8.0
+NEAR = 2
+# How much likelier a landing is where zero is twice as wide: 2/6 instead of 1/5, 4/6 of 4/5; and
+# one beside zero where these counts are as wide as the next: 1/2 instead of 1/4, 1/2 of 3/4.
+ZERO_IF_WIDE, OTHER_IF_WIDE = math.log(5.0 / 3.0), math.log(5.0 / 6.0)
+BESIDE_IF_WHOLE, NEXT_IF_WHOLE = math.log(2.0), math.log(2.0 / 3.0)
+SURE = math.log(1000.0)
+LARGEST_EVIDENCE = math.log(1e6)
+
+
+class Mode(IntEnum):
+    """The choices of `input.quantisation`, in their order."""
+
+    AUTO = 0
+    NONE = 1
+    ROUND = 2
+    TRUNCATE = 3
+
+
+class Quantisation(TypedDict):
+    """The counts of the three axes, and what landings say of them."""
+
+    count: PerAxis  # rad/s, what one is worth, as far as is known
+    votes: CountPerAxis
+    change: PerAxis  # of the rates with the last sample, rad/s
+    changes: CountPerAxis  # that have been looked at for it
+    # logarithms of likelihood ratios
+    wide_zero: float
+    whole_neighbours: float
+    truncated: bool
+
+
+QUANTISATION = record(Quantisation)
+
+
+@kernel
+def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
+    """Take rates (3,) in rad/s in, and those before; return whether they are newly known as cut."""
+    landed = False
+    for axis in range(3):
+        change, count = rate[axis] - before[axis], state['count'][axis]
+        if state['votes'][axis] < CERTAIN_VOTES:
+            if abs(change) > LEAST_COUNT and state['changes'][axis] < LONGEST_SEARCH:
+                _look_for_count(state, axis, abs(change))
+        elif abs(change) > AFAR * count and abs(rate[axis]) < (NEAR + PART) * count:
+            landed = _note_landing(state, axis, change, rate) or landed
+        state['change'][axis] = change
+    if not landed:
+        return False
+    truncated = state['truncated']
+    if state['wide_zero'] < 0.0:
+        state['truncated'] = False
+    elif state['wide_zero'] > SURE and state['whole_neighbours'] > SURE:
+        state['truncated'] = True
+    return bool(state['truncated'] and not truncated)
+
+
+@kernel
+def _look_for_count(state: Quantisation, axis: int, change: float) -> None:
+    """Vote for the smallest change of which the others are multiples."""
+    steps = change / state['count'][axis] if state['votes'][axis] > 0 else 0.0
+    if steps > LARGEST_STEPS:
+        return
+    state['changes'][axis] += 1
+    if abs(steps - 1.0) < SAME_COUNT:
+        state['votes'][axis] += 1
+    elif steps < 1.0 or abs(steps - math.floor(steps + 0.5)) > PART:
+        state['votes'][axis] -= 1
+        if state['votes'][axis] <= 0:
+            state['count'][axis] = change
+            state['votes'][axis] = 1
+
+
+@kernel
+def _note_landing(state: Quantisation, axis: int, change: float, rate: PerAxis) -> bool:
+    """Take in that the rate of an axis has come from afar; return whether that says anything."""
+    # On the way through zero, not back from an outlier to where the bias is.
+    on_the_way = change * state['change'][axis] > 0.25 * change * change
+    # Zeros on all axes are of a sensor that has nothing to report.
+    nothing = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
+    counts = abs(rate[axis]) / state['count'][axis]
+    whole = math.floor(counts + 0.5)
+    if nothing or not on_the_way or abs(counts - whole) > PART:
+        return False
+    wide, neighbours = state['wide_zero'], state['whole_neighbours']
+    wide += ZERO_IF_WIDE if whole == 0.0 else OTHER_IF_WIDE
+    if whole > 0.0:
+        neighbours += BESIDE_IF_WHOLE if whole == 1.0 else NEXT_IF_WHOLE
+    state['wide_zero'] = min(max(wide, -LARGEST_EVIDENCE), LARGEST_EVIDENCE)
+    state['whole_neighbours'] = min(max(neighbours, -LARGEST_EVIDENCE), LARGEST_EVIDENCE)
+    return True
+
+
+@kernel
+def is_undone(state: Quantisation, mode: int) -> bool:
+    """Return whether half a count is to be added to the rates; `mode` is a member of `Mode`."""
+    return bool(mode == Mode.TRUNCATE or (mode == Mode.AUTO and state['truncated']))
+
+
+@kernel
+def add_half_counts(state: Quantisation, rate: PerAxis) -> None:
+    """Put rates (3,) in rad/s into the middle of what their count can have been before the cut."""
+    for axis in range(3):
+        half = 0.5 * known_count(state, axis)
+        if rate[axis] > half:
+            rate[axis] += half
+        elif rate[axis] < -half:
+            rate[axis] -= half
+
+
+@kernel
+def known_count(state: Quantisation, axis: int) -> float:
+    """Return what a count of an axis is worth in rad/s, 0 where it is not known."""
+    return float(state['count'][axis] if state['votes'][axis] >= CERTAIN_VOTES else 0.0)
+
+
+@kernel
+def variance_of_cut(state: Quantisation) -> float:
+    """Return the variance in (rad/s)^2 that a bias has which was learned from cut rates."""
+    largest = 0.0
+    for axis in range(3):
+        largest = max(largest, known_count(state, axis))
+    return float(0.25 * largest * largest)

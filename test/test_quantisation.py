@@ -1,0 +1,125 @@
+"""Counts that a sensor cuts towards zero are found in motion, and undone; others are left alone."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmark.scenarios import motion, stamps
+from gyro_drift_filter.core import Filter, Parameters
+
+RATE = 200.0
+COUNT = np.radians(0.061)
+BIAS = COUNT * np.array([2.9, -1.7, 0.8])
+
+
+def dead_band(counts):
+    return np.where(np.abs(counts) < 3.0, 0.0, np.trunc(counts))
+
+
+WAYS: dict[str, Any] = {
+    'trunc': np.trunc,
+    'round': np.round,
+    'floor': np.floor,
+    'dead band': dead_band,
+}
+
+
+def recording(seconds, seed, way, noise=1.3):
+    """Return stamps, rates in whole counts and accelerations, and the true rates."""
+    random = np.random.default_rng(seed)
+    trial = motion(seconds, RATE, random)
+    n = len(trial.truth)
+    rates = trial.truth + BIAS + noise * COUNT * random.standard_normal((n, 3))
+    counts = WAYS[way](rates / COUNT) if way in WAYS else rates / COUNT
+    return stamps(n, RATE), counts * COUNT, trial.acceleration, trial.truth
+
+
+def turned(rates, truth):
+    """Return the angle in deg between where the rates and where the true ones lead."""
+    ends = [Rotation.identity(), Rotation.identity()]
+    for i, values in enumerate((rates, truth)):
+        for step in Rotation.from_rotvec(values / RATE):
+            ends[i] = ends[i] * step
+    return np.degrees((ends[0].inv() * ends[1]).magnitude())
+
+
+def quantisation(filter_):
+    return filter_.state['quantisation']
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_counts_that_are_cut_are_found_and_undone(seed):
+    given = recording(480.0, seed, 'trunc')
+    filter_ = Filter(Parameters())
+    results = filter_.run(*given[:3])
+    assert quantisation(filter_)['truncated']
+    np.testing.assert_allclose(quantisation(filter_)['count'], COUNT, rtol=1e-6)
+    # At rest the mean of cut values is off by up to half a count, which is gone.
+    np.testing.assert_allclose(results['bias'][-1], BIAS, atol=0.2 * COUNT)
+
+
+@pytest.mark.parametrize('way', ['round', 'floor', 'dead band', 'none'])
+@pytest.mark.parametrize('noise', [0.2, 1.3, 5.0])
+def test_other_ways_are_told_from_it(way, noise):
+    filter_ = Filter(Parameters())
+    filter_.run(*recording(240.0, 7, way, noise)[:3])
+    assert not quantisation(filter_)['truncated']
+
+
+def test_half_a_count_less_turns_the_heading():
+    """With what is undone from the start the error is a part of that without."""
+    given = recording(200.0, 5, 'trunc')
+    errors = {}
+    for mode in ('none', 'truncate'):
+        rates = Filter(Parameters(input_quantisation=mode)).run(*given[:3])['angular_velocity']
+        first = int(30 * RATE)  # behind the first rest, which has the bias
+        errors[mode] = turned(rates[first:], given[3][first:])
+    assert errors['truncate'] < 0.6 * errors['none']
+
+
+def test_only_auto_and_truncate_change_anything():
+    given = recording(60.0, 3, 'trunc')[:3]
+    runs = {
+        mode: Filter(Parameters(input_quantisation=mode)).run(*given)
+        for mode in ('auto', 'none', 'round', 'truncate')
+    }
+    np.testing.assert_array_equal(runs['none'], runs['round'])
+    moved = np.abs(runs['truncate']['angular_velocity'] - runs['none']['angular_velocity'])
+    assert moved.max() > 0.1 * COUNT
+
+
+def test_what_is_undone_is_the_middle_of_a_count():
+    """Passed through as it is, in fast motion: half a count further from zero, zero itself not."""
+    given = recording(120.0, 4, 'trunc')
+    stamps_, rates, accelerations, _ = given
+    before = rates.copy()
+    filter_ = Filter(Parameters(input_quantisation='truncate', bias_enabled=False))
+    innovations = filter_.run(stamps_, rates, accelerations)['innovation'][-1]
+    np.testing.assert_array_equal(rates, before)  # what is the caller's is left alone
+    plain = Filter(Parameters(input_quantisation='none', bias_enabled=False))
+    other = plain.run(stamps_, rates, accelerations)['innovation'][-1]
+    assert (innovations != other).any()
+    np.testing.assert_array_equal(filter_.state['checks']['measured'], rates[-1])
+
+
+def test_zeros_of_a_sensor_with_nothing_to_report_are_no_evidence():
+    stamps_, rates, accelerations, _ = recording(240.0, 6, 'round')
+    random = np.random.default_rng(1)
+    rates[random.choice(len(rates), 2000, replace=False)] = 0.0
+    filter_ = Filter(Parameters())
+    filter_.run(stamps_, rates, accelerations)
+    assert not quantisation(filter_)['truncated']
+
+
+def test_spikes_at_rest_are_no_evidence(random):
+    """They come back to where the bias is, which may be zero."""
+    n = 20_000
+    rates = np.round(0.8 * random.standard_normal((n, 3))) * COUNT
+    for axis in range(3):
+        rates[random.choice(n, 400, replace=False), axis] += 0.3
+    accelerations = np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
+    filter_ = Filter(Parameters())
+    filter_.run(stamps(n, RATE), rates, accelerations)
+    assert not quantisation(filter_)['truncated']

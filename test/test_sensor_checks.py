@@ -1,0 +1,133 @@
+"""What hangs is told from what stands still, on one axis and on all, and teaches nothing."""
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.sensor_checks import AxisFault
+from support.sensor import at_rest, by_hand
+
+RATE = 100.0
+COARSE = np.radians(1.0)
+
+
+def moved(random, seconds=60.0):
+    """Return rates and accelerations (n, 3): rest at both ends, motion in the middle third."""
+    rates, accelerations = at_rest(random, seconds, (0.01, -0.02, 0.005))
+    third = len(rates) // 3
+    motion, shake = by_hand(random, third / RATE)
+    rates[third : 2 * third] += motion
+    accelerations[third : 2 * third] += shake
+    return rates, accelerations
+
+
+def run(filter_, rates, accelerations, first=0):
+    stamps = 10**18 + 10_000_000 * np.arange(first, first + len(rates))
+    return filter_.run(stamps, rates, accelerations)
+
+
+def faults(filter_):
+    return filter_.state['checks']['fault'].tolist()
+
+
+@pytest.mark.parametrize('axis', range(3))
+def test_an_axis_that_freezes_in_motion_is_told_and_teaches_nothing(axis, random):
+    rates, accelerations = moved(random)
+    rates[3000:, axis] = rates[3000, axis]
+    filter_ = Filter()
+    results = run(filter_, rates[:3200], accelerations[:3200])
+    expected = [AxisFault.FROZEN if i == axis else AxisFault.NONE for i in range(3)]
+    assert faults(filter_) == expected
+    known = results['bias'][3100]
+    results = run(filter_, rates[3200:], accelerations[3200:], 3200)
+    np.testing.assert_array_equal(results['bias'][-1], known)
+    assert not results['at_rest'].any()
+
+
+def test_a_gyroscope_that_freezes_at_rest_is_told(random):
+    """The accelerometer lives, and this sensor has noise, so that it can't be so still."""
+    rates, accelerations = at_rest(random, 60.0)
+    rates[3000:] = rates[3000]
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    assert filter_.state['checks']['stuck']
+    assert filter_.state['checks']['times_stuck'] == 1
+    fresh, more = at_rest(random, 5.0)
+    run(filter_, fresh, more, 6000)
+    assert not filter_.state['checks']['stuck']
+    assert faults(filter_) == [AxisFault.NONE] * 3
+
+
+def test_a_gyroscope_that_freezes_in_motion_is_told(random):
+    rates, accelerations = by_hand(random, 20.0)
+    rates[1000:] = rates[1000]
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    assert filter_.state['checks']['stuck']
+
+
+def test_dead_axes_are_told_and_the_others_work(random):
+    rates, accelerations = moved(random)
+    rates[:, 1] = 0.0
+    filter_ = Filter()
+    results = run(filter_, rates, accelerations)
+    assert faults(filter_) == [AxisFault.NONE, AxisFault.DEAD, AxisFault.NONE]
+    assert not filter_.state['checks']['stuck']
+    assert results['at_rest'][1900]
+    assert abs(results['bias'][-1][0] - 0.01) < 1e-3
+    assert abs(results['bias'][-1][2] - 0.005) < 1e-3
+
+
+def test_a_coarse_gyroscope_that_stands_still_is_sound(random):
+    """Its rates do not change for minutes, and it learns its bias."""
+    rates, accelerations = moved(random, 120.0)
+    rates = np.round((rates + 2.2 * COARSE) / COARSE) * COARSE
+    filter_ = Filter()
+    results = run(filter_, rates, accelerations)
+    assert filter_.state['checks']['times_stuck'] == 0
+    assert faults(filter_) == [AxisFault.NONE] * 3
+    assert results['at_rest'][-1]
+
+
+def test_a_motor_that_stops_is_no_fault(random):
+    """What was noise with the motor on is gone from gyroscope and accelerometer at once."""
+    rates, accelerations = at_rest(random, 120.0)
+    loud = np.where(np.arange(len(rates)) < 6000, 1.0, 0.02)[:, None]
+    rates = np.round(2.0 * loud * rates / COARSE) * COARSE
+    accelerations = accelerations + loud * 0.5 * random.standard_normal(accelerations.shape)
+    filter_ = Filter()
+    results = run(filter_, rates, accelerations)
+    assert filter_.state['checks']['times_stuck'] == 0
+    assert faults(filter_) == [AxisFault.NONE] * 3
+    assert results['at_rest'][-1]
+
+
+@pytest.mark.parametrize('rate', [100.0, 400.0])
+def test_repeated_samples_are_counted(rate, random):
+    """A driver that polls a sensor of half its rate: every other sample."""
+    n = 8000
+    measured = 0.006 * random.standard_normal((n // 2, 3))
+    rates, accelerations = np.repeat(measured, 2, axis=0), np.zeros((n, 3)) + 9.8
+    accelerations += 0.02 * random.standard_normal((n, 3))
+    filter_ = Filter()
+    filter_.run(10**18 + (np.arange(n) * 1e9 / rate).astype(np.int64), rates, accelerations)
+    assert 0.9 < filter_.state['checks']['not_measured'] / (n // 2) <= 1.0
+    filter_ = Filter()
+    rates = 0.006 * random.standard_normal((n, 3))
+    filter_.run(10**18 + (np.arange(n) * 1e9 / rate).astype(np.int64), rates, accelerations)
+    assert filter_.state['checks']['not_measured'] == 0
+
+
+def test_gravity_that_stands_without_a_rest_is_noted(random):
+    """Rates that jump every second are no rest, whatever gravity says."""
+    rates, accelerations = at_rest(random, 200.0)
+    rates += np.repeat(0.1 * random.standard_normal((200, 3)), 100, axis=0)
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    assert filter_.state['bias']['rest']['steady_seconds'] > 150.0
+    filter_ = Filter()
+    run(filter_, rates, 0.0 * accelerations)
+    assert filter_.state['bias']['rest']['steady_seconds'] == 0.0
+    filter_ = Filter()
+    run(filter_, *at_rest(random, 100.0))
+    assert filter_.state['bias']['rest']['steady_seconds'] < 5.0
