@@ -20,8 +20,8 @@ class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
-    the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
-    a variance in (rad/s)^2, of the last sample; period and rest_seconds are in s.
+    the bias does. Bias and its deviation are in rad/s; noise is a variance in (rad/s)^2, of the
+    last sample; period and rest_seconds are in s, the latter since the start where segments is 0.
     """
 
     samples: int
@@ -47,6 +47,7 @@ class Telemetry(NamedTuple):
     all_zero: bool
     process_noise: Values
     measurement_noise: Values
+    bias_known: bool
     bias: Values
     bias_deviation: Values
     beyond: bool
@@ -113,6 +114,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['same_stamps'] = clock['same_stamps']
     out['backward_stamps'] = clock['backward_stamps']
     out['stuck'] = checks['stuck']
+    out['bias_known'] = bias['known']
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
@@ -132,5 +134,4 @@ def read_telemetry(state: Any, out: Any) -> None:
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
         out['bias'][axis] = bias['bias'][axis]
-        deviation = math.sqrt(bias_variance(bias, axis))
-        out['bias_deviation'][axis] = deviation if bias['known'] else math.nan
+        out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis))
