@@ -36,6 +36,7 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.quality
 	$(BIN)/python -m benchmark.bias
 	$(BIN)/python -m benchmark.drivers
+	$(BIN)/python -m benchmark.covariance
 
 coverage: compile
 	$(BIN)/coverage erase

@@ -240,7 +240,7 @@ def set_segment(state, means, noises):
 
 def test_what_is_taken_back_leaves_no_trace():
     state = np.zeros(1, bias_module.BIAS)[0]
-    bias_module.start_bias(state, np.zeros(3), np.full(3, 1e-6))
+    bias_module.start_bias(state, np.zeros(3), np.full(3, 1e-6), np.nan)
     known = 'bias', 'variance'
     before = []
     for step in (0.0, 2e-3, 4e-3):

@@ -25,6 +25,7 @@ from gyro_drift_filter.messages.telemetry import (
 )
 from gyro_drift_filter.simulation.bag import imu_message
 from support.messages import imu_fields, quiet, simulated
+from support.sensor import at_rest, by_hand
 
 NOT_REPORTED = [-1.0] + 8 * [0.0]
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
@@ -82,6 +83,16 @@ CASES = {
     ),
     'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
     'beyond bias.max': ({'beyond': True}, {}, 'bias.max (10 deg/s)'),
+    'no bias for long': (
+        {'bias_known': False, 'rest_seconds': 11.0},
+        {'bias_known': False, 'rest_seconds': 9.0},
+        'stand still for three seconds (the heading drifts until then)',
+    ),
+    'no bias': (
+        {'bias_known': False},
+        {'bias_known': False, 'parameters': Parameters(bias_enabled=False)},
+        'no bias known yet: stand still for three seconds',
+    ),
 }
 # Between the two limits of an alarm.
 BETWEEN = {
@@ -102,6 +113,7 @@ def report_of(count, **changes):
         blocks=1,
         nis_samples=3 * [count],
         nis_sum=3 * [float(count)],
+        bias_known=True,
     )
     of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
     telemetry = telemetry._replace(**of_state)
@@ -425,7 +437,8 @@ def test_telemetry_is_that_of_the_state(random):
         'measurement_noise': state['result']['measurement_noise'],
         **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'segments')},
         **{name: bias[name] for name in ('beyond_max', 'turning')},
-        'bias_deviation': filter_.filter.bias_deviation if bias['known'] else np.full(3, np.nan),
+        'bias_known': bias['known'],
+        'bias_deviation': filter_.filter.bias_deviation,
         'at_rest': bias['rest']['at_rest'],
     }
     assert expected.keys() == telemetry._asdict().keys(), 'each value is tested here'
@@ -433,6 +446,29 @@ def test_telemetry_is_that_of_the_state(random):
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
     assert telemetry.samples == 500
     assert telemetry.segments > 0
+
+
+def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switched_on(random):
+    """Moving, and then at rest: no value is nan, and no rest is counted from that never was."""
+    filter_, health, statuses = MessageFilter(Parameters()), Health(), []
+    (rates, forces), (turn, push) = at_rest(random, 20), by_hand(random, 12)
+    rates[:1200] += turn
+    forces[:1200] += push
+    samples = zip(rates, forces, strict=True)
+    messages = [imu_message(10**18 + k * 10**7, *sample) for k, sample in enumerate(samples)]
+    for k in range(20):
+        filter_all(filter_, messages[100 * k : 100 * k + 100])
+        statuses.append(health.judge(filter_.report(), 1.0)[1])
+    text = 'no bias known yet: stand still for three seconds'
+    assert (statuses[0].level, statuses[0].message) == (Level.OK, text)
+    assert statuses[10].level == Level.WARN
+    assert statuses[10].message.startswith(text)
+    assert statuses[10].values['Time since rest (s)'] == 'no rest yet'
+    for axis in 'xyz':
+        deviation = float(statuses[10].values[f'Bias deviation (rad/s) {axis}'])
+        assert deviation == pytest.approx(Parameters().bias_turn_on_deviation, rel=1e-3)
+    assert (statuses[-1].level, statuses[-1].message) == (Level.OK, 'filtering')
+    assert float(statuses[-1].values['Time since rest (s)']) < 1.0
 
 
 def test_counts_that_a_reset_clears_are_no_fault(random):

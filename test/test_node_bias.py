@@ -10,10 +10,11 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.ros.memory_file import file_of, recall
 from gyro_drift_filter.simulation.bag import FRAME
 from harness.live_node import LOSSLESS, LiveNode
-from support.messages import imu_fields
+from support.messages import doubles_of, imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
 from support.sensor import DEGREE, at_rest, by_hand
 
@@ -32,6 +33,11 @@ def bias_of(live):
     return np.array([float(found[f'Bias (rad/s) {axis}']) for axis in 'xyz'])
 
 
+def deviations_of(messages):
+    """Return what the messages claim of their rates, (n, 3) in rad/s."""
+    return np.sqrt([doubles_of(message)[16:25:4] for message in messages])
+
+
 @pytest.fixture
 def home(tmp_path, monkeypatch):
     """A folder for ROS_HOME, here and in the node."""
@@ -43,7 +49,7 @@ def home(tmp_path, monkeypatch):
 def test_after_a_kill_the_first_output_has_the_bias_off(home, random):
     path = file_of(NODE, FRAME)
     with LiveNode(home=home) as live:
-        live.play(serialized(*at_rest(random, 20, TRUTH)))
+        unknown = live.play(serialized(*at_rest(random, 20, TRUTH)))
         live.wait(path.exists, 'the file of the bias')
         live.process.kill()
         live.process.wait()
@@ -58,6 +64,12 @@ def test_after_a_kill_the_first_output_has_the_bias_off(home, random):
     assert f'bias of 0.0 h ago, {degrees} deg/s' in live.log
     first = rates_of(data[:1])[0] - rates_of(out[:1])[0]
     np.testing.assert_allclose(first, remembered.bias, rtol=1e-9)
+    turn_on_deviation = Parameters().bias_turn_on_deviation
+    assert (np.abs(rates_of(unknown)) <= 2.0 * deviations_of(unknown)).mean() > 0.9
+    assert (deviations_of(unknown[:200]) > turn_on_deviation).all()
+    # The first samples tell what the noise is.
+    later = deviations_of(out[50:])
+    assert ((later > 8e-3) & (later < 0.5 * turn_on_deviation)).all()
 
 
 def test_an_end_by_interrupt_saves_what_came_since_the_last_time(home, random):

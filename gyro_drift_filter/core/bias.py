@@ -106,7 +106,7 @@ class Bias(TypedDict):
     still_seconds: float
     still_blocks: float
     still_sum: PerAxis  # rad/s
-    rest_seconds: float  # since the last rest
+    rest_seconds: float  # since the last rest, or since the start where there was none
     doubt: int  # segments of rest to go until one is accepted after a slow turn
     turn: PerAxis  # rad/s, rate of rest that was not accepted
     turn_seconds: float  # for how long
@@ -121,8 +121,11 @@ BIAS = record(Bias)
 
 
 @kernel
-def start_bias(state: Bias, bias: PerAxis, variance: PerAxis) -> None:
-    """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known."""
+def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation: float) -> None:
+    """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known.
+
+    Then it is as uncertain as `turn_on_deviation` in rad/s says.
+    """
     leave_rest(state)
     state['known'] = True
     for axis in range(3):
@@ -130,7 +133,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis) -> None:
         state['variance'][axis] = variance[axis]
         if not variance[axis] < np.inf:
             state['known'] = False
-            state['variance'][axis] = 0.0
+            state['variance'][axis] = turn_on_deviation * turn_on_deviation
     state['walk'] = 1.0
     state['doubt'] = 0
     state['temperature'] = np.nan
@@ -211,7 +214,6 @@ def _take_segment(state: Bias, moved: bool, block_seconds: float, settings: 'Set
         _note_stillness(state, block_seconds, settings['bias_calibration_time'])
     if _is_bias(state, moved, block_seconds, settings['bias_max']):
         _learn(state)
-        state['rest_seconds'] = 0.0
         next_segment(rest, moved)
     else:
         next_segment(rest, True)
@@ -418,6 +420,7 @@ def _settle(state: Bias) -> None:
     state['known'] = True
     state['beyond'] = False
     state['segments'] += 1
+    state['rest_seconds'] = 0.0
     state['growth'] = 0.0
     state['reach'] = 0.0
     state['turn_seconds'] = 0.0

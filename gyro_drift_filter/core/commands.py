@@ -68,7 +68,8 @@ def set_bias(
     filter_: NDArray[np.void], bias: NDArray[np.float64], variance: NDArray[np.float64]
 ) -> None:
     """Start a zeroed bias: (3,) in rad/s, and its variance, infinite where nothing is known."""
-    start_bias(filter_[0]['state']['bias'], bias, variance)
+    turn_on_deviation = filter_[0]['settings']['bias_turn_on_deviation']
+    start_bias(filter_[0]['state']['bias'], bias, variance, turn_on_deviation)
 
 
 @entry_kernel(FILTER, int)

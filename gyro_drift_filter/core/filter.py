@@ -62,6 +62,9 @@ class Filter:
         commands.change_model(self.record, settings)
         self.record['settings'] = settings
         self._derive_anew()
+        bias = self.state['bias']
+        if not bias['known']:
+            bias['variance'][:] = parameters.bias_turn_on_deviation**2
         if parameters.bias_initial != before.bias_initial:
             self.set_bias(parameters.bias_initial)
         old, new = (
@@ -87,7 +90,7 @@ class Filter:
         Args:
             bias: (3,) in rad/s.
             deviation: (3,) its standard deviation in rad/s; None where it is a mere guess that the
-                first rest replaces.
+                first rest replaces, as uncertain as `bias.turn_on_deviation` says.
         """
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
         self.record['state']['bias'] = np.zeros(1, BIAS)

@@ -235,7 +235,8 @@ class Parameters:
     bias_enabled: bool = _parameter(
         True,
         'bias.enabled',
-        'Whether the bias is taken off the rates. It is learned in any case.',
+        'Whether the bias is taken off the rates. It is learned in any case. Where it is left in, '
+        'angular_velocity_covariance is that of the noise alone.',
     )
     bias_max: float = _parameter(
         0.17453292519943295,
@@ -261,6 +262,16 @@ class Parameters:
         'Bias of each axis x, y, z until the first rest, where none is remembered.',
         unit='rad/s',
         low=-10.0,
+        high=10.0,
+    )
+    bias_turn_on_deviation: float = _parameter(
+        0.04,
+        'bias.turn_on_deviation',
+        'Standard deviation of bias.initial, part of angular_velocity_covariance until the first '
+        'rest: half of what the data sheet gives as +/- zero-rate offset. 0.04 is 2.3 deg/s, for '
+        'the 3 to 5 deg/s of many MEMS gyroscopes; the best have 0.5, an MPU-6050 20.',
+        unit='rad/s',
+        low=0.0,
         high=10.0,
     )
     bias_calibration_time: float = _parameter(

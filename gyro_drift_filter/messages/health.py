@@ -145,7 +145,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Bias (rad/s)': state.bias,
         'Bias deviation (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,
-        'Time since rest (s)': state.rest_seconds,
+        'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
         'Rests the bias was learned from': state.segments,
         'Rests with a rate beyond bias.max': state.beyond_max,
         'Slow turns told from rest': state.turning,

@@ -17,6 +17,9 @@ from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.telemetry import MessageReport
 
+# A sensor that is switched on standing still knows its bias by then, in s.
+_START_SECONDS = 10.0
+_NO_BIAS = 'no bias known yet: stand still for three seconds'
 # Samples in the window below which shares say nothing.
 _FEW = 200
 # Without a rest for so long, in s, while gravity stands, something hides it.
@@ -240,6 +243,12 @@ def _noise_excess(span: Span) -> float:
     return 1.0 / least if least else math.inf
 
 
+def _has_no_bias(span: Span) -> bool:
+    """Return whether the bias that is to be taken off is not known."""
+    state = span.now.telemetry
+    return span.now.parameters.bias_enabled and state.samples > 0 and not state.bias_known
+
+
 INPUT_RULES = (
     Rule(
         'silent',
@@ -443,4 +452,11 @@ FILTER_RULES = (
             'turn, raise bias.max, and have the sensor looked at'
         ),
     ),
+    Rule(
+        'no bias for long',
+        Level.WARN,
+        lambda span: _has_no_bias(span) and span.now.telemetry.rest_seconds > _START_SECONDS,
+        _NO_BIAS + ' (the heading drifts until then)',
+    ),
+    Rule('no bias', Level.OK, _has_no_bias, _NO_BIAS),
 )

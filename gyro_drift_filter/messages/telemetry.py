@@ -21,9 +21,10 @@ class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
-    the bias does. Bias and its deviation are in rad/s, the latter NaN before there is one; noise is
-    a variance in (rad/s)^2, of the last sample; period, rest_seconds and steady_seconds are in s.
-    resolution is in rad/s, 0 where there is none; faults are members of `AxisFault`.
+    the bias does. Bias and its deviation are in rad/s; noise is a variance in (rad/s)^2, of the
+    last sample; period, rest_seconds and steady_seconds are in s, rest_seconds since the start
+    where segments is 0. resolution is in rad/s, 0 where there is none; faults are members of
+    `AxisFault`.
     """
 
     samples: int
@@ -55,6 +56,7 @@ class Telemetry(NamedTuple):
     measurement_noise: Values
     noise_correlation: Values
     noise_blocks: Counts
+    bias_known: bool
     bias: Values
     bias_deviation: Values
     beyond: bool
@@ -125,6 +127,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['same_stamps'] = clock['same_stamps']
     out['backward_stamps'] = clock['backward_stamps']
     out['stuck'] = checks['stuck']
+    out['bias_known'] = bias['known']
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
@@ -149,5 +152,4 @@ def read_telemetry(state: Any, out: Any) -> None:
         out['noise_correlation'][axis] = adaptive[axis]['noise']['correlation']
         out['noise_blocks'][axis] = adaptive[axis]['noise']['blocks']
         out['bias'][axis] = bias['bias'][axis]
-        deviation = math.sqrt(bias_variance(bias, axis))
-        out['bias_deviation'][axis] = deviation if bias['known'] else math.nan
+        out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis))

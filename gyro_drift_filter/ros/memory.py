@@ -11,8 +11,8 @@ from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, 
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
 _SAVE_SECONDS = 60.0
-# What the bias differs by from one power-up to the next, in rad/s: 0.5 deg/s.
-_TURN_ON_DEVIATION = 8.7e-3
+# The standard deviation of the bias from one power-up to the next, in rad/s: 0.5 deg/s.
+_REPEATABILITY = 8.7e-3
 
 
 class BiasMemory:
@@ -51,7 +51,7 @@ class BiasMemory:
             return
         if found is None:
             return
-        deviation = np.hypot(found.deviation, _TURN_ON_DEVIATION)
+        deviation = np.hypot(found.deviation, _REPEATABILITY)
         self._filter.set_bias(found.bias, deviation.tolist())
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
         log.info(f'bias of {found.age / 3600.0:.1f} h ago, {degrees} deg/s, from {path}')

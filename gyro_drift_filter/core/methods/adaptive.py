@@ -35,6 +35,7 @@ from gyro_drift_filter.core.methods.noise import (
     Noise,
     interrupt_block,
     is_begun,
+    largest_variance,
     learn_noise,
     restart_block,
     start_noise,
@@ -147,7 +148,8 @@ class AdaptiveAxisWorkspace(TypedDict):
     variance: PerMode
     half_precision: PerMode
     density: PerMode
-    of_noise: Three  # variance, roughness and correlation that these three belong to
+    error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
+    of_noise: Three  # variance, roughness and correlation that these four belong to
     # The shares of probability, and by it of rate, acceleration and jerk: what leaves a mode
     # upwards or downwards and ends one mode further, and all that arrives in it.
     leaving_up: Terms
@@ -545,8 +547,9 @@ def estimate(
     `sample` in rad/s is NaN where there is none, `period` in s.
     """
     own = workspace['axes'][axis]
-    rate, variance, process_noise = _combine_modes(state, own, modes)
     circumstances = workspace['circumstances']
+    at_rest = circumstances['at_rest']
+    rate, variance, process_noise = _combine_modes(state, own, modes, at_rest)
     if sample == sample and not circumstances['dropout']:
         rate += _compensate(state, own, circumstances['jolted'], sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']
@@ -594,25 +597,28 @@ def _turned_beyond(bridge: Bridge, after: float, slope_after: float) -> float:
 
 @kernel
 def _combine_modes(
-    state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+    state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet, at_rest: bool
 ) -> tuple[float, float, float]:
     """Return what the modes say together: rate, its variance, and Q."""
     probability, rate = state['probability'], state['rate']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
-    gain, ratio = modes['gain_rate'], modes['innovation_ratio']
+    error, lag, ratio = workspace['error'], modes['unseen_lag'], modes['innovation_ratio']
     process = modes['process_ratio']
     noise = state['noise']['variance']
     # The error of an extrapolation grows about as the number of samples.
-    growth = 1.0 * state['doubt']['held'] * state['doubt']['held']
+    growth = noise * state['doubt']['held'] * state['doubt']['held']
+    # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
+    unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
     origin = rate[MODES - 1]
     for j in range(LANES):
         distance = rate[j] - origin
-        own = gain[j] if growth == 0.0 else (ratio[j] - 1.0) * growth
+        own = error[j] + lag[j] * unseen if growth == 0.0 else (ratio[j] - 1.0) * growth
         means[j] = probability[j] * distance
-        squares[j] = probability[j] * (own * noise + distance * distance)
+        spread = distance * distance
+        squares[j] = probability[j] * (max(own, spread) + apart * min(own, spread))
         others[j] = probability[j] * process[j]
     mean = _sum(means)
-    variance = max(_sum(squares) - mean * mean, gain[0] * noise)
+    variance = max(_sum(squares) - mean * mean, error[0])
     return origin + mean, variance, _sum(others) * noise
 
 
@@ -762,11 +768,14 @@ def _predict_modes(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
 def _predict_variances(
     noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
 ) -> None:
-    """Write the variance of each mode's innovation.
+    """Write the variance of each mode's innovation, and of the error that noise leaves in its rate.
 
     With gain K the last residual holds 1 - K of the noise, so knowing it takes
     (correlation * (1 - K)) ** 2 off the variance. A fast mode sees less noise, as far as its own
     prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
+
+    Averages of correlated noise err more: by what AR(1) noise leaves in an exponential average of
+    the same gain, relative to white noise, within 5 % for the modes.
     """
     variance, of_noise = workspace['variance'], workspace['of_noise']
     half_precision, density = workspace['half_precision'], workspace['density']
@@ -774,6 +783,8 @@ def _predict_variances(
     of_noise[0] = noise['variance']
     of_noise[1] = noise['roughness']
     of_noise[2] = correlation
+    error, noise_ratio = workspace['error'], modes['noise_ratio']
+    whole, alike = largest_variance(noise), noise['correlation']
     for j in range(LANES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
@@ -781,6 +792,7 @@ def _predict_variances(
         variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
         half_precision[j] = 0.5 / variance[j]
         density[j] = math.sqrt(half_precision[j])
+        error[j] = whole * noise_ratio[j] * (1.0 + alike * left) / (1.0 - alike * left)
 
 
 @kernel

@@ -60,6 +60,12 @@ DOWN_PER_TIME = 4.0
 UP_FURTHER = 0.75
 UP_FURTHER_POWER = 1.2
 
+# Of the variance of a mode's rate, gain * R (12), this share is noise where the gain is small, and
+# all of it where the gain is one. The rest is lag, if the motion is the mode's own. But the modes
+# are told apart by innovations, which show a lag only where it stands out of the noise, so in a
+# real motion what lags unseen has about the variance of the noise that the mode lets through.
+NOISE_SHARE = 0.8
+
 LEAST_PROBABILITY = 1e-30  # of a mode
 
 PerMode = Annotated[NDArray[np.float64], np.float64, (LANES,)]
@@ -77,6 +83,10 @@ class ModeSet(TypedDict):
     innovation_ratio: PerMode
     innovation_logarithm: PerMode
     least_probability: PerMode
+    # Of the rate after a sample, relative to R: the variance that white noise leaves, and that of
+    # the lag behind a motion that nobody sees.
+    noise_ratio: PerMode
+    unseen_lag: PerMode
     # The transition matrix. The probability per sample to stay in a mode; to leave it upwards and
     # end one mode above; the share of what reaches the mode below that goes on to this one.
     stay: PerMode
@@ -123,7 +133,10 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['innovation_ratio'][j] = innovation
         modes['innovation_logarithm'][j] = math.log(innovation)
         modes['least_probability'][j] = LEAST_PROBABILITY
-        modes['gain_rate'][j] = covariance[0, 0] / innovation
+        gain = covariance[0, 0] / innovation
+        modes['gain_rate'][j] = gain
+        modes['noise_ratio'][j] = gain * (NOISE_SHARE + (1.0 - NOISE_SHARE) * gain)
+        modes['unseen_lag'][j] = gain * (1.0 - gain)
         modes['gain_acceleration'][j] = covariance[0, 1] / innovation
         modes['gain_jerk'][j] = covariance[0, 2] / innovation
         # Errors of acceleration and jerk, (12); the transitions downwards need those of this mode

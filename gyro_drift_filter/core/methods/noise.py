@@ -39,6 +39,7 @@ RISE = 4.0
 LEAST_NOISE = 1e-5  # rad/s: no sensor is quieter
 FIRST_NOISE = 1e-4  # rad/s: until something is known
 STRONGEST_CORRELATION = 0.9
+LEFT_OUT = 0.5  # of what the sample before predicts of the variance, where R is learned
 LEAST_ROUGHNESS = 0.003
 # Correlation and roughness never forget slower than this.
 SLOWEST_LEARNING = 0.05
@@ -118,6 +119,20 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
 def is_begun(noise: Noise) -> bool:
     """Return whether R is that of noise, if only of a block that looked like it."""
     return bool(noise['bound'] == Bound.OF_NOISE or noise['blocks'] > 0)
+
+
+@kernel
+def largest_variance(noise: Noise) -> float:
+    """Return how large the variance of the noise may be, in (rad/s)^2.
+
+    R is less: before the first rest it is a share of what may be motion, or nothing is known at
+    all, and later what is correlated is left out of it.
+    """
+    if not is_begun(noise):
+        if noise['bound'] == Bound.NONE:
+            return LARGEST_NOISE**2
+        return float(noise['variance'] / UNKNOWN_SHARE)
+    return float(noise['variance'] / (1.0 - LEFT_OUT * noise['correlation'] * noise['correlation']))
 
 
 @kernel
@@ -258,7 +273,7 @@ def _let_wait(noise: Noise, rough: float) -> None:
     first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
     correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
     noise['waiting_correlation'] = correlation
-    noise['waiting_variance'] = variance * (1.0 - 0.5 * correlation * correlation)
+    noise['waiting_variance'] = variance * (1.0 - LEFT_OUT * correlation * correlation)
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
 
 
