@@ -64,7 +64,7 @@ with log.open('wb') as file:
         message = imu_message(10**18 + 10_000_000 * k, (0.1, 0.2, 0.3), (0.0, 0.0, 9.8))
         file.write(np.int64(10**18 + 10_000_000 * k).tobytes() + np.uint32(len(message)).tobytes())
         file.write(message)
-summary = replay(log, Path('out'), parameters=Parameters())
+(summary,) = replay(log, Path('out'), parameters=Parameters())
 assert (summary.received, summary.written) == (300, 300), summary
 """
 
