@@ -81,7 +81,7 @@ def section(title):
         ('A method', 2, AVERAGE),
         ('A diagnostic value', 2, VALUE),
         ('A parameter', 1, PARAMETER),
-        ('A storage', 3, STORAGE),
+        ('A storage', 2, STORAGE),
     ],
 )
 def test_what_the_page_adds_works(title, files, code, tmp_path):
