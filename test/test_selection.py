@@ -102,7 +102,10 @@ def test_an_output_topic_of_another_name(two, tmp_path):
     assert read(tmp_path / 'out')[0]['/mine/imu'] == filtered(topics['/left/imu'])
     for options, reason in (
         ({'all_imu': True, 'output_topic': '/x'}, 'one output topic for several'),
-        ({'imu_topics': ('/left/imu',), 'output_topic': '/left/imu'}, 'another one already'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': '/right/imu'}, 'there is a topic /right'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': '/diagnostics'}, 'there is a topic /diag'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': 'a b'}, "'a b' is no name of a topic"),
+        ({'imu_topics': ('/left/imu',), 'output_topic': ''}, "'' is no name of a topic"),
     ):
         with pytest.raises(BagError, match=reason):
             run(source, tmp_path / 'none', **options)

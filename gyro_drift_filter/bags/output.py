@@ -12,7 +12,7 @@ from gyro_drift_filter.accelerate.byte_kernels import copy_bytes, put_integer
 from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_connection, is_cdr
 from gyro_drift_filter.bags.report_times import REPORT_TIME, ReportTime
-from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES, ROW, Row, begin_message
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
@@ -25,7 +25,6 @@ from gyro_drift_filter.messages.sample_messages import (
     size_of_sample_message,
 )
 
-DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 BOOL_TYPE = 'std_msgs/msg/Bool'
 AT_REST = 'at_rest'

@@ -1,13 +1,14 @@
 """Which part of a recording is replayed: its Imu topics, what is kept beside them, and when."""
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording
-from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
 
@@ -48,14 +49,14 @@ class Selection:
         if self.output_topic is not None:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
-            name = '/' + self.output_topic.strip('/')
+            name = _checked_name(self.output_topic, recording)
             inputs = {topic: names.with_filtered(name) for topic, names in inputs.items()}
         outputs = [names.filtered for names in inputs.values()]
         for output in outputs:
             if output in inputs or outputs.count(output) > 1:
                 raise BagError(
                     f'the filtered topic would be {output}, which is another one already: filter '
-                    'one topic at a time, with an output topic of its own'
+                    'one topic at a time, and name its output'
                 )
         return inputs
 
@@ -132,6 +133,20 @@ def _all_imus(recording: Recording) -> list[str]:
         raise BagError(f'no topic of type {IMU_TYPE} in the bag; it holds {listed}')
     outputs = {Topics.of(topic).filtered for topic in imus}
     return [topic for topic in imus if topic not in outputs] or imus
+
+
+def _checked_name(wanted: str, recording: Recording) -> str:
+    """Return the name of a new topic.
+
+    Raises:
+        BagError: ROS has no such names, or the topic is there.
+    """
+    name = '/' + wanted.strip('/')
+    if not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', name):
+        raise BagError(f'{wanted!r} is no name of a topic')
+    if name in {*_types(recording), DIAGNOSTICS}:
+        raise BagError(f'there is a topic {name} already: choose another name for the output')
+    return name
 
 
 def _told_apart(inputs: dict[str, Topics]) -> dict[str, Topics]:

@@ -6,6 +6,8 @@ from gyro_drift_filter.bags.recording import BagError, Recording
 from gyro_drift_filter.messages.health import NODE_NAME
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 
+DIAGNOSTICS = '/diagnostics'
+
 
 @dataclass(frozen=True)
 class Topics:
