@@ -1,5 +1,8 @@
 """Parts of a recording: several Imu topics, a time, some topics; and bags of ROS 1."""
 
+import re
+
+import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
@@ -14,7 +17,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
-from gyro_drift_filter.simulation.bag import TOPIC
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import read, simulated, write
 from support.messages import STORE, TEXT, text
 
@@ -109,6 +112,24 @@ def test_an_output_topic_of_another_name(two, tmp_path):
     ):
         with pytest.raises(BagError, match=reason):
             run(source, tmp_path / 'none', **options)
+
+
+def test_a_topic_that_gives_nothing_does_not_stop_the_others(tmp_path, capsys):
+    imu = simulated(300)
+    topics = {
+        ('/a/imu', IMU_TYPE): imu,
+        ('/b/imu', IMU_TYPE): [],
+        ('/c/imu', IMU_TYPE): [(t, imu_message(t, (0, np.nan, 1), (0, 0, 9.8))) for t, _ in imu],
+    }
+    source = write(tmp_path / 'in', topics)
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out'), '--all-imu']) == 0
+    assert read(tmp_path / 'out')[0]['/a/imu_filtered'] == filtered(imu)
+    printed = capsys.readouterr()
+    assert 'warning: /b/imu: no message: ' in printed.err
+    assert 'warning: /c/imu: no usable rate on some axis' in printed.err
+    assert printed.out.count('no figures: no message had a usable rate on all axes') == 2
+    assert re.search(r'^y +no usable rate +-', printed.out, re.MULTILINE)
+    assert 'nan' not in printed.out
 
 
 def test_names_that_meet_are_refused(tmp_path):

@@ -152,8 +152,9 @@ def describe(summary: 'Summary', parameters: Parameters) -> str:
 def _dead(summary: 'Summary', axis: int) -> str:
     """Return in words why an axis has no figures; empty where it has."""
     if summary.raw.count == 0:
-        unusable = summary.unusable[axis] > 0
-        return 'no usable rate' if unusable else 'not reported'
+        if summary.unusable[axis] > 0:
+            return 'no usable rate'
+        return 'not reported' if summary.not_reported else '-'
     if summary.raw.count > 1 and summary.raw.deviation[axis] == 0.0:
         return f'dead, always {_degrees(summary.raw.mean[axis])}'
     return ''
@@ -161,6 +162,8 @@ def _dead(summary: 'Summary', axis: int) -> str:
 
 def _about_bias(summary: 'Summary', parameters: Parameters) -> str:
     """Return when the bias was known, and what mean and deviation are those of."""
+    if summary.raw.count == 0:
+        return 'no figures: no message had a usable rate on all axes'
     known = 'no bias known: the sensor never stood still for some three seconds'
     if summary.bias_known is not None:
         known = f'bias known after {summary.bias_known:.1f} s'
