@@ -33,10 +33,12 @@ bench: $(VENV)/.installed
 	$(BIN)/python -m benchmark.speed --json benchmark_output.json
 
 quality: $(VENV)/.installed
-	$(BIN)/python -m benchmark.quality
-	$(BIN)/python -m benchmark.bias
-	$(BIN)/python -m benchmark.drivers
-	$(BIN)/python -m benchmark.covariance
+	@status=0; \
+	$(BIN)/python -m benchmark.quality --check || status=1; \
+	$(BIN)/python -m benchmark.bias || status=1; \
+	$(BIN)/python -m benchmark.drivers --check || status=1; \
+	$(BIN)/python -m benchmark.covariance || status=1; \
+	exit $$status
 
 coverage: compile
 	$(BIN)/coverage erase

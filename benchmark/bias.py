@@ -11,6 +11,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.simulation.experiments import autoregressive
@@ -106,6 +107,7 @@ def main() -> None:
     seeds = range(options.seeds)
     rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
     for speed in SPEEDS:
+        tell(f'turning at {speed:g} deg/s ...')
         row = [f'{speed:g}']
         for upright, silent in TURNS.values():
             shares = [
@@ -120,6 +122,7 @@ def main() -> None:
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
         f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
     )
+    tell('warming up ...')
     runs = [
         (
             warm_up(np.random.default_rng(seed), options.rate),

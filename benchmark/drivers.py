@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmark.quality import falls_short, read_bars, rms
 from benchmark.scenarios import motion, noise, stamps
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -255,6 +256,7 @@ def main(arguments: list[str] | None = None) -> int:
     names = ('move', 'rest', 'lost', 'bias', 'flags')
     rows, short = [['median / worst', *names]], []
     for world in options.only:
+        tell(f'scoring {world} ...')
         figures = score(world, options.seed)
         short += misses(world, figures)
         cells = (figures.get(name) for name in names)

@@ -27,6 +27,7 @@ from benchmark.scenarios import (
     noise,
     stamps,
 )
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 
 # Limits of the median, where there is one, and of the worst.
@@ -287,6 +288,7 @@ def main() -> int:
     rows = [['worst of all', *(title for title, _ in COLUMNS)]]
     short: list[str] = []
     for name in options.only:
+        tell(f'scoring {name} ...')
         figures = score(CANDIDATES[name], world)
         rows.append(
             [name]

@@ -52,7 +52,7 @@ def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
     limit = 4 * np.abs(truth).max()
     above.set_ylim(-limit, limit)
     above.set_ylabel('rate (rad/s)')
-    above.legend(loc='upper right', ncols=4, fontsize=9)
+    figure.legend(loc='outside lower center', ncols=5, fontsize=9)
     for panel, (name, rate) in zip(below, filtered.items(), strict=True):
         error = rate[moving, 0] - truth
         panel.plot(time, error, linewidth=0.8, color=_COLOURS.get(name))

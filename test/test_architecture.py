@@ -64,7 +64,7 @@ with log.open('wb') as file:
         message = imu_message(10**18 + 10_000_000 * k, (0.1, 0.2, 0.3), (0.0, 0.0, 9.8))
         file.write(np.int64(10**18 + 10_000_000 * k).tobytes() + np.uint32(len(message)).tobytes())
         file.write(message)
-summary = replay(log, Path('out'), parameters=Parameters())
+(summary,) = replay(log, Path('out'), parameters=Parameters())
 assert (summary.received, summary.written) == (300, 300), summary
 """
 
@@ -81,7 +81,7 @@ def section(title):
         ('A method', 2, AVERAGE),
         ('A diagnostic value', 2, VALUE),
         ('A parameter', 1, PARAMETER),
-        ('A storage', 3, STORAGE),
+        ('A storage', 2, STORAGE),
     ],
 )
 def test_what_the_page_adds_works(title, files, code, tmp_path):

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -12,12 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gyro_drift_filter.accelerate import ahead
+from gyro_drift_filter.cli import progress
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
-from gyro_drift_filter.simulation.bag import TOPIC
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import simulated, write
-from support.messages import TEXT, text
+from support.messages import TEXT, imu_fields, text
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
 
@@ -45,9 +48,10 @@ def test_simulate_then_replay(tmp_path):
     assert done.stderr == ''
     lines = done.stdout.splitlines()
     assert lines[0] == ('/imu/data_raw -> /imu/data_filtered: 1500 messages, 1500 written, 100 Hz')
-    assert lines[1].split()[:4] == ['rad/s', 'mean', 'raw', 'kalman']
-    assert [line.split()[0] for line in lines[2:5]] == ['x', 'y', 'z']
-    assert lines[5] == f'wrote {out}'
+    assert re.match(r'bias known after 2\.\d s; mean and std of the \d+ messages at rest', lines[1])
+    assert lines[2].split()[:5] == ['deg/s', 'bias', 'mean', 'raw', 'kalman']
+    assert [line.split()[0] for line in lines[3:6]] == ['x', 'y', 'z']
+    assert lines[6] == f'wrote {out}'
     assert (out / 'metadata.yaml').exists()
 
 
@@ -65,6 +69,122 @@ def test_replay_loads_only_what_it_needs(tmp_path):
     assert 'rosbags.highlevel' in loaded
     assert 'gyro_drift_filter.cli.identify' not in loaded
     assert 'rosbags.typesys.stores.ros2_jazzy' not in loaded
+
+
+def table_of(messages, tmp_path, capsys, *options):
+    """Return the lines that `replay` prints of these Imu messages, split in words."""
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages})
+    assert main(['replay', str(bag), '-o', str(tmp_path / 'out'), *options]) == 0
+    printed = capsys.readouterr().out
+    assert 'nan' not in printed
+    return printed.splitlines()
+
+
+def resting(random, seconds, bias, moving=0.0):
+    """Return Imu messages at 100 Hz: in motion for so long, then at rest."""
+    n = round(100 * seconds)
+    rates = np.array(bias) + 0.002 * random.standard_normal((n, 3))
+    rates[: round(100 * moving)] += np.sin(0.05 * np.arange(round(100 * moving)))[:, None]
+    forces = [0.0, 0.0, 9.8] + 0.01 * random.standard_normal((n, 3))
+    stamps = [10**18 + 10**7 * k for k in range(n)]
+    samples = zip(stamps, rates, forces, strict=True)
+    return [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
+
+
+def test_the_table_counts_from_the_bias_on(tmp_path, random, capsys):
+    """The step by which the bias comes off made a good run look worse than none."""
+    lines = table_of(resting(random, 30, (0.05, -0.02, 0.1)), tmp_path, capsys)
+    assert re.match(
+        r'bias known after [23]\.\d s; mean and std of the 2[67]\d\d messages', lines[1]
+    )
+    for line, bias in zip(lines[3:6], np.degrees((0.05, -0.02, 0.1)), strict=True):
+        _, known, raw, mean, _, _, ratio, _ = line.split()
+        assert float(known) == pytest.approx(bias, abs=0.05)
+        assert float(raw) == pytest.approx(bias, abs=0.05)
+        assert abs(float(mean)) < 0.05
+        assert float(ratio) < 0.5
+
+
+def test_the_table_of_a_recording_without_rest(tmp_path, random, capsys):
+    lines = table_of(resting(random, 8, (0, 0, 0), moving=8.0), tmp_path, capsys)
+    assert lines[1].startswith('no bias known: the sensor never stood still')
+    assert lines[1].endswith('mean and std of all messages, with motion')
+    assert [line.split()[1] for line in lines[3:6]] == ['-', '-', '-']
+
+
+def test_the_table_says_when_the_bias_is_left_in(tmp_path, random, capsys):
+    parameters = tmp_path / 'p.yaml'
+    parameters.write_text('/**: {ros__parameters: {bias.enabled: false}}')
+    options = '--params', str(parameters)
+    lines = table_of(resting(random, 10, (0.05, 0, 0)), tmp_path, capsys, *options)
+    assert 'left in, as bias.enabled is false; mean' in lines[1]
+    assert float(lines[3].split()[3]) == pytest.approx(np.degrees(0.05), abs=0.05)
+
+
+def test_the_table_has_words_for_axes_without_figures(tmp_path, random, capsys):
+    messages = resting(random, 10, (0, 0, 0))
+    dead = [
+        (t, imu_message(t, (0.5, *imu_fields(data).angular_velocity[1:]), (0, 0, 9.8)))
+        for t, data in messages
+    ]
+    lines = table_of(dead, tmp_path, capsys)
+    assert re.match(r'x +dead, always 28\.6479 +- +-', lines[3])
+    missing = [
+        (t, imu_message(t, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0]))
+        for t, _ in messages
+    ]
+    lines = table_of(missing, tmp_path / 'missing', capsys)
+    assert '1000 written (1000 of them unfiltered)' in lines[0]
+    assert re.match(r'x +not reported +- +-', lines[3])
+
+
+def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch, capsys):
+    """With how far it is, in lines where there is no terminal."""
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
+    told = threading.Event()
+
+    def tell(text, end='\n'):
+        print(text, end=end, file=sys.stderr)
+        if '%' in text:
+            told.set()
+
+    monkeypatch.setattr(progress, 'tell', tell)
+    monkeypatch.setattr(progress, 'has_to_compile', lambda: True)
+    monkeypatch.setattr(progress, '_LINE_SECONDS', 0.01)
+    monkeypatch.setattr(ahead, 'compile_all', lambda: told.wait(60))
+    arguments = ['replay', str(bag), '-o', str(tmp_path / 'out')]
+    assert main(arguments) == 0
+    first, second, *_, last = capsys.readouterr().err.splitlines()
+    assert first == 'compiling the filter for this machine: once, for about a minute'
+    assert re.fullmatch(r'compiled: \d+ % in 0 s', second)
+    assert re.fullmatch(r'compiled in \d s', last)
+    assert main([*arguments, '--force', '--quiet']) == 0
+    assert capsys.readouterr().err == ''
+
+
+@pytest.mark.parametrize(
+    ('redirection', 'status', 'told'),
+    [
+        ('>&-', 0, ''),
+        ('>/dev/full', 1, 'gyro_drift replay: all is written, but the standard output can not be'),
+        ('2>&- >/dev/full', 1, ''),
+    ],
+)
+def test_an_output_that_takes_nothing_is_no_traceback(redirection, status, told, tmp_path):
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
+    done = subprocess.run(
+        f'{sys.executable} -m gyro_drift_filter.cli.main replay in -o out {redirection}',
+        shell=True,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == status
+    assert done.stderr.startswith(told)
+    assert done.stderr.count('\n') == bool(told)
+    assert (bag.parent / 'out' / 'metadata.yaml').exists()
 
 
 def test_simulate_is_reproducible(tmp_path):
@@ -148,8 +268,6 @@ def test_bad_usage_is_status_2(arguments, capsys):
 
 
 def test_warns_of_rates_in_degrees(tmp_path, capsys):
-    from gyro_drift_filter.simulation.bag import imu_message
-
     imu = [
         (10**18 + k * 10**7, imu_message(10**18 + k * 10**7, (90.0 + k, 0, 0), (0, 0, 9.8)))
         for k in range(200)

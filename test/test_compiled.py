@@ -217,7 +217,7 @@ def built(tmp_path_factory):
     for name in ('', 'core/', 'cli/'):
         (small / name).mkdir(exist_ok=True)
         (small / name / '__init__.py').touch()
-    for name in ('errors.py', 'cli/compile.py'):
+    for name in ('errors.py', 'cli/compile.py', 'cli/printing.py', 'cli/progress.py'):
         shutil.copy(package / name, small / name)
     (small / 'core' / 'inner.py').write_text(INNER)
     (small / 'core' / 'outer.py').write_text(OUTER)
@@ -324,7 +324,8 @@ def test_without_a_compiler_numba_is_loaded(lacking, small, tmp_path):
     done = small.run(code, **environment)
     assert done.returncode == 0, done.stderr
     assert 'no extension module: it needs a C++ compiler' in done.stderr
-    assert done.stderr.count('\n') == 1
+    told = [line for line in done.stderr.splitlines() if not line.startswith('compiled: ')]
+    assert len(told) == 1
     assert (small.kept / cache.NO_EXTENSION).exists()
     if lacking == 'compiler':
         assert small.output(WAY) == '6.0 numba False False'

@@ -7,12 +7,14 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib import image
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
+from gyro_drift_filter.cli import identification_report
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
@@ -49,6 +51,19 @@ def bag(path, seconds=90.0, change=None, gap=0.0, burst=1):
 
 def identify(tmp_path, source, *options):
     return main(['identify', str(source), '-o', str(tmp_path / 'model.yaml'), *options])
+
+
+def test_the_rests_of_a_day_are_no_screenful():
+    begins, spans = [20.0 * k for k in range(87)], [range(1000)] * 87
+    result = SimpleNamespace(
+        begins=begins,
+        seconds=870.0,
+        timing=SimpleNamespace(period=0.01, uneven=0.0, breaks=[]),
+        quiet=SimpleNamespace(spans=spans, accelerometer=True, missing=0),
+    )
+    line = identification_report._head(result).splitlines()[0]
+    assert line.startswith('rest: 870.0 s in 87 spans, by gyroscope and accelerometer: 0.0 to 10.0')
+    assert line.endswith('100.0 to 110.0 s and 81 more')
 
 
 def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):

@@ -38,7 +38,7 @@ def by_both(source, folder, monkeypatch, chunks=True, **options):
         if name == 'rosbags':
             monkeypatch.setattr(opening, 'choose_reader', RosbagsReader)
         out = folder / name / 'out'
-        summary = replay(source, out, parameters=Parameters(), **options)
+        (summary,) = replay(source, out, parameters=Parameters(), **options)
         files = [(out / 'out.mcap').read_bytes(), (out / 'metadata.yaml').read_text()]
         results.append((files, summary))
     monkeypatch.undo()

@@ -8,6 +8,7 @@ from mcap.writer import CompressionType
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, messages
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.reader import read_layout
@@ -185,6 +186,22 @@ def test_an_interrupt_in_mid_exchange_leaves_the_old_bag(tmp_path, random, monke
     assert sorted(p.name for p in tmp_path.iterdir()) == ['in.mcap', 'out']
 
 
+def test_a_link_to_the_output_stays_one(tmp_path, random):
+    source = write_mcap(tmp_path / 'in.mcap', mixed(random))
+    bag, link = tmp_path / 'disk' / 'bag', tmp_path / 'link'
+    replay(source, bag, parameters=Parameters())
+    before = (bag / 'bag.mcap').read_bytes()
+    link.symlink_to(bag)
+    replay(source, link, parameters=Parameters(method='kalman'), force=True)
+    assert link.readlink() == bag
+    assert sorted(p.name for p in bag.iterdir()) == ['bag.mcap', 'metadata.yaml']
+    assert (bag / 'bag.mcap').read_bytes() != before
+    nowhere = tmp_path / 'nowhere'
+    nowhere.symlink_to(tmp_path / 'disk' / 'new')
+    replay(source, nowhere, parameters=Parameters())
+    assert (tmp_path / 'disk' / 'new' / 'new.mcap').exists()
+
+
 def test_force_replaces_nothing_but_bags(tmp_path, random):
     source = write_mcap(tmp_path / 'in.mcap', mixed(random))
     precious = tmp_path / 'thesis'
@@ -201,4 +218,4 @@ def test_force_replaces_nothing_but_bags(tmp_path, random):
     (bag / 'params.yaml').unlink()
     for inner in (bag, bag / 'bag.mcap'):
         with pytest.raises(BagError, match='is the bag to be read'):
-            replay(inner, bag, parameters=Parameters(), force=True, topic=TOPIC)
+            replay(inner, bag, parameters=Parameters(), force=True, selection=Selection((TOPIC,)))

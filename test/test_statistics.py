@@ -21,12 +21,13 @@ def test_as_numpy_has_them_however_the_samples_are_cut(rows, cut):
     imus['sample']['angular_velocity'] = raw
     imus['result']['angular_velocity'] = filtered
     at_once, in_two = RateStatistics(), RateStatistics()
-    at_once.add(imus)
-    in_two.add(imus[:cut])
-    in_two.add(imus[cut:])
+    times = np.arange(len(imus))
+    at_once.add(imus, times)
+    in_two.add(imus[:cut], times[:cut])
+    in_two.add(imus[cut:], times[cut:])
     usable = (np.abs(raw) <= 1e6).all(axis=1)
     for found, parted, rates in zip(
-        at_once.both(), in_two.both(), (raw[usable], filtered[usable]), strict=True
+        at_once.all(), in_two.all(), (raw[usable], filtered[usable]), strict=True
     ):
         np.testing.assert_array_equal(parted.mean, found.mean)
         np.testing.assert_array_equal(parted.deviation, found.deviation)

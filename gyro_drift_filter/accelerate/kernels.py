@@ -109,14 +109,14 @@ def entry_kernel(*types: Any) -> Callable[[Function], Function]:
     return decorate
 
 
+def has_to_compile() -> bool:
+    """Tell whether kernels have to be compiled first."""
+    return not is_extension() and is_compiled() and not cache.is_noted(complete_note())
+
+
 def is_cache_cold() -> bool:
     """Tell whether the kernels have to be compiled first, and can be kept then."""
-    return (
-        not is_extension()
-        and is_compiled()
-        and not cache.is_noted(complete_note())
-        and not cache.why_unusable()
-    )
+    return has_to_compile() and not cache.why_unusable()
 
 
 def is_extension_missing() -> bool:

@@ -32,6 +32,7 @@ from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.argument_types import ReadOnly
 
 _LOCK = threading.Lock()
+_kept: list[Any] = []  # the dispatchers of all kernels that are kept on disk
 
 
 def options(inner: bool) -> dict[str, bool]:
@@ -106,6 +107,12 @@ def keep_on_disk(dispatcher: Any) -> None:
     kernel_cache = _cache_class()
     if kernel_cache is not None:
         dispatcher._cache = kernel_cache(dispatcher.py_func)
+        _kept.append(dispatcher)
+
+
+def share_compiled() -> float:
+    """Return the share of all kernels so far that are compiled in this process."""
+    return sum(bool(dispatcher.overloads) for dispatcher in _kept) / max(len(_kept), 1)
 
 
 @functools.cache

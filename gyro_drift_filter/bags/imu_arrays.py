@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, by_connection
-from gyro_drift_filter.bags.topics import choose_topic
+from gyro_drift_filter.bags.selection import choose_topic
 from gyro_drift_filter.messages.imu import ImuKind, frame_id
 
 

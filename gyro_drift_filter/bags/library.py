@@ -6,7 +6,9 @@ try:
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.interfaces import (
         Connection,
+        ConnectionExtRosbag1,
         ConnectionExtRosbag2,
+        MessageDefinition,
         MessageDefinitionFormat,
         Qos,
         QosDurability,
@@ -38,9 +40,11 @@ __all__ = [
     'CompressionFormat',
     'CompressionMode',
     'Connection',
+    'ConnectionExtRosbag1',
     'ConnectionExtRosbag2',
     'DirectoryReader',
     'McapReader',
+    'MessageDefinition',
     'MessageDefinitionFormat',
     'Qos',
     'QosDurability',

@@ -10,7 +10,8 @@ from gyro_drift_filter.bags.library import AnyReader, AnyReaderError
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
 from gyro_drift_filter.bags.recording import BagError, Recording
-from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
+from gyro_drift_filter.bags.ros1_reader import Ros1Reader
+from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
@@ -20,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Recording]:
-    """Open a rosbag2 folder or a bare .mcap or .db3 file for reading.
+    """Open a rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1 for reading.
 
     Raises:
         BagError: The path is missing, or is no bag that rosbags can read.
@@ -36,6 +37,8 @@ def open_bag(path: Path) -> Iterator[Recording]:
 
 def choose_reader(library: AnyReader) -> Recording:
     """Return the fastest reader that there is for what rosbags has opened."""
+    if not library.is2:
+        return Ros1Reader(library)
     return chunk_reader(library) or RosbagsReader(library)
 
 
@@ -54,7 +57,9 @@ def _opened(path: Path, name: Path) -> AnyReader:
         cut = [file for file in path.glob('*.mcap') if is_cut_off(file)] if path.is_dir() else []
         if cut:
             hint = f' ({cut[0].name} was cut off: name that file, to read it as far as it goes)'
-        raise BagError(f'{name} can not be read as a bag: {reason(error)}{hint}') from error
+        raise BagError(
+            f'{name} can not be read as a bag: {reason_of_library(error)}{hint}'
+        ) from error
     return reader
 
 
@@ -90,12 +95,8 @@ def _check_path(path: Path) -> None:
                 f'{path} holds no metadata.yaml, so it is no rosbag2 folder: name the .mcap file '
                 'in it'
             )
-        if path.suffix == '.bag':
+        if path.suffix == '.bag' and path.is_dir():
             # rosbags judges by the name.
-            raise BagError(
-                f'{path}: rename the folder, as names in .bag are taken for ROS 1'
-                if path.is_dir()
-                else f"{path} is a ROS 1 bag: convert it with 'rosbags-convert' first"
-            )
+            raise BagError(f'{path}: rename the folder, as names in .bag are taken for ROS 1')
     except OSError as error:
         raise BagError(f'{path} can not be opened: {error.strerror}') from error

@@ -1,6 +1,7 @@
 """What a replay writes: the topics of the recording, and those of the filter beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from typing import Annotated, Any, TypedDict
 
 import numpy as np
@@ -8,12 +9,14 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only, record
 from gyro_drift_filter.accelerate.byte_kernels import copy_bytes, put_integer
+from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_connection, is_cdr
 from gyro_drift_filter.bags.report_times import REPORT_TIME, ReportTime
-from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES, ROW, Row, begin_message
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
+from gyro_drift_filter.messages.health import FILTER, INPUT
 from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, Imu, ImuKind, is_published, patch_imu
 from gyro_drift_filter.messages.sample_messages import (
     SAMPLE_TOPICS,
@@ -22,7 +25,6 @@ from gyro_drift_filter.messages.sample_messages import (
     size_of_sample_message,
 )
 
-DIAGNOSTICS = '/diagnostics'
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 BOOL_TYPE = 'std_msgs/msg/Bool'
 AT_REST = 'at_rest'
@@ -47,14 +49,21 @@ OUTPUT_STATE = record(OutputState)
 
 
 @entry_kernel(
-    read_only(np.uint8), ROW, np.int64, IMU, OUTPUT_STATE, REPORT_TIME, np.uint8, np.uint8
+    read_only(np.uint8),
+    ROW,
+    (np.int64, 2),
+    IMU,
+    OUTPUT_STATE,
+    REPORT_TIME,
+    np.uint8,
+    np.uint8,
 )
 def lay_out(
     data: NDArray[np.uint8],
     rows: Sequence[Row],
-    copies: NDArray[np.int64],
+    channels: NDArray[np.int64],
     imus: Sequence[Imu],
-    state: Sequence[OutputState],
+    states: Sequence[OutputState],
     reports: Sequence[ReportTime],
     texts: NDArray[np.uint8],
     out: NDArray[np.uint8],
@@ -64,9 +73,11 @@ def lay_out(
     Args:
         data: What the messages stand in.
         rows: The messages.
-        copies: By their channel, which channel they are copied to; 0 where they are not.
-        imus: Those of the Imu topic, filtered.
-        state: (1,) of the output; it is moved on.
+        channels: (2, n) by their channel: which channel they are copied to, 0 where they are not;
+            and which of the states belongs to that Imu topic.
+        imus: Those of Imu topics, filtered, in the order of the messages.
+        states: (m,) of the output, one for each Imu topic; they are moved on. Reports go to the
+            channel of the first.
         reports: Those among the messages.
         texts: The messages of the reports, one behind the other.
         out: Bytes to write to, enough of them.
@@ -78,17 +89,19 @@ def lay_out(
     for i in range(len(rows) + 1):
         while report < len(reports) and reports[report]['row'] == i:
             size, time = reports[report]['end'] - text, reports[report]['time']
-            offset = begin_message(out, offset, state[0]['reports'], time, size)
+            offset = begin_message(out, offset, states[0]['reports'], time, size)
             offset = copy_bytes(out, offset, texts, text, size)
             text, report = text + size, report + 1
         if i == len(rows):
             break
         row = rows[i]
-        if copies[row['channel']] > 0:
-            offset = _copy_message(out, offset, copies[row['channel']], data, row)
+        copy = channels[0, row['channel']]
+        if copy > 0:
+            offset = _copy_message(out, offset, copy, data, row)
         if imu < len(imus) and imus[imu]['row'] == i:
             if is_published(imus[imu]):
-                offset = _put_filtered(out, offset, data, row, imus[imu], state[0])
+                state = states[channels[1, row['channel']]]
+                offset = _put_filtered(out, offset, data, row, imus[imu], state)
             imu += 1
     return offset
 
@@ -135,57 +148,80 @@ class Output:
     """The bag that a replay writes.
 
     Attributes:
-        is_imu: By the `id` of a connection of the recording, whether it is filtered.
+        is_imu: By each Imu topic that is filtered, by the `id` of a connection, whether it is its.
         left_out: Topics that are not copied, and why.
     """
 
     def __init__(
-        self, recording: Recording, writer: BagWriter, topic: str, diagnostics: bool
+        self,
+        recording: Recording,
+        writer: BagWriter,
+        inputs: Mapping[str, Topics],
+        kept: Collection[str],
+        diagnostics: bool,
     ) -> None:
-        """Add all topics; `diagnostics` says whether those of every sample are among them.
+        """Add all topics.
+
+        Args:
+            recording: What is replayed.
+            writer: Of the new bag.
+            inputs: The names of the outputs by the Imu topic that they belong to.
+            kept: The topics that are copied.
+            diagnostics: Whether those of every sample are written, too.
 
         Raises:
-            BagError: The messages of the Imu topic are in no form that can be read.
+            BagError: The messages of an Imu topic are in no form that can be read.
         """
-        topics = Topics.of(topic)
-        own = {topics.filtered}
+        own = {names.filtered for names in inputs.values()}
         if diagnostics:
-            own |= {topics.sample(name) for name in (*SAMPLE_TOPICS, AT_REST)}
+            own |= {n.sample(x) for n in inputs.values() for x in (*SAMPLE_TOPICS, AT_REST)}
         self._writer = writer
         self.left_out: dict[str, str] = {}
-        self._copies = np.zeros(by_connection(recording), np.int64)
-        self.is_imu = np.zeros(len(self._copies), np.bool_)
+        # The last one is that of messages which are passed over.
+        self._passed_over = by_connection(recording)
+        self._channels = np.zeros((2, self._passed_over + 1), np.int64)
+        self.is_imu = {topic: np.zeros(self._passed_over, np.bool_) for topic in inputs}
+        self._reporting: list[int] = []
         report_channel = 0
         for connection in recording.connections:
-            if connection.topic in own:
-                self.left_out[connection.topic] = 'the filter writes this topic itself'
-            elif not is_cdr(connection):
-                self.left_out[connection.topic] = 'its messages are not in CDR'
-            else:
-                copy = writer.copy_connection(connection, recording)
-                self._copies[connection.id] = copy.id
-                self.is_imu[connection.id] = connection.topic == topic
-                if (copy.topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
-                    report_channel = report_channel or copy.id
-        if not self.is_imu.any():
-            raise BagError(f'the messages of topic {topic} are not in CDR')
-        self._states: Any = np.zeros(1, OUTPUT_STATE)
-        self._state: OutputState = self._states[0]
-        self._state['last_at_rest'] = -1.0
-        self._state['filtered'] = writer.add_connection(topics.filtered, IMU_TYPE).id
-        self._state['reports'] = (
-            report_channel or writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE).id
-        )
-        if diagnostics:
-            for k, name in enumerate(SAMPLE_TOPICS):
-                connection = writer.add_connection(topics.sample(name), VECTOR_TYPE)
-                self._state['samples'][k] = connection.id
-            self._state['at_rest'] = writer.add_connection(topics.sample(AT_REST), BOOL_TYPE).id
+            topic = connection.topic
+            if topic in own:
+                self.left_out[topic] = 'the filter writes this topic itself'
+                continue
+            if not is_cdr(connection):
+                self.left_out[topic] = 'its messages are not in CDR'
+                continue
+            if topic in inputs:
+                self.is_imu[topic][connection.id] = True
+                self._channels[1, connection.id] = list(inputs).index(topic)
+            if topic not in kept:
+                continue
+            copy = writer.copy_connection(connection, recording)
+            self._channels[0, connection.id] = copy.id
+            if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
+                report_channel = report_channel or copy.id
+                self._reporting.append(connection.id)
+        for topic, is_imu in self.is_imu.items():
+            if not is_imu.any():
+                raise BagError(f'the messages of topic {topic} are not in CDR')
+        self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
+        self._states['last_at_rest'] = -1.0
+        for state, names in zip(self._states, inputs.values(), strict=True):
+            state['filtered'] = writer.add_connection(names.filtered, IMU_TYPE).id
+            if not report_channel:
+                report_channel = writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE).id
+            state['reports'] = report_channel
+            if diagnostics:
+                for k, name in enumerate(SAMPLE_TOPICS):
+                    connection = writer.add_connection(names.sample(name), VECTOR_TYPE)
+                    state['samples'][k] = connection.id
+                state['at_rest'] = writer.add_connection(names.sample(AT_REST), BOOL_TYPE).id
+        self._own_statuses = {n.node + part for n in inputs.values() for part in (INPUT, FILTER)}
 
     @property
-    def written(self) -> int:
-        """Messages on the filtered topic so far."""
-        return int(self._state['written'])
+    def written(self) -> list[int]:
+        """Messages on the filtered topics so far, in the order of the Imu topics."""
+        return [int(count) for count in self._states['written']]
 
     def write(
         self,
@@ -198,7 +234,7 @@ class Output:
 
         Args:
             piece: The piece.
-            imus: (n,) IMU of it, filtered.
+            imus: (n,) IMU of it, of all Imu topics, filtered.
             reports: (m,) REPORT_TIME.
             statuses: (m,) what each report says.
 
@@ -208,11 +244,30 @@ class Output:
         stamps = [min(time % 2**64, _LATEST_STAMP) for time in reports['time'].tolist()]
         texts, reports['end'] = diagnostic_arrays(list(zip(stamps, statuses, strict=True)))
         # For an Imu, beside the copy of it, no message is longer than itself.
-        sizes, made = piece.rows['size'], 1 + np.count_nonzero(self._state['samples']) + 1
+        sizes, made = piece.rows['size'], 1 + np.count_nonzero(self._states[0]['samples']) + 1
         count = len(sizes) + made * len(imus) + len(reports)
         size = int(sizes.sum() + made * sizes[imus['row']].sum()) + len(texts)
         out = np.empty(size + count * RECORD_BYTES, np.uint8)
-        data, rows = piece
-        size = lay_out(data, rows, self._copies, imus, self._states, reports, texts, out)
+        data, rows = self._without_own_reports(piece)
+        size = lay_out(data, rows, self._channels, imus, self._states, reports, texts, out)
         if size:
             self._writer.write_records(out[:size])
+
+    def _without_own_reports(self, piece: Piece) -> Piece:
+        """Return a piece with what an earlier run, or the node itself, has reported passed over."""
+        of_others, rows = np.isin(piece.rows['channel'], self._reporting), piece.rows
+        for row in np.flatnonzero(of_others).tolist():
+            if self._is_own_report(piece.message(row)):
+                if rows is piece.rows:
+                    rows = rows.copy()
+                rows['channel'][row] = self._passed_over
+                self.left_out[DIAGNOSTICS] = 'what an earlier run of this filter has reported'
+        return Piece(piece.data, rows)
+
+    def _is_own_report(self, data: bytes) -> bool:
+        if not any(name.encode() in data for name in self._own_statuses):
+            return False
+        with suppress(Exception):  # whatever the bytes of others bring about
+            message: Any = types_with(DIAGNOSTICS_TYPE).deserialize_cdr(data, DIAGNOSTICS_TYPE)
+            return all(status.name in self._own_statuses for status in message.status)
+        return False

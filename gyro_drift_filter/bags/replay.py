@@ -1,5 +1,6 @@
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +9,8 @@ from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay_run import ReplayRun, Summary
-from gyro_drift_filter.bags.topics import choose_hint, choose_topic
+from gyro_drift_filter.bags.selection import Selection
+from gyro_drift_filter.bags.topics import choose_hint
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Parameters
 
@@ -35,30 +37,34 @@ def replay(
     destination: Path,
     *,
     parameters: Parameters,
-    topic: str | None = None,
+    selection: Selection = Selection(),  # noqa: B008  # frozen
     diagnostics: bool = False,
     hint: str | None = None,
     force: bool = False,
     progress: Progress = lambda done, total: None,
-) -> Summary:
-    """Filter the Imu topic of a bag and write all into a new bag.
+) -> list[Summary]:
+    """Filter Imu topics of a bag, each by its own filter, and write all into a new bag.
 
     Messages go through the filter in the order of their log times, and what comes out has the log
     time of what went in. `/diagnostics` is written about once a second. Reading, filtering and
     writing work side by side, as kernels and compression let go of the interpreter's lock.
 
     Args:
-        source: rosbag2 folder or bare .mcap or .db3 file.
+        source: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
         destination: rosbag2 folder to be made.
-        parameters: Of the filter.
-        topic: The Imu topic, needed where there are several.
+        parameters: Of the filters.
+        selection: Which topics, and which time.
         diagnostics: Whether the per-sample topics are written, too.
         hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
         force: Whether a bag at the destination is replaced.
         progress: Called with the number of messages done and their total.
 
+    Returns:
+        What was done, for each Imu topic.
+
     Raises:
-        BagError: The source can't be read, holds no Imu, or the destination can't be written.
+        BagError: The source can't be read, holds no Imu or none that can be filtered, or the
+            destination can't be written.
     """
     if destination.exists() and not force:
         raise BagError(
@@ -67,17 +73,29 @@ def replay(
     if force and _is_within(source, destination):
         raise BagError(f'{destination} is the bag to be read: choose another name')
     with open_bag(source) as recording:
-        chosen = choose_topic(recording, topic)
+        inputs, kept = selection.inputs(recording), selection.keeps(recording)
         hinted = None if hint is None else choose_hint(recording, hint)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
-            output = Output(recording, writer, chosen, diagnostics)
-            run = ReplayRun(recording, output, parameters, chosen, hinted)
+            output = Output(recording, writer, inputs, kept, diagnostics)
+            run = ReplayRun(recording, output, parameters, inputs, hinted)
             done = 0
-            for piece in recording.pieces():
+            for piece, read in selection.pieces(recording):
                 run.take(piece)
-                done += len(piece.rows)
+                done += read
                 progress(done, recording.message_count)
-            summary = run.finish()
-            if summary.received == 0:
-                raise BagError(f'topic {chosen} has no messages')
-    return summary
+            summaries = run.finish()
+            if not any(summary.written for summary in summaries):
+                raise BagError(_why_nothing(summaries[0], selection))
+    return summaries
+
+
+def _why_nothing(summary: Summary, selection: Selection) -> str:
+    """Return why nothing came out of a filter."""
+    if summary.received:
+        return f'nothing of topic {summary.topic} can be filtered: {summary.status[0].message}'
+    if (selection.start, selection.end) == (0.0, math.inf):
+        return f'topic {summary.topic} has no messages'
+    return (
+        f'topic {summary.topic} has no messages from {selection.start:g} to {selection.end:g} s '
+        'after the begin of the recording'
+    )

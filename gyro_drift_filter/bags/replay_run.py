@@ -1,8 +1,9 @@
 """One run of a recording through the filter: what is filtered, written, counted and reported."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ _PART_SPAN = 100 * BATCH_SPAN
 
 @dataclass(frozen=True)
 class Summary:
-    """What a replay did.
+    """What a replay did with an Imu topic.
 
     Attributes:
         topic: The input topic.
@@ -40,8 +41,14 @@ class Summary:
         not_reported: Messages without angular velocity, passed on as they came.
         left_out: Topics of the input that were not copied, and why.
         outliers: Samples flagged, per axis (3,).
+        unusable: Samples without a usable rate, per axis (3,).
         raw: Statistics of the usable rates as they came.
         filtered: Statistics of the same samples after the filter.
+        rest_raw: As raw, of the samples at rest after the bias was learned, like
+        rest_filtered: of the same samples after the filter.
+        bias: (3,) in rad/s at the end.
+        bias_known: Log time since the first message of the recording in s from which it was known;
+            None where it never was.
         period: Sample period at the end, in s.
         status: The filter's health over the whole bag.
     """
@@ -53,39 +60,43 @@ class Summary:
     not_reported: int
     left_out: dict[str, str]
     outliers: NDArray[np.int64]
+    unusable: NDArray[np.int64]
     raw: Statistics
     filtered: Statistics
+    rest_raw: Statistics
+    rest_filtered: Statistics
+    bias: NDArray[np.float64]
+    bias_known: float | None
     period: float
     status: list[DiagnosticStatus]
 
 
 class ReplayRun:
-    """Take pieces of a recording through the filter, and write them to the output."""
+    """Take pieces of a recording through filters, and write them to the output."""
 
     def __init__(
         self,
         recording: Recording,
         output: Output,
         parameters: Parameters,
-        topic: str,
+        inputs: Mapping[str, Topics],
         hint: str | None,
     ) -> None:
-        """Start; `hint` is the topic that hints at motion, if there is one."""
+        """Start.
+
+        Args:
+            recording: What is replayed.
+            output: Where to.
+            parameters: Of the filters.
+            inputs: The names of the outputs by the Imu topic that they belong to.
+            hint: The topic that hints at motion, if there is one.
+        """
         self._output = output
-        self._topic = topic
-        self._typestore = recording.typestore
-        self._messages = MessageFilter(parameters)
-        self._health = Health(Topics.of(topic).node)
-        self._statistics = RateStatistics()
         self._report_times = ReportTimes()
-        # Topics beside the Imu that the filter listens to.
-        temperature = Topics.of(topic).temperature, TEMPERATURE_TYPE
-        self._listened = {
-            connection.id: connection.msgtype
-            for connection in recording.connections
-            if is_cdr(connection)
-            and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
-        }
+        self._filters = [
+            _TopicFilter(recording, parameters, topic, names, hint)
+            for topic, names in inputs.items()
+        ]
 
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
@@ -94,13 +105,63 @@ class ReplayRun:
             BagError: The output can't be written.
         """
         for part in _parts(piece):
-            imus = read_imus(part, self._output.is_imu)
-            reports = self._report_times.among(part.rows)
-            statuses = self._filter(part, imus, reports)
-            self._output.write(part, imus, reports, statuses)
-            self._statistics.add(imus)
+            self._filter(part, self._report_times.among(part.rows))
 
-    def _filter(self, piece: Piece, imus: Any, reports: Any) -> list[list[DiagnosticStatus]]:
+    def _filter(self, piece: Piece, reports: Any) -> None:
+        """Filter the Imu messages of a piece, and write it with reports."""
+        imus, statuses = [], []
+        for filter_ in self._filters:
+            of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
+            imus.append(of_topic)
+            statuses.append(filter_.take(piece, of_topic, reports))
+        all_imus = imus[0]
+        if len(imus) > 1:
+            all_imus = np.concatenate(imus)
+            all_imus = all_imus[np.argsort(all_imus['row'])]
+        together = [list(chain(*of_report)) for of_report in zip(*statuses, strict=True)]
+        self._output.write(piece, all_imus, reports, together)
+
+    def finish(self) -> list[Summary]:
+        """Write the last report and return what was done with each Imu topic.
+
+        Raises:
+            BagError: The output can't be written.
+        """
+        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
+        self._filter(nothing, self._report_times.at_end())
+        times = self._report_times.start, self._report_times.seconds
+        return [
+            filter_.summary(written, self._output.left_out, *times)
+            for filter_, written in zip(self._filters, self._output.written, strict=True)
+        ]
+
+
+class _TopicFilter:
+    """The filter of one Imu topic, with the topics beside it that it listens to."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        parameters: Parameters,
+        topic: str,
+        names: Topics,
+        hint: str | None,
+    ) -> None:
+        self.topic = topic
+        self._names = names
+        self._typestore = recording.typestore
+        self._messages = MessageFilter(parameters)
+        self._health = Health(names.node)
+        self._statistics = RateStatistics()
+        temperature = names.temperature, TEMPERATURE_TYPE
+        self._listened = {
+            connection.id: connection.msgtype
+            for connection in recording.connections
+            if is_cdr(connection)
+            and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
+        }
+
+    def take(self, piece: Piece, imus: Any, reports: Any) -> list[list[DiagnosticStatus]]:
         """Filter the Imu messages of a piece; return what each report says."""
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
@@ -120,6 +181,7 @@ class ReplayRun:
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
+        self._statistics.add(imus, piece.rows['log_time'][imus['row']])
         return [
             self._health.judge(report, seconds)
             for report, seconds in zip(
@@ -136,33 +198,32 @@ class ReplayRun:
             else:
                 self._messages.filter.hint(moves(message))
 
-    def finish(self) -> Summary:
-        """Write the last report and return what was done.
-
-        Raises:
-            BagError: The output can't be written.
-        """
-        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
-        imus = read_imus(nothing, self._output.is_imu)
-        reports = self._report_times.at_end()
-        self._output.write(nothing, imus, reports, self._filter(nothing, imus, reports))
+    def summary(
+        self, written: int, left_out: dict[str, str], start: int, seconds: float
+    ) -> Summary:
+        """Return what was done, at the end of a recording that started then and lasted so long."""
         state, report = self._messages.filter.state, self._messages.report()
-        raw, filtered = self._statistics.both()
+        known_at = self._statistics.known_at
+        raw, filtered = self._statistics.all()
+        rest_raw, rest_filtered = self._statistics.at_rest()
         return Summary(
-            topic=self._topic,
-            output_topic=Topics.of(self._topic).filtered,
+            topic=self.topic,
+            output_topic=self._names.filtered,
             received=report.received,
-            written=self._output.written,
+            written=written,
             not_reported=report.not_reported,
-            left_out=self._output.left_out,
+            left_out=left_out,
             outliers=state['counts']['outliers'].copy(),
+            unusable=state['checks']['unusable'].copy(),
             raw=raw,
             filtered=filtered,
+            rest_raw=rest_raw,
+            rest_filtered=rest_filtered,
+            bias=state['bias']['bias'].copy(),
+            bias_known=None if known_at is None else (known_at - start) * 1e-9,
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
-            status=Health(Topics.of(self._topic).node).judge(
-                report, self._report_times.seconds, paced=False
-            ),
+            status=Health(self._names.node).judge(report, seconds, paced=False),
         )
 
 

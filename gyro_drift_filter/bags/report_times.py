@@ -87,6 +87,11 @@ class ReportTimes:
         return np.array([(0, now['last'], seconds, 0)] if is_due else [], REPORT_TIME)
 
     @property
+    def start(self) -> int:
+        """The log time of the first message in ns."""
+        return int(self._schedule['start'])
+
+    @property
     def seconds(self) -> float:
         """The time from the first message to the last one in s."""
         return self._seconds_since('start')

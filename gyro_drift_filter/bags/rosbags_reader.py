@@ -1,5 +1,6 @@
 """Read a recording by rosbags, message by message: whatever storage it is in."""
 
+import struct
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from gyro_drift_filter.mcap.message_kernels import ROW
 # A piece ends with the message that reaches one of these.
 _PIECE_MESSAGES = 4096
 _PIECE_BYTES = 2**22
+_ZSTD = b'\x28\xb5\x2f\xfd'  # what begins so is compressed; no message of ROS does
 
 
 class RosbagsReader:
@@ -47,11 +49,27 @@ class RosbagsReader:
         if not self.connections:
             return
         try:
-            yield from self._library.messages()
+            for row in self._library.messages():
+                if row[2][:4] == _ZSTD:
+                    raise BagError(
+                        f'{self.path} holds compressed messages, which only its metadata.yaml '
+                        'tells how to read: name the folder that both are in'
+                    )
+                yield row
+        except BagError:
+            raise
         except Exception as error:
             raise BagError(
-                f'{self.path} is damaged and can be read no further: {reason(error)}'
+                f'{self.path} is damaged and can be read no further: {reason_of_library(error)}'
             ) from error
+
+
+def reason_of_library(error: Exception) -> str:
+    """Return the text of an error that rosbags raises, where that is meant to be read."""
+    mishap = TypeError, LookupError, AttributeError, AssertionError, struct.error
+    if isinstance(error, mishap):  # the parser itself has stumbled, and tells of its own code
+        return 'it is damaged, or something else'
+    return reason(error)
 
 
 def _piece(times: list[int], channels: list[int], contents: Iterable[bytes]) -> Piece:

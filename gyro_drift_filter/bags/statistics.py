@@ -25,18 +25,23 @@ SUMS = record(Sums)
 
 @entry_kernel(IMU, SUMS, SUMS)
 def add_rates(imus: Sequence[Imu], raw_sums: Sequence[Sums], filtered_sums: Sequence[Sums]) -> None:
-    """Add the rates of messages as they came and filtered, where there are both; sums are (1,)."""
+    """Add the rates of messages as they came and filtered, where there are both.
+
+    Sums are (2,): of all messages, and of those at rest. The filter is at rest from the message on
+    with which it has learned the bias of that rest.
+    """
     for i in range(len(imus)):
         imu = imus[i]
         if imu['kind'] == ImuKind.GOOD and is_published(imu):
-            raw = imu['sample']['angular_velocity']
+            raw, result = imu['sample']['angular_velocity'], imu['result']
             if (
                 abs(raw[0]) <= LARGEST_RATE
                 and abs(raw[1]) <= LARGEST_RATE
                 and abs(raw[2]) <= LARGEST_RATE
             ):
-                _add(raw, raw_sums[0])
-                _add(imu['result']['angular_velocity'], filtered_sums[0])
+                for part in range(2 if result['at_rest'] > 0.0 else 1):
+                    _add(raw, raw_sums[part])
+                    _add(result['angular_velocity'], filtered_sums[part])
 
 
 @kernel
@@ -52,29 +57,50 @@ def _add(values: NDArray[np.float64], sums: Sums) -> None:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Mean and standard deviation per axis in rad/s; NaN where there was no sample."""
+    """Mean and standard deviation per axis in rad/s, of `count` samples; NaN where that is 0."""
 
+    count: int
     mean: NDArray[np.float64]
     deviation: NDArray[np.float64]
 
 
 class RateStatistics:
-    """Of rates as they came and filtered, however the messages are cut into pieces."""
+    """Of rates as they came and filtered, however the messages are cut into pieces.
+
+    Attributes:
+        known_at: Log time in ns of the first message from which a bias was taken that had been
+            learned; None before.
+    """
 
     def __init__(self) -> None:
-        self._raw: Any = np.zeros(1, SUMS)
-        self._filtered: Any = np.zeros(1, SUMS)
+        self._raw: Any = np.zeros(2, SUMS)
+        self._filtered: Any = np.zeros(2, SUMS)
+        self._first_bias: Any = None
+        self.known_at: int | None = None
 
-    def add(self, imus: Any) -> None:
-        """Add filtered messages (n,) IMU, where they have a usable rate."""
+    def add(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """Add filtered messages (n,) IMU with their log times (n,), where they have a rate."""
         add_rates(imus, self._raw, self._filtered)
+        good = np.flatnonzero(imus['kind'] == ImuKind.GOOD)
+        if self.known_at is None and len(good):
+            results = imus['result'][good]
+            if self._first_bias is None:
+                self._first_bias = results['bias'][0].copy()
+            known = (results['bias'] != self._first_bias).any(axis=1) | (results['at_rest'] > 0.0)
+            if known.any():
+                self.known_at = int(log_times[good[np.argmax(known)]])
 
-    def both(self) -> tuple[Statistics, Statistics]:
+    def all(self) -> tuple[Statistics, Statistics]:
         """Return the statistics of the rates as they came, and of the filtered ones."""
         return _statistics(self._raw[0]), _statistics(self._filtered[0])
+
+    def at_rest(self) -> tuple[Statistics, Statistics]:
+        """Return the same of the messages at rest, after the bias was learned."""
+        return _statistics(self._raw[1]), _statistics(self._filtered[1])
 
 
 def _statistics(sums: Sums) -> Statistics:
     if sums['count'] == 0:
-        return Statistics(np.full(3, np.nan), np.full(3, np.nan))
-    return Statistics(sums['mean'].copy(), np.sqrt(sums['squares'] / sums['count']))
+        return Statistics(0, np.full(3, np.nan), np.full(3, np.nan))
+    deviation = np.sqrt(sums['squares'] / sums['count'])
+    return Statistics(int(sums['count']), sums['mean'].copy(), deviation)

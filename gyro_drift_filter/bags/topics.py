@@ -1,11 +1,12 @@
 """The topics of a replay: which are read, and what those that are written are called."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gyro_drift_filter.bags.recording import BagError, Recording
 from gyro_drift_filter.messages.health import NODE_NAME
-from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
+
+DIAGNOSTICS = '/diagnostics'
 
 
 @dataclass(frozen=True)
@@ -33,37 +34,17 @@ class Topics:
             filtered = f'{parent}/data_filtered'
         return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
 
+    def with_filtered(self, name: str) -> 'Topics':
+        """Return the same with another name of the filtered topic."""
+        return replace(self, filtered=name)
+
+    def with_own_node(self, topic: str) -> 'Topics':
+        """Return the same with a node that is named after the input topic."""
+        return replace(self, node=f'{self.node}_{topic.strip("/").replace("/", "_")}')
+
     def sample(self, name: str) -> str:
         """Return the name of a topic below the node's, such as one of `SAMPLE_TOPICS`."""
         return f'{self.node}/{name}'
-
-
-def choose_topic(recording: Recording, wanted: str | None) -> str:
-    """Return the Imu topic to filter: the one wanted, or the only one.
-
-    Raises:
-        BagError: There is none, there are several, or the wanted one is of another type; the text
-            lists what there is.
-    """
-    types = {connection.topic: connection.msgtype for connection in recording.connections}
-    imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
-    if wanted is not None:
-        for topic, kind in types.items():
-            if topic.strip('/') == wanted.strip('/'):
-                if kind == IMU_TYPE:
-                    return topic
-                raise BagError(f'topic {topic} is of type {kind}, not {IMU_TYPE}')
-        raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
-    if not types:
-        raise BagError('the bag is empty: it holds no topic')
-    if not imus:
-        listed = ', '.join(f'{topic} ({kind})' for topic, kind in sorted(types.items()))
-        raise BagError(f'no topic of type {IMU_TYPE} in the bag; it holds {listed}')
-    outputs = {Topics.of(topic).filtered for topic in imus}
-    inputs = [topic for topic in imus if topic not in outputs]
-    if len(inputs) == 1:
-        return inputs[0]
-    raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
 
 
 def choose_hint(recording: Recording, wanted: str) -> str:

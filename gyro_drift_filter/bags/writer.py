@@ -1,6 +1,5 @@
 """Write a bag: a rosbag2 folder, by rosbags, with an MCAP file of our own in it."""
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,6 +32,7 @@ from gyro_drift_filter.bags.library import (
 from gyro_drift_filter.bags.mcap_storage import McapStorage
 from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import BagError, Kind, Recording, kind
+from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
@@ -52,6 +52,8 @@ RELIABLE = Qos(
     _FOREVER,
     avoid_ros_namespace_conventions=False,
 )
+# The same for late subscribers, too, as ROS 1 has it of latched topics.
+RELIABLE_AND_LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL)
 
 
 class _Writer(Writer):
@@ -63,27 +65,31 @@ class _Writer(Writer):
 class BagWriter:
     """Write a rosbag2 folder; it gets its name when it is complete.
 
-    Until then it stands in a hidden folder beside, which is removed if writing fails.
+    Until then it stands in a hidden folder beside, which is removed if writing fails; those of
+    killed processes are removed at the start.
     """
 
     def __init__(self, path: Path, *, replace: bool = False) -> None:
         """Begin the bag; with `replace` one that is there is replaced when this is complete.
 
+        Where the path is a symbolic link, it is what that leads to.
+
         Raises:
-            BagError: The path exists already or can't be written.
+            BagError: The path exists already, can't be written, or is that of a file.
         """
-        self._path = path.absolute()
+        self._path = path.resolve() if path.is_symlink() else path.absolute()
+        if path.suffix in _BAG_FILES:
+            raise BagError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace
         self._copies: dict[Kind, Connection] = {}
         with self._reporting():
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            remove_abandoned(self._path)
             if self._path.exists():
                 self._check_replacement()
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = tempfile.TemporaryDirectory(
-                prefix=f'.{self._path.name}.', suffix='.incomplete', dir=self._path.parent
-            )
+            self._folder = UnfinishedFolder(self._path)
             # The MCAP file is named after the final folder, as `ros2 bag` names it.
-            self._written = Path(self._folder.name) / self._path.name
+            self._written = self._folder.path / self._path.name
             self._writer = _Writer(
                 self._written, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
             )
@@ -113,8 +119,7 @@ class BagWriter:
             self._written.rename(self._path)
             return
         self._check_replacement()
-        # With the hidden folder it goes.
-        old = Path(self._folder.name) / 'replaced'
+        old = self._folder.replaced  # which goes with the hidden folder
         self._path.rename(old)
         try:
             self._written.rename(self._path)

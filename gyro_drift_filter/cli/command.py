@@ -2,11 +2,11 @@
 
 import argparse
 import logging
-import os
-import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from gyro_drift_filter.cli import signals
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.messages.health import package_version
 
@@ -31,26 +31,27 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command.
 
     Returns:
-        0 done, 1 a known error, which is one line on stderr, 130 interrupted. Bad usage exits with
-        2 from within argparse.
+        0 done, 1 a known error, which is one line on stderr, or the reader of the output has left;
+        as shells have it 128 and the number of the signal that has ended it, 130 interrupted. Bad
+        usage exits with 2 from within argparse.
     """
     logging.addLevelName(logging.WARNING, 'warning')
     # By force: each run has its own stderr, as in the tests.
     logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
     options = parser(arguments[0] if arguments else '').parse_args(arguments)
+    name = f'gyro_drift {options.command}'
     try:
-        options.run(options)
-        sys.stdout.flush()
-    except GyroDriftFilterError as error:
-        print(f'gyro_drift {options.command}: {error}', file=sys.stderr)
+        with signals.raising():
+            options.run(options)
+    except BrokenPipeError:
         return 1
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):  # the reader of our output has left, as `| head`
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 1
-        print(f'gyro_drift {options.command}: {error}', file=sys.stderr)
+    except (GyroDriftFilterError, OSError) as error:
+        tell(f'{name}: {error}')
         return 1
     except KeyboardInterrupt:
-        print(f'gyro_drift {options.command}: interrupted, nothing written', file=sys.stderr)
+        tell(f'{name}: interrupted, nothing written')
         return 130
+    except signals.EndedBySignal as error:
+        tell(f'{name}: ended by {error}, nothing written')
+        return 128 + error.number
     return 0

@@ -1,11 +1,12 @@
 """`gyro_drift compile`: compile the kernels ahead, so that no start has to wait for it."""
 
 import argparse
-import sys
 import time
 from typing import Any
 
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
+from gyro_drift_filter.cli.printing import say, tell
+from gyro_drift_filter.cli.progress import telling
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 
@@ -25,14 +26,16 @@ def run(options: argparse.Namespace) -> None:
     if not is_compiled():
         raise GyroDriftFilterError('numba is not installed: there is nothing to compile')
     if is_extension():
-        print('compiled already')
+        say('compiled already')
         return
     from gyro_drift_filter.accelerate.ahead import build_extension, compile_all
+    from gyro_drift_filter.accelerate.numba_internals import share_compiled
 
     start = time.monotonic()
-    compile_all()
+    with telling(share_compiled):
+        compile_all()
     try:
         build_extension()
     except GyroDriftFilterError as error:
-        print(f'{error}; without, each start loads numba', file=sys.stderr)
-    print(f'compiled in {time.monotonic() - start:.0f} s')
+        tell(f'{error}; without, each start loads numba')
+    say(f'compiled in {time.monotonic() - start:.0f} s')

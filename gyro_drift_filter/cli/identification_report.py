@@ -20,6 +20,7 @@ _CHOICE = (
 )
 # Arrays as long as the recording are left out of the JSON.
 _LONG = ('residuals', 'cleaned')
+_SPANS = 6  # of rest that are listed: a day may have hundreds
 
 
 def report(result: Identification, material: float) -> str:
@@ -46,10 +47,13 @@ def _alive(result: Identification) -> list[tuple[str, AxisModel]]:
 
 def _head(result: Identification) -> str:
     timing, quiet = result.timing, result.quiet
-    spans = ', '.join(
+    listed = [
         f'{begin:.1f} to {begin + len(span) * timing.period:.1f} s'
         for begin, span in zip(result.begins, quiet.spans, strict=True)
-    )
+    ]
+    spans = ', '.join(listed[:_SPANS])
+    if len(listed) > _SPANS:
+        spans += f' and {len(listed) - _SPANS} more'
     count = f'{len(quiet.spans)} span{"s" if len(quiet.spans) > 1 else ""}'
     sensors = 'gyroscope and accelerometer' if quiet.accelerometer else 'the gyroscope alone'
     lines = [

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyro_drift_filter.cli.printing import is_terminal, say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
@@ -106,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
                 "install matplotlib'"
             ) from error
     _check_targets(options)
-    progress = Progress(enabled=sys.stderr.isatty())
+    progress = Progress(enabled=is_terminal())
     try:
         samples = read_samples(
             options.bag,
@@ -124,20 +125,22 @@ def run(options: argparse.Namespace) -> None:
         orders=tuple(dict.fromkeys((*ORDERS, *options.order))),
         paper=options.noise == 'paper',
     )
-    print(report(result, MATERIAL))
-    for warning in result.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
-    for note in _notes(samples, options.sample_rate):
-        print(f'note: {note}', file=sys.stderr)
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    _write(options.output, parameter_file(result, source, options.noise))
-    written = [options.output]
-    if options.json:
-        _write(options.json, json.dumps(as_plain(result), indent=1) + '\n')
-        written.append(options.json)
-    if options.plot:
-        written += draw(options.plot, result, samples.stamps, samples.rates)
-    print('\nwrote ' + '\n      '.join(map(str, written)))
+    texts, written = [report(result, MATERIAL)], [options.output]
+    try:
+        _write(options.output, parameter_file(result, source, options.noise))
+        if options.json:
+            _write(options.json, json.dumps(as_plain(result), indent=1) + '\n')
+            written.append(options.json)
+        if options.plot:
+            written += draw(options.plot, result, samples.stamps, samples.rates)
+        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
+    finally:  # also where the disk is full, as it took long to find
+        say('\n'.join(texts))
+    for warning in result.warnings:
+        tell(f'warning: {warning}')
+    for note in _notes(samples, options.sample_rate):
+        tell(f'note: {note}')
 
 
 def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:

@@ -1,7 +1,16 @@
-"""Progress on a terminal."""
+"""Progress of long work: on a terminal a line that is written over, elsewhere lines."""
 
-import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from gyro_drift_filter.accelerate.kernels import has_to_compile
+from gyro_drift_filter.cli.printing import is_terminal, tell
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+# Between two remarks on how far compiling is: on a terminal, and where each is a line of its own.
+_TERMINAL_SECONDS, _LINE_SECONDS = 0.5, 10.0
 
 
 class Progress:
@@ -19,10 +28,49 @@ class Progress:
             return
         self._last = now
         share = f' ({100 * done // total} %)' if total else ''
-        print(f'\r{done} messages{share}', end='', file=sys.stderr, flush=True)
+        tell(f'\r{done} messages{share}', end='')
         self._shown = True
 
     def finish(self) -> None:
         """Clear the line."""
         if self._shown:
-            print('\r\x1b[K', end='', file=sys.stderr, flush=True)
+            tell('\r\x1b[K', end='')
+
+
+def compile_first() -> None:
+    """Compile all kernels, saying so, where that has not been done: it takes about a minute.
+
+    Where they can't be kept, a warning has been logged, and they are compiled as they are needed.
+    """
+    if not has_to_compile():
+        return
+    from gyro_drift_filter.accelerate.ahead import compile_all
+    from gyro_drift_filter.accelerate.numba_internals import share_compiled
+
+    tell('compiling the filter for this machine: once, for about a minute')
+    start = time.monotonic()
+    with suppress(GyroDriftFilterError):
+        with telling(share_compiled):
+            compile_all()
+        tell(f'compiled in {time.monotonic() - start:.0f} s')
+
+
+@contextmanager
+def telling(share: Callable[[], float]) -> Iterator[None]:
+    """Tell from time to time, in a thread, which share is done."""
+    terminal, start, over = is_terminal(), time.monotonic(), threading.Event()
+
+    def tell_on() -> None:
+        while not over.wait(_TERMINAL_SECONDS if terminal else _LINE_SECONDS):
+            text = f'compiled: {100.0 * share():.0f} % in {time.monotonic() - start:.0f} s'
+            tell(f'\r{text}' if terminal else text, end='' if terminal else '\n')
+
+    thread = threading.Thread(target=tell_on)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        if terminal:
+            tell('\r\x1b[K', end='')

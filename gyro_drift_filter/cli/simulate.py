@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> None:
     )
     simulation = simulate(settings)
     archive = write_simulation(options.output, simulation)
-    print(
+    say(
         f'wrote {options.output}: {len(simulation.stamps)} samples, '
         f'{int(simulation.outliers.sum())} outliers on three axes; truth in {archive}'
     )

@@ -100,7 +100,7 @@ def messages():
     with tempfile.TemporaryDirectory() as folder:
         source = write_mcap(Path(folder) / 'in.mcap', rows, chunk_size=30_000)
         out = Path(folder) / 'out'
-        summary = replay(source, out, parameters=Parameters(), diagnostics=True)
+        (summary,) = replay(source, out, parameters=Parameters(), diagnostics=True)
         written = out / 'out.mcap'
         file = np.frombuffer(written.read_bytes(), np.uint8)
         layout = read_layout(written)

@@ -1,0 +1,69 @@
+"""Read a ROS 1 bag as if ROS 2 had recorded it: message by message, converted by rosbags.
+
+Types keep their definitions, but for the header, which has lost its sequence number in ROS 2, and
+for the one type that was given another name.
+"""
+
+from collections.abc import Iterator
+
+from gyro_drift_filter.bags.library import (
+    AnyReader,
+    Connection,
+    ConnectionExtRosbag1,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Stores,
+    Typestore,
+    get_typestore,
+)
+from gyro_drift_filter.bags.message_types import types_with
+from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
+from gyro_drift_filter.bags.writer import RELIABLE, RELIABLE_AND_LATCHED
+
+_HEADER = 'std_msgs/msg/Header'
+_RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
+
+
+class Ros1Reader(RosbagsReader):
+    """A `Recording` that is a ROS 1 bag."""
+
+    def __init__(self, library: AnyReader) -> None:
+        """Take over what rosbags has opened."""
+        super().__init__(library)
+        self.typestore = _types_of_ros2(library.typestore)
+        self.connections = [_as_of_ros2(connection) for connection in library.connections]
+        self._by_id = {connection.id: connection for connection in self.connections}
+
+    def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
+        for of_ros1, log_time, data in super()._messages():
+            connection = self._by_id[of_ros1.id]
+            try:
+                converted = bytes(self.typestore.ros1_to_cdr(data, connection.msgtype))
+            except Exception as error:
+                raise BagError(
+                    f'{self.path}: a message of {connection.topic} can not be converted to ROS 2: '
+                    f'{reason_of_library(error)}'
+                ) from error
+            yield connection, log_time, converted
+
+
+def _types_of_ros2(types: Typestore) -> Typestore:
+    """Return the types of a ROS 1 bag with the names and the header of ROS 2."""
+    store = get_typestore(Stores.EMPTY)
+    fields = {_RENAMED.get(name, name): of_type for name, of_type in types.fielddefs.items()}
+    store.register(fields | {_HEADER: types_with(_HEADER).fielddefs[_HEADER]})
+    return store
+
+
+def _as_of_ros2(connection: Connection) -> Connection:
+    extension = connection.ext
+    assert isinstance(extension, ConnectionExtRosbag1)
+    qos = RELIABLE_AND_LATCHED if extension.latching else RELIABLE
+    return connection._replace(
+        msgtype=_RENAMED.get(connection.msgtype, connection.msgtype),
+        msgdef=MessageDefinition(MessageDefinitionFormat.NONE, ''),
+        digest='',
+        ext=ConnectionExtRosbag2('cdr', [qos]),
+    )

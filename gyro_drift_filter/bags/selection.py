@@ -1,0 +1,158 @@
+"""Which part of a recording is replayed: its Imu topics, what is kept beside them, and when."""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gyro_drift_filter.bags.recording import BagError, Piece, Recording
+from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
+from gyro_drift_filter.messages.imu import IMU_TYPE
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What of a recording is replayed; without a word all of it, and its only Imu topic.
+
+    Attributes:
+        imu_topics: To be filtered, each by a filter of its own.
+        all_imu: Whether all there are shall be, but for what an earlier run has written.
+        output_topic: What the filtered topic is called, where only one is filtered.
+        kept: Topics that are copied; None for all.
+        start: In s of log time since the first message of the recording.
+        end: The same; messages at that time are the last.
+    """
+
+    imu_topics: tuple[str, ...] = ()
+    all_imu: bool = False
+    output_topic: str | None = None
+    kept: tuple[str, ...] | None = None
+    start: float = 0.0
+    end: float = math.inf
+
+    def inputs(self, recording: Recording) -> dict[str, Topics]:
+        """Return the names of the outputs by the Imu topic that they belong to.
+
+        Raises:
+            BagError: There is no such Imu topic, several without a choice, or two outputs would
+                have one name; the text lists what there is.
+        """
+        if self.all_imu:
+            chosen = _all_imus(recording)
+        elif self.imu_topics:
+            chosen = [choose_topic(recording, topic) for topic in self.imu_topics]
+        else:
+            chosen = [choose_topic(recording, None)]
+        inputs = _told_apart({topic: Topics.of(topic) for topic in chosen})
+        if self.output_topic is not None:
+            if len(inputs) > 1:
+                raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
+            name = _checked_name(self.output_topic, recording)
+            inputs = {topic: names.with_filtered(name) for topic, names in inputs.items()}
+        outputs = [names.filtered for names in inputs.values()]
+        for output in outputs:
+            if output in inputs or outputs.count(output) > 1:
+                raise BagError(
+                    f'the filtered topic would be {output}, which is another one already: filter '
+                    'one topic at a time, and name its output'
+                )
+        return inputs
+
+    def keeps(self, recording: Recording) -> set[str]:
+        """Return the topics that are copied.
+
+        Raises:
+            BagError: One that is wanted is not there.
+        """
+        topics = {connection.topic for connection in recording.connections}
+        if self.kept is None:
+            return topics
+        wanted = {name.strip('/') for name in self.kept}
+        found = {topic for topic in topics if topic.strip('/') in wanted}
+        if missing := wanted - {topic.strip('/') for topic in found}:
+            listed = ', '.join(sorted(topics))
+            raise BagError(f'no topic /{min(missing)} in the bag; it holds {listed}')
+        return found
+
+    def pieces(self, recording: Recording) -> Iterator[tuple[Piece, int]]:
+        """Yield what lies within the time, and how many messages have been read for each piece.
+
+        Raises:
+            BagError: The recording is damaged from some message on.
+        """
+        begin = None
+        for piece in recording.pieces():
+            times = piece.rows['log_time']
+            if not len(times):
+                continue
+            begin = times[0] if begin is None else begin
+            seconds = 1e-9 * (times - begin)
+            first = np.searchsorted(seconds, self.start)
+            stop = np.searchsorted(seconds, self.end, 'right')
+            yield Piece(piece.data, piece.rows[first:stop]), len(times)
+            if stop < len(times):
+                return
+
+
+def choose_topic(recording: Recording, wanted: str | None) -> str:
+    """Return the Imu topic to filter: the one wanted, or the only one.
+
+    Raises:
+        BagError: There is none, there are several, or the wanted one is of another type; the text
+            lists what there is.
+    """
+    types = _types(recording)
+    imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
+    if wanted is not None:
+        for topic, kind in types.items():
+            if topic.strip('/') == wanted.strip('/'):
+                if kind == IMU_TYPE:
+                    return topic
+                raise BagError(f'topic {topic} is of type {kind}, not {IMU_TYPE}')
+        raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
+    inputs = _all_imus(recording)
+    if len(inputs) == 1:
+        return inputs[0]
+    raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
+
+
+def _types(recording: Recording) -> dict[str, str]:
+    return {connection.topic: connection.msgtype for connection in recording.connections}
+
+
+def _all_imus(recording: Recording) -> list[str]:
+    """Return all Imu topics but those that an earlier run has written."""
+    types = _types(recording)
+    imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
+    if not types:
+        raise BagError('the bag is empty: it holds no topic')
+    if not imus:
+        listed = ', '.join(f'{topic} ({kind})' for topic, kind in sorted(types.items()))
+        raise BagError(f'no topic of type {IMU_TYPE} in the bag; it holds {listed}')
+    outputs = {Topics.of(topic).filtered for topic in imus}
+    return [topic for topic in imus if topic not in outputs] or imus
+
+
+def _checked_name(wanted: str, recording: Recording) -> str:
+    """Return the name of a new topic.
+
+    Raises:
+        BagError: ROS has no such names, or the topic is there.
+    """
+    name = '/' + wanted.strip('/')
+    if not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', name):
+        raise BagError(f'{wanted!r} is no name of a topic')
+    if name in {*_types(recording), DIAGNOSTICS}:
+        raise BagError(f'there is a topic {name} already: choose another name for the output')
+    return name
+
+
+def _told_apart(inputs: dict[str, Topics]) -> dict[str, Topics]:
+    """Return the names with nodes of their own, where several topics have one namespace."""
+    nodes = [names.node for names in inputs.values()]
+    return {
+        topic: names if nodes.count(names.node) == 1 else names.with_own_node(topic)
+        for topic, names in inputs.items()
+    }

@@ -1,0 +1,38 @@
+"""Print results and remarks; a stream that takes nothing does not undo what was done."""
+
+import os
+import sys
+from contextlib import suppress
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+
+def say(text: str) -> None:
+    """Print a result, when all else is done.
+
+    Raises:
+        GyroDriftFilterError: The standard output can't be written.
+        BrokenPipeError: Its reader has left, as `| head` does.
+    """
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        # Else Python itself tries once more at its end, and fails loudly.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise GyroDriftFilterError(
+            f'all is written, but the standard output can not be: {error.strerror}'
+        ) from error
+
+
+def tell(text: str, end: str = '\n') -> None:
+    """Print a remark on stderr, if that can be written."""
+    if sys.stderr is not None:  # where it is closed
+        with suppress(OSError):
+            print(text, end=end, file=sys.stderr, flush=True)
+
+
+def is_terminal() -> bool:
+    """Tell whether somebody reads remarks as they are made."""
+    return sys.stderr is not None and sys.stderr.isatty()

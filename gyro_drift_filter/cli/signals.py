@@ -1,0 +1,43 @@
+"""Signals that end the command: what it has begun is cleaned up, as at an interrupt."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_SIGNALS = signal.SIGTERM, signal.SIGHUP
+
+
+class EndedBySignal(BaseException):
+    """The command was asked to end, by the signal `number`."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def raising() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP raise `EndedBySignal`, unless they are ignored, as by nohup."""
+    if threading.current_thread() is not threading.main_thread():  # which alone may set handlers
+        yield
+        return
+    before = {
+        number: handler
+        for number in _SIGNALS
+        if (handler := signal.getsignal(number)) != signal.SIG_IGN
+    }
+
+    def end(number: int, _: FrameType | None) -> None:
+        for other in before:  # another one would interrupt the cleaning up
+            signal.signal(other, signal.SIG_IGN)
+        raise EndedBySignal(number)
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,38 @@
+"""The benchmarks say what they are at, and fail where a bar does not hold."""
+
+import pytest
+
+pytest.importorskip('filterpy', reason="the benchmark's other filters are not installed")
+
+from benchmark import drivers, quality, speed
+from support.paths import REPOSITORY
+
+
+@pytest.mark.parametrize(('ratio', 'status'), [(0.9, 0), (1.1, 1)])
+def test_a_speed_that_falls_short_is_a_failure(ratio, status, monkeypatch, capsys):
+    monkeypatch.setattr(speed, '_be_warm', lambda: None)
+    figure = speed.Figure('a figure', '1 s', '2 s', 'another', ratio, 1.0)
+    monkeypatch.setattr(speed, 'core', lambda repetitions: iter([figure]))
+    monkeypatch.setattr('sys.argv', ['speed', '--only', 'core'])
+    assert speed.main() == status
+    printed = capsys.readouterr()
+    assert ('FALLS SHORT' in printed.out) == status
+    assert printed.err == 'measuring: core ...\n  a figure: 1 s\n'
+
+
+def test_a_quality_that_falls_short_is_a_failure(monkeypatch, capsys):
+    monkeypatch.setattr(quality, 'make_world', lambda *arguments: None)
+    monkeypatch.setattr(quality, 'score', lambda *arguments: {})
+    monkeypatch.setattr(quality, 'falls_short', lambda figures: ['a bar'])
+    monkeypatch.setattr('sys.argv', ['quality', '--only', 'adaptive', '--check'])
+    assert quality.main() == 1
+    monkeypatch.setattr(drivers, 'score', lambda *arguments: {})
+    monkeypatch.setattr(drivers, 'misses', lambda *arguments: ['a bar'])
+    assert drivers.main(['--only', 'plain', '--check']) == 1
+    assert capsys.readouterr().err == 'scoring adaptive ...\nscoring plain ...\n'
+
+
+def test_make_asks_for_it():
+    makefile = (REPOSITORY / 'Makefile').read_text()
+    assert 'benchmark.quality --check' in makefile
+    assert 'benchmark.drivers --check' in makefile

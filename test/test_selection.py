@@ -1,0 +1,245 @@
+"""Parts of a recording: several Imu topics, a time, some topics; and bags of ROS 1."""
+
+import re
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.typesys import Stores, get_typestore
+
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.selection import Selection
+from gyro_drift_filter.bags.topics import Topics
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from support.bags import read, simulated, write
+from support.messages import STORE, TEXT, text
+
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+
+
+def filtered(messages):
+    filter_ = MessageFilter(Parameters())
+    return [(time, filter_.take(data)) for time, data in messages]
+
+
+def run(source, destination, *arguments, **options):
+    return replay(
+        source, destination, parameters=Parameters(), selection=Selection(*arguments, **options)
+    )
+
+
+def late(messages, nanoseconds):
+    return [(time + nanoseconds, data) for time, data in messages]
+
+
+@pytest.fixture
+def two(tmp_path):
+    """Return a bag with two Imu topics of different data, and words; and what is in it."""
+    imu = simulated(900)
+    topics = {
+        ('/left/imu', IMU_TYPE): imu[:400],
+        ('/right/imu', IMU_TYPE): late(imu[300:], -3_000_000_007),
+        ('/words', TEXT): [(imu[0][0] + k * 10**8, text(f'{k}')) for k in range(30)],
+    }
+    return write(tmp_path / 'two', topics), {name: rows for (name, _), rows in topics.items()}
+
+
+def test_several_topics_have_a_filter_each(two, tmp_path):
+    """What each writes is what it writes alone."""
+    source, topics = two
+    left, right = run(source, tmp_path / 'out', ('/left/imu', 'right/imu'))
+    found, order = read(tmp_path / 'out')
+    assert found['/left/imu_filtered'] == filtered(topics['/left/imu'])
+    assert found['/right/imu_filtered'] == filtered(topics['/right/imu'])
+    assert [time for _, time in order] == sorted(time for _, time in order)
+    assert (left.written, right.written) == (400, 600)
+    assert left.status[0].name == '/left/gyro_drift_filter: input'
+    statuses = STORE.deserialize_cdr(found['/diagnostics'][-1][1], DIAGNOSTICS).status
+    assert [status.name for status in statuses] == [
+        f'/{side}/gyro_drift_filter: {part}'
+        for side in ('left', 'right')
+        for part in ('input', 'filter')
+    ]
+    run(source, tmp_path / 'alone', ('/right/imu',))
+    alone, _ = read(tmp_path / 'alone')
+    assert alone['/right/imu_filtered'] == found['/right/imu_filtered']
+
+
+def test_all_imu_topics_but_those_that_were_written(two, tmp_path):
+    source, _ = two
+    summaries = run(source, tmp_path / 'once', all_imu=True)
+    assert [summary.topic for summary in summaries] == ['/left/imu', '/right/imu']
+    again = run(tmp_path / 'once', tmp_path / 'twice', all_imu=True)
+    assert [summary.topic for summary in again] == ['/left/imu', '/right/imu']
+    assert read(tmp_path / 'twice') == read(tmp_path / 'once')
+
+
+def test_sample_topics_of_two_sensors_in_one_namespace(tmp_path):
+    imu = simulated(300)
+    source = write(tmp_path / 'in', {('/imu', IMU_TYPE): imu, ('/gyro', IMU_TYPE): imu[:200]})
+    replay(
+        source,
+        tmp_path / 'out',
+        parameters=Parameters(),
+        selection=Selection(all_imu=True),
+        diagnostics=True,
+    )
+    found, _ = read(tmp_path / 'out')
+    for name in SAMPLE_TOPICS:
+        assert len(found[f'/gyro_drift_filter_imu/{name}']) == 300
+        assert len(found[f'/gyro_drift_filter_gyro/{name}']) == 200
+    assert found['/imu_filtered'] == filtered(imu)
+
+
+def test_an_output_topic_of_another_name(two, tmp_path):
+    source, topics = two
+    (summary,) = run(source, tmp_path / 'out', ('/left/imu',), output_topic='mine/imu')
+    assert summary.output_topic == '/mine/imu'
+    assert read(tmp_path / 'out')[0]['/mine/imu'] == filtered(topics['/left/imu'])
+    for options, reason in (
+        ({'all_imu': True, 'output_topic': '/x'}, 'one output topic for several'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': '/right/imu'}, 'there is a topic /right'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': '/diagnostics'}, 'there is a topic /diag'),
+        ({'imu_topics': ('/left/imu',), 'output_topic': 'a b'}, "'a b' is no name of a topic"),
+        ({'imu_topics': ('/left/imu',), 'output_topic': ''}, "'' is no name of a topic"),
+    ):
+        with pytest.raises(BagError, match=reason):
+            run(source, tmp_path / 'none', **options)
+
+
+def test_a_topic_that_gives_nothing_does_not_stop_the_others(tmp_path, capsys):
+    imu = simulated(300)
+    topics = {
+        ('/a/imu', IMU_TYPE): imu,
+        ('/b/imu', IMU_TYPE): [],
+        ('/c/imu', IMU_TYPE): [(t, imu_message(t, (0, np.nan, 1), (0, 0, 9.8))) for t, _ in imu],
+    }
+    source = write(tmp_path / 'in', topics)
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out'), '--all-imu']) == 0
+    assert read(tmp_path / 'out')[0]['/a/imu_filtered'] == filtered(imu)
+    printed = capsys.readouterr()
+    assert 'warning: /b/imu: no message: ' in printed.err
+    assert 'warning: /c/imu: no usable rate on some axis' in printed.err
+    assert printed.out.count('no figures: no message had a usable rate on all axes') == 2
+    assert re.search(r'^y +no usable rate +-', printed.out, re.MULTILINE)
+    assert 'nan' not in printed.out
+
+
+def test_names_that_meet_are_refused(tmp_path):
+    imu = simulated(9)
+    source = write(tmp_path / 'in', {('/a/data', IMU_TYPE): imu, ('/a/data_raw', IMU_TYPE): imu})
+    names = {Topics.of(topic).filtered for topic in ('/a/data', '/a/data_raw')}
+    assert names == {'/a/data_filtered'}
+    with pytest.raises(BagError, match='would be /a/data_filtered, which is another one'):
+        run(source, tmp_path / 'out', all_imu=True)
+
+
+@pytest.mark.parametrize(
+    ('kept', 'topics'),
+    [
+        (('/words',), {'/words'}),
+        (('words', '/imu/data_raw'), {'/words', TOPIC}),
+        ((), set()),
+    ],
+)
+def test_only_some_topics_are_kept(kept, topics, tmp_path):
+    imu = simulated(300)
+    words = [(imu[9][0], text('word'))]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
+    run(source, tmp_path / 'out', kept=kept)
+    found, _ = read(tmp_path / 'out')
+    assert set(found) == topics | {'/imu/data_filtered', '/diagnostics'}
+    assert found['/imu/data_filtered'] == filtered(imu)
+    with pytest.raises(BagError, match='no topic /none in the bag; it holds /imu/data_raw, /words'):
+        run(source, tmp_path / 'out2', kept=('/none',))
+
+
+def test_a_part_of_the_time_is_as_a_shorter_recording(tmp_path):
+    imu = simulated(6000)
+    begin = imu[0][0] - 10**9
+    words = [(begin + k * 10**8, text(f'{k}')) for k in range(300)]
+    topics = {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words}
+    source = write(tmp_path / 'in', topics)
+    short = {
+        name: [(t, data) for t, data in rows if 2.5 <= (t - begin) * 1e-9 <= 20.0]
+        for name, rows in topics.items()
+    }
+    assert 0 < len(short[TOPIC, IMU_TYPE]) < 2000
+    run(source, tmp_path / 'part', start=2.5, end=20.0)
+    run(write(tmp_path / 'short', short), tmp_path / 'other')
+    assert read(tmp_path / 'part') == read(tmp_path / 'other')
+    with pytest.raises(BagError, match='no messages from 100 to inf s after the begin'):
+        run(source, tmp_path / 'none', start=100.0)
+
+
+def test_the_options_of_the_command(two, tmp_path, capsys):
+    source, topics = two
+    arguments = ['replay', str(source), '-o', str(tmp_path / 'out'), '--topic', '/left/imu']
+    options = ['--output-topic', '/mine', '--start', '1', '--end', '2', '--topics']
+    assert main([*arguments, *options]) == 0
+    found, _ = read(tmp_path / 'out')
+    assert set(found) == {'/mine', '/diagnostics'}
+    begin = read(source)[1][0][1]
+    assert [t for t, _ in found['/mine']] == [
+        t for t, _ in topics['/left/imu'] if 1.0 <= (t - begin) * 1e-9 <= 2.0
+    ]
+    capsys.readouterr()
+    assert main(['replay', str(source), '-o', str(tmp_path / 'all'), '--all-imu']) == 0
+    printed = capsys.readouterr().out
+    assert '/left/imu -> /left/imu_filtered: 400 messages' in printed
+    assert '/right/imu -> /right/imu_filtered: 600 messages' in printed
+    assert main([*arguments, '--start', '3', '--end', '3', '--force']) == 1
+    assert '--start 3 is not before --end 3' in capsys.readouterr().err
+
+
+def ros1_bag(path, imu):
+    """Write a ROS 1 bag with Imu messages, latched transforms under their old name, and words."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    header = types['std_msgs/msg/Header']
+    with Ros1Writer(path) as writer:
+        to = writer.add_connection('/imu/data_raw', IMU_TYPE, typestore=store)
+        words = writer.add_connection('/words', TEXT, typestore=store, latching=1)
+        for k, (time, data) in enumerate(imu):
+            of_ros2 = STORE.deserialize_cdr(data, IMU_TYPE)
+            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+            message = types[IMU_TYPE](
+                header(k, stamp, of_ros2.header.frame_id),
+                *(getattr(of_ros2, name) for name in list(vars(of_ros2))[1:] if name[0] != '_'),
+            )
+            writer.write(to, time, store.serialize_ros1(message, IMU_TYPE))
+        word = store.serialize_ros1(types[TEXT]('word'), TEXT)
+        writer.write(words, imu[3][0], word)
+    return path
+
+
+def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(tmp_path):
+    imu = simulated(300)
+    source = ros1_bag(tmp_path / 'old.bag', imu)
+    run(source, tmp_path / 'out')
+    run(write(tmp_path / 'new', {(TOPIC, IMU_TYPE): imu}), tmp_path / 'of_new')
+    found, _ = read(tmp_path / 'out')
+    assert found[TOPIC] == imu
+    assert found['/imu/data_filtered'] == read(tmp_path / 'of_new')[0]['/imu/data_filtered']
+    assert found['/words'] == [(imu[3][0], text('word'))]
+    with open_bag(tmp_path / 'out') as recording:
+        qos = {
+            c.topic: c.ext.offered_qos_profiles[0].durability.name for c in recording.connections
+        }
+    assert (qos['/words'], qos[TOPIC]) == ('TRANSIENT_LOCAL', 'VOLATILE')
+
+
+def test_a_message_of_ros_1_that_lies_is_one_line(tmp_path):
+    source = ros1_bag(tmp_path / 'old.bag', simulated(9))
+    data = source.read_bytes()
+    frame = data.index(b'\x08\x00\x00\x00imu_link')
+    source.write_bytes(data[:frame] + b'\xff\xff\xff\x7f' + data[frame + 4 :])
+    with pytest.raises(BagError, match='of /imu/data_raw can not be converted to ROS 2'):
+        run(source, tmp_path / 'out')
