@@ -17,8 +17,8 @@ def test_every_world_of_drivers_holds_its_bars(world):
     assert misses(world, score(world, seed=7)) == []
 
 
-def upright(random, n):
-    return np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
+def upright(random, n, deviation=0.02):
+    return np.array([0.0, 0.0, 9.81]) + deviation * random.standard_normal((n, 3))
 
 
 @pytest.mark.parametrize(
@@ -54,21 +54,22 @@ def test_noise_is_learned_at_rest_alone(random):
 
 
 @pytest.mark.parametrize(('deviations', 'share'), [(8, 0.6), (12, 0.95), (20, 0.99)])
-def test_small_spikes_at_rest_are_flagged_by_the_noise(deviations, share, random):
+@pytest.mark.parametrize('noise', [0.006, 0.002])  # of an ADIS16405 and an MPU-6050
+def test_small_spikes_at_rest_are_flagged_by_the_noise(noise, deviations, share, random):
     n = 30_000
-    z = 0.006 * random.standard_normal((n, 3))
+    z = noise * random.standard_normal((n, 3))
     spikes = np.zeros((n, 3), bool)
     for axis in range(3):
         spikes[random.choice(np.arange(1000, n - 2), n // 500, replace=False), axis] = True
     signs = random.choice([-1.0, 1.0], (n, 3))
     results = Filter(Parameters()).run(
-        stamps(n, 100.0), z + 0.006 * deviations * signs * spikes, upright(random, n)
+        stamps(n, 100.0), z + noise * deviations * signs * spikes, upright(random, n, 0.04)
     )
     flags = results['outlier'] > 0
     assert flags[spikes].mean() >= share
     assert (flags & ~spikes).any(axis=1).mean() < 3e-4
     left = np.abs(results['angular_velocity'])[spikes & flags]
-    assert left.max() < 0.006
+    assert left.max() < noise
 
 
 def fast_turn(n, rate):

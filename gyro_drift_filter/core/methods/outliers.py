@@ -47,7 +47,7 @@ CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
-SHAKE_RATIO = 3.0  # usual changes, above which it is no noise
+SHAKE_RATIO = 3.0  # usual changes: what noise alone may do
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
 JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
@@ -145,11 +145,12 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
 def shake_along(jolt: Jolt, still: bool) -> float:
     """Return by how much the acceleration has changed in m/s^2, now or at the sample before.
 
-    Where the sensor is still, a usual change is noise and counts as none.
+    Where the sensor is still, what noise may do of it counts as none.
     """
     change = max(jolt['change'], jolt['change_before'])
-    usual = max(jolt['usual_change'], JOLT_FLOOR)
-    return 0.0 if still and change < SHAKE_RATIO * usual else change
+    if not still:
+        return change
+    return float(max(change - SHAKE_RATIO * max(jolt['usual_change'], JOLT_FLOOR), 0.0))
 
 
 @kernel
