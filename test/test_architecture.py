@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from support.paths import REPOSITORY
+from support.paths import REPOSITORY, TESTS
 
 PAGE = (REPOSITORY / 'docs' / 'architecture.md').read_text()
 AVERAGE = """
@@ -121,3 +121,15 @@ def test_what_the_page_adds_works(title, files, code, tmp_path):
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_each_test_that_docs_robustness_names_exists():
+    file, missing = '', []
+    for line in (REPOSITORY / 'docs' / 'robustness.md').read_text().split('\n'):
+        if not line.startswith('|'):
+            continue
+        for named, name in re.findall(r'`(?:(test_\w+\.py)::)?(test_\w+)`', line):
+            file = named or file
+            if f'def {name}(' not in (TESTS / file).read_text():
+                missing.append(f'{file}::{name}')
+    assert missing == []

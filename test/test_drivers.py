@@ -79,7 +79,7 @@ def fast_turn(n, rate):
     )
 
 
-def test_repeated_rates_in_motion_are_bridged_and_not_flag(random):
+def test_repeated_rates_in_motion_are_bridged_and_not_flagged(random):
     truth = np.concatenate([np.zeros((800, 3)), fast_turn(2000, 100.0)])
     z = truth + 0.005 * random.standard_normal(truth.shape)
     for k in range(1000, 2700, 50):

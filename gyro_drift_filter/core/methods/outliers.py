@@ -47,9 +47,10 @@ CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
-SHAKE_RATIO = 3.0  # usual changes: what noise alone may do
+SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
-JOLT_FLOOR = 0.05  # m/s^2, the least usual change: below lies the resolution
+# The least usual changes, in m/s^2: below lies the resolution.
+JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample
@@ -145,12 +146,13 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
 def shake_along(jolt: Jolt, still: bool) -> float:
     """Return by how much the acceleration has changed in m/s^2, now or at the sample before.
 
-    Where the sensor is still, what noise may do of it counts as none.
+    Where the sensor is still, what noise may do counts as none.
     """
     change = max(jolt['change'], jolt['change_before'])
     if not still:
         return change
-    return float(max(change - SHAKE_RATIO * max(jolt['usual_change'], JOLT_FLOOR), 0.0))
+    usual = max(jolt['usual_change'], SHAKE_FLOOR)
+    return 0.0 if change < SHAKE_RATIO * usual else change
 
 
 @kernel
@@ -178,7 +180,7 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     if change > JOLT_RATIO * usual:
         jolt['samples_left'] = JOLT_SAMPLES
     limited = min(change, LARGEST_CHANGE * usual)
-    jolt['usual_change'] = usual + JOLT_MEMORY * (limited - usual)
+    jolt['usual_change'] += JOLT_MEMORY * (limited - jolt['usual_change'])
     return bool(jolt['samples_left'] > 0)
 
 
