@@ -142,6 +142,59 @@ def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
     assert (results['bias'] == 0.0).all()
 
 
+def idling(random, seconds, bias, vibration=0.02):
+    """Return rates and accelerations of a body that its motors shake, faster than it could move."""
+    rates, accelerations = at_rest(random, seconds, bias)
+    shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
+    return rates + vibration * shake, accelerations + 0.5 * shake
+
+
+@pytest.mark.parametrize('begins', [1.5, 2.0])
+def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
+    """Its motors run, and it never rests: its first second has to do."""
+    truth = np.array([-0.002, 0.021, 0.077])
+    rates, accelerations = idling(random, 60, truth)
+    turn, push = by_hand(random, 60 - begins)
+    first = round(100 * begins)
+    rates[first:] += turn
+    accelerations[first:] += push
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][125:] - truth).max() < 6e-3
+    deviations = np.sqrt(results['angular_velocity_variance'][[20, 125]]).max(axis=1)
+    assert deviations[1] < 0.3 * deviations[0]
+
+
+def test_a_take_off_is_no_rest(random):
+    """It goes up with a slow drift of the rates, less steady than it stood before."""
+    truth = np.array([-0.002, 0.021, 0.077])
+    rates, accelerations = idling(random, 60, truth)
+    turn, push = by_hand(random, 56)
+    rates[200:400] += 0.012 * random.standard_normal((16, 3)).repeat(13, axis=0)[:200] - 0.009
+    rates[400:] += turn
+    accelerations[400:] += push
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][125:] - truth).max() < 6e-3
+
+
+def test_a_hand_gives_no_provisional_bias(random):
+    """It holds the sensor, as well as hands do, from the start."""
+    rates, accelerations = at_rest(random, 3)
+    rates += np.cumsum(random.standard_normal(rates.shape), axis=0) * 0.004
+    results = run(Filter(), rates, accelerations)
+    assert (results['bias'] == 0.0).all()
+
+
+@pytest.mark.parametrize('speed', [0.5, 2.0, 5.0])
+def test_a_turn_from_power_on_is_unlearned_at_the_first_rest(speed, random):
+    """About the vertical, for a second and a half: nothing tells it from a bias before."""
+    rates, accelerations = at_rest(random, 20, (0.0, 0.5 * DEGREE, 0.0))
+    rates[:150, 2] += speed * DEGREE
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][:150, 2]).max() < speed * DEGREE + 2e-3
+    truth = (0.0, 0.5 * DEGREE, 0.0)
+    np.testing.assert_allclose(results['bias'][500], truth, atol=0.2 * DEGREE)
+
+
 def test_standing_still_by_the_robots_own_word_is_believed_at_once(random):
     """After a slow turn the filter would wait for a second segment that agrees."""
     filter_ = Filter()

@@ -111,11 +111,11 @@ def test_another_turn_on_deviation_holds_at_once_and_until_the_first_rest(random
     filter_ = Filter(Parameters(bias_turn_on_deviation=0.02))
     rates, accelerations = at_rest(random, 10, 3 * [DEGREE])
     stamps = START + np.arange(1000) * 10_000_000
-    filter_.run(stamps[:100], rates[:100], accelerations[:100])
+    filter_.run(stamps[:50], rates[:50], accelerations[:50])
     np.testing.assert_allclose(filter_.bias_deviation, 0.02, rtol=1e-3)
     filter_.configure(Parameters(bias_turn_on_deviation=0.08))
     np.testing.assert_allclose(filter_.bias_deviation, 0.08, rtol=1e-3)
-    filter_.run(stamps[100:], rates[100:], accelerations[100:])
+    filter_.run(stamps[50:], rates[50:], accelerations[50:])
     known = filter_.bias_deviation
     assert (known < 1e-3).all()
     filter_.configure(Parameters(bias_turn_on_deviation=0.02))

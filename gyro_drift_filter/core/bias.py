@@ -29,8 +29,10 @@ from gyro_drift_filter.core.rest import (
     next_segment,
     note_sample,
     segment_mean,
+    segment_scatter,
     segment_variance,
     start_rest,
+    unlearn_first_segment,
     variance_of_mean,
 )
 from gyro_drift_filter.core.sample import Sample
@@ -56,6 +58,14 @@ LONGEST_TURN = 90.0  # s
 DOUBTED = 2
 # It stays where a segment lies within so many deviations of those before.
 SAME = 4.0
+
+# Robots are switched on while they stand. In the first seconds a bias is taken from less than rest,
+# as of a drone that idles, until the first rest replaces it. Such vibration moves the bias by some
+# 1e-3 rad/s, and so does the start of the motors.
+PROVISIONAL_SECONDS = 3.0
+PROVISIONAL_DEVIATION = 1.5e-3  # rad/s, besides that of the mean
+LESS_STEADY = 9.0  # times the variance of its mean: not by chance
+SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
 
 LARGEST_STEP = 1.0  # rad/s: no change of temperature moves the bias by more
 
@@ -94,6 +104,8 @@ class Bias(TypedDict):
     known: bool
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
+    # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
+    provisional: PerAxis
     walk: float  # share of the random walk's variance that the bias takes
     growth: float  # (rad/s)^2, of the variance since the last segment
     reach: float  # (rad/s)^2, the same with all of the random walk
@@ -134,6 +146,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
         if not variance[axis] < np.inf:
             state['known'] = False
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
+        state['provisional'][axis] = 0.0
     state['walk'] = 1.0
     state['doubt'] = 0
     state['temperature'] = np.nan
@@ -193,11 +206,41 @@ def track_bias(
         return
     run = rest['run']
     found = close_block(rest, lengths)
-    if found != BlockOutcome.NOTHING:
+    if found == BlockOutcome.STEADY:
+        _take_provisional(state, settings['bias_max'])
+    elif found != BlockOutcome.NOTHING:
         moved = found == BlockOutcome.END_OF_REST
         _take_segment(state, moved, lengths['block_seconds'], settings)
     if rest['run'] < run:
         _forget_stillness(state)
+
+
+@kernel
+def _take_provisional(state: Bias, largest: float) -> None:
+    """Take the mean of the steady segment under way for the bias, until there is a rest."""
+    rest = state['rest']
+    if state['known'] or state['rest_seconds'] > PROVISIONAL_SECONDS:
+        return
+    total = before = 0.0
+    significant = state['provisional'][0] > 0.0
+    for axis in range(3):
+        mean = segment_mean(rest, axis)
+        if abs(mean) > largest:
+            return
+        variance = segment_scatter(rest, axis) + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+        distance = mean - state['bias'][axis]
+        significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
+        total += variance
+        before += bias_variance(state, axis)
+    if total >= before or not significant:
+        return
+    for axis in range(3):
+        state['bias'][axis] = segment_mean(rest, axis)
+        scatter = segment_scatter(rest, axis)
+        state['provisional'][axis] = scatter
+        state['variance'][axis] = scatter + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+    state['growth'] = 0.0
+    state['reach'] = 0.0
 
 
 @kernel
@@ -283,7 +326,11 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
             state['beyond'] = True
             return False
     if not state['known']:
-        return True
+        if not (_is_far_from_provisional(state) and _is_less_steady(state)):
+            return True
+        # A motion that is nearly steady, as of a drone that takes off.
+        unlearn_first_segment(rest)
+        return _stays(state, rest['blocks'] * block_seconds)
     if state['hint'] == Hint.STANDS:
         # The robot itself says that it stands, so that is how far the bias has come.
         for axis in range(3):
@@ -307,6 +354,26 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
     if rest['halves'] == Halves.WHOLE:
         state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
+
+
+@kernel
+def _is_far_from_provisional(state: Bias) -> bool:
+    """Return whether the segment lies where the provisional bias, if there is one, can't be."""
+    for axis in range(3):
+        distance = segment_mean(state['rest'], axis) - state['bias'][axis]
+        far = distance * distance > GATE * GATE * bias_variance(state, axis)
+        if far and state['provisional'][axis] > 0.0:
+            return True
+    return False
+
+
+@kernel
+def _is_less_steady(state: Bias) -> bool:
+    """Return whether the segment is far less steady than that of the provisional bias was."""
+    for axis in range(3):
+        if segment_scatter(state['rest'], axis) > LESS_STEADY * state['provisional'][axis]:
+            return True
+    return False
 
 
 @kernel
@@ -418,6 +485,8 @@ def _learn(state: Bias) -> None:
 def _settle(state: Bias) -> None:
     """Begin to count anew what the bias may have done since it was learned."""
     state['known'] = True
+    for axis in range(3):
+        state['provisional'][axis] = 0.0
     state['beyond'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0

@@ -63,6 +63,14 @@ STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
+# Before anything is known a segment of so many blocks is steady, as of a drone that idles, where
+# its mean has so small a deviation (rad/s), by the scatter of its blocks, and gravity scatters by
+# less. In a hand rates are ten times as unsteady.
+LEAST_STEADY_BLOCKS = 6
+STEADY_DEVIATION, STEADY_GRAVITY_SCATTER = 3e-3, 0.15
+# Its rate is no turn where gravity moves by less than this share of what the turn would move it, or
+# by less than this in m/s^2, or by less than so many deviations of its own noise.
+TURN_SHARE, LEAST_TURN, TURN_DEVIATIONS = 0.25, 0.05, 2.0
 # Gravity stands where the means of blocks stay within this, a tilt of a degree, and is that.
 STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0  # m/s^2
 # The ratio of variances is learned slower, as a segment says less of it. It starts at one, as if
@@ -153,6 +161,7 @@ class BlockOutcome(IntEnum):
     NOTHING = 0
     SEGMENT = 1  # a segment is ready
     END_OF_REST = 2  # the block ended the rest, and what there is of the segment is ready
+    STEADY = 3  # the segment under way is steady, if not known as rest yet
 
 
 REST = record(Rest)
@@ -309,7 +318,10 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     _let_wait(rest)
     _start_block(rest)
     if rest['blocks'] < SEGMENT_BLOCKS:
-        return BlockOutcome.NOTHING
+        if rest['known'] or rest['blocks'] < LEAST_STEADY_BLOCKS:
+            return BlockOutcome.NOTHING
+        steady = _is_steady(rest) and not _tilts(rest, lengths['block_seconds'])
+        return BlockOutcome.STEADY if steady else BlockOutcome.NOTHING
     if rest['halves'] == Halves.LATER:
         _drop_early_half(rest)
         rest['halves'] = Halves.LEFT_BEHIND
@@ -446,6 +458,13 @@ def segment_mean(rest: Rest, index: int) -> float:
 
 
 @kernel
+def unlearn_first_segment(rest: Rest) -> None:
+    """Forget the noise, if it is that of one segment alone, which was no rest."""
+    if rest['learned'] == 1:
+        rest['known'] = False
+
+
+@kernel
 def segment_variance(rest: Rest, axis: int) -> float:
     """Return the variance of `segment_mean` of an axis of the gyroscope."""
     return variance_of_mean(rest, axis, rest['blocks'])
@@ -543,6 +562,53 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
         and signal['largest_variance'] <= limit * variance
         and not _has_halves(rest, signal, max(steps, variance / length), deviations)
     )
+
+
+@kernel
+def _is_steady(rest: Rest) -> bool:
+    """Return whether the means of the segment scatter about one value, and little."""
+    blocks = 1.0 * rest['blocks']
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        scatter = _scatter(rest, signal)
+        limit = STEADY_DEVIATION * STEADY_DEVIATION * blocks
+        if i >= 3:
+            limit = STEADY_GRAVITY_SCATTER * STEADY_GRAVITY_SCATTER
+        if scatter > limit or (scatter > LEAST_VARIANCE and _is_smooth(rest, signal, scatter)):
+            return False
+    return True
+
+
+@kernel
+def _tilts(rest: Rest, block_seconds: float) -> bool:
+    """Return whether gravity moves with the mean rate of the segment, which is a turn then."""
+    seconds = (rest['blocks'] - 1.0) * block_seconds
+    moved = unexplained = noise = 0.0
+    for axis in range(3):
+        after, behind = (axis + 1) % 3, (axis + 2) % 3
+        signal = rest['signals'][3 + axis]
+        change = signal['last'] - signal['first']
+        # g' = g x w, for a turn at the rate w
+        turned = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
+        turned -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
+        moved += change * change
+        unexplained += (change - turned * seconds) * (change - turned * seconds)
+        noise += signal['steps'] / (rest['blocks'] - 1.0)
+    largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
+    largest = max(largest, LEAST_TURN)
+    return bool(math.sqrt(moved) > largest)
+
+
+@kernel
+def _is_smooth(rest: Rest, signal: Signal, scatter: float) -> bool:
+    """Return whether means that scatter differ little from one to the next, as in a slow turn."""
+    return bool(0.5 * signal['steps'] / (rest['blocks'] - 1.0) < LEAST_STEPS * scatter)
+
+
+@kernel
+def segment_scatter(rest: Rest, index: int) -> float:
+    """Return the variance of the mean of signal `index`, by the scatter of the segment's blocks."""
+    return float(_scatter(rest, rest['signals'][index]) / rest['blocks'])
 
 
 @kernel
