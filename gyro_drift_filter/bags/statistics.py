@@ -68,14 +68,13 @@ class RateStatistics:
     """Of rates as they came and filtered, however the messages are cut into pieces.
 
     Attributes:
-        known_at: Log time in ns of the first message from which a bias was taken that had been
-            learned; None before.
+        known_at: Log time in ns of the first message at rest, whose bias had been learned; None
+            before.
     """
 
     def __init__(self) -> None:
         self._raw: Any = np.zeros(2, SUMS)
         self._filtered: Any = np.zeros(2, SUMS)
-        self._first_bias: Any = None
         self.known_at: int | None = None
 
     def add(self, imus: Any, log_times: NDArray[np.int64]) -> None:
@@ -83,10 +82,7 @@ class RateStatistics:
         add_rates(imus, self._raw, self._filtered)
         good = np.flatnonzero(imus['kind'] == ImuKind.GOOD)
         if self.known_at is None and len(good):
-            results = imus['result'][good]
-            if self._first_bias is None:
-                self._first_bias = results['bias'][0].copy()
-            known = (results['bias'] != self._first_bias).any(axis=1) | (results['at_rest'] > 0.0)
+            known = imus['result']['at_rest'][good] > 0.0
             if known.any():
                 self.known_at = int(log_times[good[np.argmax(known)]])
 
