@@ -227,7 +227,7 @@ def _take_provisional(state: Bias, largest: float) -> None:
         mean = segment_mean(rest, axis)
         if abs(mean) > largest:
             return
-        variance = segment_scatter(rest, axis) + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+        variance = _provisional_variance(rest, axis)
         distance = mean - state['bias'][axis]
         significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
         total += variance
@@ -236,11 +236,16 @@ def _take_provisional(state: Bias, largest: float) -> None:
         return
     for axis in range(3):
         state['bias'][axis] = segment_mean(rest, axis)
-        scatter = segment_scatter(rest, axis)
-        state['provisional'][axis] = scatter
-        state['variance'][axis] = scatter + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+        state['provisional'][axis] = segment_scatter(rest, axis)
+        state['variance'][axis] = _provisional_variance(rest, axis)
     state['growth'] = 0.0
     state['reach'] = 0.0
+
+
+@kernel
+def _provisional_variance(rest: Rest, axis: int) -> float:
+    """Return the variance in (rad/s)^2 of a bias that is the mean of the steady segment."""
+    return segment_scatter(rest, axis) + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
 
 
 @kernel

@@ -555,7 +555,7 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     # By the differences of means that follow each other, which a slow turn leaves as they are.
     steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
-    smooth = alike > LARGEST_SMOOTH and steps < LEAST_STEPS * scatter
+    smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
     return (
         not smooth
         and scatter <= walk * walk / lengths['block_seconds']
