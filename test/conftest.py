@@ -5,11 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from support.paths import NAMES, RECORDINGS
 
 # ROS traffic of the tests stays on this machine.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+# A commit passes or fails alike wherever it is tested. `--hypothesis-profile default` draws other
+# examples in each run, to search for what these do not show.
+settings.register_profile('repeatable', derandomize=True, print_blob=True)
+settings.load_profile('repeatable')
 
 
 def path_of(name):

@@ -35,13 +35,13 @@ def by_both(source, folder, monkeypatch, chunks=True, **options):
         assert isinstance(recording, ChunkReader) == chunks
     results = []
     for name in ('chunks', 'rosbags'):
-        if name == 'rosbags':
-            monkeypatch.setattr(opening, 'choose_reader', RosbagsReader)
         out = folder / name / 'out'
-        (summary,) = replay(source, out, parameters=Parameters(), **options)
+        with monkeypatch.context() as patch:
+            if name == 'rosbags':
+                patch.setattr(opening, 'choose_reader', RosbagsReader)
+            (summary,) = replay(source, out, parameters=Parameters(), **options)
         files = [(out / 'out.mcap').read_bytes(), (out / 'metadata.yaml').read_text()]
         results.append((files, summary))
-    monkeypatch.undo()
     return results
 
 
@@ -159,6 +159,13 @@ def test_both_readers_agree_on_anything(
         rows.append((topic, kinds[topic], time, data))
     source = write_mcap(folder / 'in.mcap', rows, chunk_size=chunk_size)
     check_same(by_both(source, folder, monkeypatch, diagnostics=diagnostics))
+
+
+def test_a_damaged_message_that_looks_compressed_ends_nothing(tmp_path, monkeypatch, random):
+    rows = mixed(random)
+    rows[10] = (*rows[10][:3], b'\x28\xb5\x2f\xfd' + bytes(40))
+    source = write_mcap(tmp_path / 'in.mcap', rows)
+    check_same(by_both(source, tmp_path, monkeypatch))
 
 
 def test_out_of_order_within_a_chunk(tmp_path, monkeypatch, random):

@@ -389,12 +389,15 @@ def test_paths_that_are_no_bag(tmp_path):
             run(tmp_path / 'in', tmp_path / name)
 
 
-def test_compressed_messages_without_their_metadata_are_told(tmp_path):
+@pytest.mark.parametrize(
+    ('storage', 'suffix'), [(StoragePlugin.SQLITE3, 'db3'), (StoragePlugin.MCAP, 'mcap')]
+)
+def test_compressed_messages_without_their_metadata_are_told(tmp_path, storage, suffix):
     """The file itself does not say so."""
     topics = {(TOPIC, IMU_TYPE): simulated(9)}
-    source = write(tmp_path / 'in', topics, StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+    source = write(tmp_path / 'in', topics, storage, CompressionMode.MESSAGE)
     with pytest.raises(BagError, match=r'holds compressed messages.*name the folder'):
-        run(source / 'in.db3', tmp_path / 'out')
+        run(source / f'in.{suffix}', tmp_path / 'out')
 
 
 def test_nothing_to_write_is_an_error_with_the_reason(tmp_path):

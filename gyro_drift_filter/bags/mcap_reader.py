@@ -29,8 +29,8 @@ class ChunkReader(RosbagsReader):
         super().__init__(library)
         self._file, self._layout, self._numbers = file, layout, numbers
 
-    def pieces(self) -> Iterator[Piece]:
-        """Yield a piece for each chunk, see `Recording`.
+    def _pieces(self) -> Iterator[Piece]:
+        """Yield a piece for each chunk.
 
         The next chunk is read meanwhile, in a thread of its own.
         """

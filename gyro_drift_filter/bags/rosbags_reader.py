@@ -14,7 +14,7 @@ from gyro_drift_filter.mcap.message_kernels import ROW
 # A piece ends with the message that reaches one of these.
 _PIECE_MESSAGES = 4096
 _PIECE_BYTES = 2**22
-_ZSTD = b'\x28\xb5\x2f\xfd'  # what begins so is compressed; no message of ROS does
+_ZSTD = b'\x28\xb5\x2f\xfd'  # begins what is compressed (RFC 8878, 3.1.1), and no message of ROS
 
 
 class RosbagsReader:
@@ -29,6 +29,16 @@ class RosbagsReader:
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, see `Recording`."""
+        for k, piece in enumerate(self._pieces()):
+            # Where messages are compressed, all are. A later one that looks so is merely damaged.
+            if k == 0 and len(piece.rows) and piece.message(0).startswith(_ZSTD):
+                raise BagError(
+                    f'{self.path} holds compressed messages, which only its metadata.yaml '
+                    'tells how to read: name the folder that both are in'
+                )
+            yield piece
+
+    def _pieces(self) -> Iterator[Piece]:
         times: list[int] = []
         channels: list[int] = []
         contents: list[bytes] = []
@@ -49,15 +59,7 @@ class RosbagsReader:
         if not self.connections:
             return
         try:
-            for row in self._library.messages():
-                if row[2][:4] == _ZSTD:
-                    raise BagError(
-                        f'{self.path} holds compressed messages, which only its metadata.yaml '
-                        'tells how to read: name the folder that both are in'
-                    )
-                yield row
-        except BagError:
-            raise
+            yield from self._library.messages()
         except Exception as error:
             raise BagError(
                 f'{self.path} is damaged and can be read no further: {reason_of_library(error)}'
