@@ -289,8 +289,9 @@ def test_unknown_acceleration_changes_nothing_in_the_papers_filters():
     data = recording()
     unknown = np.full_like(data.linear_acceleration, np.nan)
     for method in ('kalman', 'sage_husa'):
+        parameters = Parameters(method=method, bias_in_motion=False)
         a, b = (
-            Filter(Parameters(method=method)).run(data.stamps, data.angular_velocity, acceleration)
+            Filter(parameters).run(data.stamps, data.angular_velocity, acceleration)
             for acceleration in (data.linear_acceleration, unknown)
         )
         assert same(a, b)

@@ -5,10 +5,19 @@ import time
 
 import pytest
 
-from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
+from gyro_drift_filter.core.motion_bias import BiasShift
+from gyro_drift_filter.messages.memory_file import (
+    MemoryFileError,
+    RememberedBias,
+    file_of,
+    recall,
+    remember,
+)
 
 NODE, FRAME = '/robot1/gyro_drift_filter', 'imu_link'
-BIAS, DEVIATION = (0.01, -0.02, 0.005), (1e-4, 2e-4, 3e-4)
+BIAS, DEVIATION = [0.01, -0.02, 0.005], [1e-4, 2e-4, 3e-4]
+SHIFT = BiasShift((2e-4, -8e-4, 1e-3), (3e-4, 2e-4, 1e-4))
+REMEMBERED = RememberedBias(BIAS, DEVIATION, SHIFT)
 
 
 @pytest.fixture
@@ -19,12 +28,12 @@ def path(tmp_path, monkeypatch):
 
 def test_what_is_remembered_is_recalled(path):
     assert recall(path, NODE, FRAME, 0.1) is None
-    remember(path, NODE, FRAME, BIAS, DEVIATION)
+    remember(path, NODE, FRAME, REMEMBERED)
     found = recall(path, NODE, FRAME, 0.1)
-    assert (found.bias, found.deviation) == (BIAS, DEVIATION)
+    assert (found.bias, found.deviation, found.shift) == (tuple(BIAS), tuple(DEVIATION), SHIFT)
     assert 0.0 <= found.age < 60.0
-    remember(path, NODE, FRAME, DEVIATION, DEVIATION)
-    assert recall(path, NODE, FRAME, 0.1).bias == DEVIATION
+    remember(path, NODE, FRAME, RememberedBias(DEVIATION, DEVIATION, SHIFT))
+    assert recall(path, NODE, FRAME, 0.1).bias == tuple(DEVIATION)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
@@ -35,8 +44,8 @@ def test_what_is_remembered_is_recalled(path):
 def test_any_name_gives_a_file_within_the_folder(node, frame, path):
     other = file_of(node, frame)
     assert other.parent == path.parent
-    remember(other, node, frame, BIAS, DEVIATION)
-    assert recall(other, node, frame, 0.1).bias == BIAS
+    remember(other, node, frame, REMEMBERED)
+    assert recall(other, node, frame, 0.1).bias == tuple(BIAS)
 
 
 def test_without_ros_home_it_is_in_the_users_home(tmp_path, monkeypatch):
@@ -72,19 +81,21 @@ def test_a_damaged_file_is_refused(content, path):
         ({'bias': [0.1, float('nan'), 0.2]}, 'is damaged'),
         ({'deviation': 'abc'}, 'is damaged'),
         ({'deviation': [1e-4, -1e-4, 1e-4]}, 'is damaged: a deviation is negative'),
+        ({'shift_deviation': [1e-4, 1e-4, -1e-4]}, 'is damaged: a deviation is negative'),
+        ({'shift': None}, 'is damaged'),
         ({'time': 10**400}, 'is damaged'),
         ({'bias': [10**400, 0, 0]}, 'is damaged'),
         ({'time': None}, 'is damaged'),
         ({'node': '/other'}, 'of another node, frame or version'),
         ({'frame': 'other'}, 'of another node, frame or version'),
-        ({'format': 2}, 'of another node, frame or version'),
+        ({'format': 1}, 'of another node, frame or version'),
         ({'time': time.time() - 40 * 86_400}, 'is from 40.0 days ago'),
         ({'time': time.time() + 40 * 86_400}, 'is from -40.0 days ago'),
         ({'bias': [0.0, 5.0, 0.0]}, 'beyond bias.max'),
     ],
 )
 def test_what_does_not_fit_is_refused(change, message, path):
-    remember(path, NODE, FRAME, BIAS, DEVIATION)
+    remember(path, NODE, FRAME, REMEMBERED)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(MemoryFileError, match=message):
         recall(path, NODE, FRAME, 0.1)
@@ -93,7 +104,7 @@ def test_what_does_not_fit_is_refused(change, message, path):
 def test_a_folder_that_can_not_be_written(path):
     path.parent.parent.write_text('a file where the folder should be')
     with pytest.raises(MemoryFileError, match='can not be written'):
-        remember(path, NODE, FRAME, BIAS, DEVIATION)
+        remember(path, NODE, FRAME, REMEMBERED)
 
 
 def test_what_can_not_be_read(path):

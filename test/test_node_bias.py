@@ -11,7 +11,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.ros.memory_file import file_of, recall
+from gyro_drift_filter.messages.memory_file import file_of, recall
 from gyro_drift_filter.simulation.bag import FRAME
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import doubles_of, imu_fields

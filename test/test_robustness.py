@@ -14,8 +14,8 @@ from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.memory_file import file_of
 from gyro_drift_filter.ros.losses import Losses
-from gyro_drift_filter.ros.memory_file import file_of
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from harness.live_node import LOSSLESS, LiveNode
 from support.bags import mixed, write, write_mcap

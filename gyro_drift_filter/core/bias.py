@@ -20,6 +20,16 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.motion_bias import (
+    MotionBias,
+    SharedBias,
+    keep_shared,
+    learn_at_rest,
+    limit_shift,
+    lose_direction,
+    restore_shared,
+    start_motion_bias,
+)
 from gyro_drift_filter.core.rest import (
     BlockOutcome,
     Halves,
@@ -33,6 +43,7 @@ from gyro_drift_filter.core.rest import (
     segment_variance,
     start_rest,
     unlearn_first_segment,
+    value_variance,
     variance_of_mean,
 )
 from gyro_drift_filter.core.sample import Sample
@@ -89,6 +100,7 @@ class RestSegment(TypedDict):
     # of the bias before the segment was taken in
     bias: PerAxis
     variance: PerAxis
+    in_motion: SharedBias
     # of the state, which ended as the segment was taken in; 0 where it was not
     growth: float
     reach: float
@@ -106,6 +118,7 @@ class Bias(TypedDict):
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional: PerAxis
+    motion: MotionBias  # the bias in motion
     walk: float  # share of the random walk's variance that the bias takes
     growth: float  # (rad/s)^2, of the variance since the last segment
     reach: float  # (rad/s)^2, the same with all of the random walk
@@ -136,7 +149,7 @@ BIAS = record(Bias)
 def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation: float) -> None:
     """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known.
 
-    Then it is as uncertain as `turn_on_deviation` in rad/s says.
+    Then it is as uncertain as `turn_on_deviation` in rad/s says. Its shift in motion is set before.
     """
     leave_rest(state)
     state['known'] = True
@@ -147,6 +160,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
             state['known'] = False
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional'][axis] = 0.0
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
     state['walk'] = 1.0
     state['doubt'] = 0
     state['temperature'] = np.nan
@@ -159,6 +173,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
 def leave_rest(state: Bias) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])
+    lose_direction(state['motion'])
     _forget_stillness(state)
 
 
@@ -200,7 +215,9 @@ def track_bias(
     random_walk = settings['bias_random_walk']
     walked = random_walk * random_walk * elapsed
     state['reach'] += walked
-    state['growth'] += walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
+    growth = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
+    state['growth'] += growth
+    state['motion']['growth'] += growth
     accepted = accepted and state['hint'] != Hint.MOVES
     if not note_sample(rest, sample, accepted, missing, lengths):
         return
@@ -219,16 +236,20 @@ def track_bias(
 def _take_provisional(state: Bias, largest: float) -> None:
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
     rest = state['rest']
-    if state['known'] or state['rest_seconds'] > PROVISIONAL_SECONDS:
+    if state['segments'] > 0 or state['rest_seconds'] > PROVISIONAL_SECONDS:
         return
     total = before = 0.0
-    significant = state['provisional'][0] > 0.0
+    significant = state['provisional'][0] > 0.0 or state['known']
     for axis in range(3):
         mean = segment_mean(rest, axis)
         if abs(mean) > largest:
             return
         variance = _provisional_variance(rest, axis)
         distance = mean - state['bias'][axis]
+        if state['known'] and distance * distance > GATE * GATE * (
+            variance + bias_variance(state, axis)
+        ):
+            return  # it turns: the bias of the last run is another one
         significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
         total += variance
         before += bias_variance(state, axis)
@@ -238,6 +259,9 @@ def _take_provisional(state: Bias, largest: float) -> None:
         state['bias'][axis] = segment_mean(rest, axis)
         state['provisional'][axis] = segment_scatter(rest, axis)
         state['variance'][axis] = _provisional_variance(rest, axis)
+        limit_shift(state['motion'], axis, value_variance(rest, axis))
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
+    state['known'] = False
     state['growth'] = 0.0
     state['reach'] = 0.0
 
@@ -288,8 +312,10 @@ def calibrate_bias(state: Bias) -> None:
     """Take the mean of the stillness under way for the bias, whatever the bias was."""
     for axis in range(3):
         blocks = state['still_blocks']
-        state['bias'][axis] = state['still_sum'][axis] / blocks
-        state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
+        mean, variance = state['still_sum'][axis] / blocks, state['variance'][axis]
+        noise = variance_of_mean(state['rest'], axis, blocks)
+        learn_at_rest(state['motion'], axis, mean - state['bias'][axis], variance, noise, 1.0)
+        state['bias'][axis], state['variance'][axis] = mean, noise
     # What came before says nothing against it.
     state['recent_count'] = 0
     state['doubt'] = 0
@@ -315,6 +341,7 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
     state['growth'] += variance
+    state['motion']['growth'] += variance
     state['reach'] += variance
 
 
@@ -395,6 +422,7 @@ def _note_segment(state: Bias) -> None:
         last['noise'][axis] = segment_variance(state['rest'], axis)
         last['bias'][axis] = state['bias'][axis]
         last['variance'][axis] = state['variance'][axis]
+    keep_shared(state['motion'], last['in_motion'], state['growth'])
     last['growth'] = 0.0
     last['reach'] = 0.0
 
@@ -439,6 +467,9 @@ def _take_back(state: Bias, count: int) -> None:
         for axis in range(3):
             segment['bias'][axis] = before['bias'][axis]
             segment['variance'][axis] = before['variance'][axis]
+    restore_shared(state['motion'], before['in_motion'], state['growth'])
+    for i in range(count):
+        keep_shared(state['motion'], recent[i]['in_motion'], state['growth'])
 
 
 @kernel
@@ -464,20 +495,23 @@ def _stays(state: Bias, seconds: float) -> bool:
 def _learn(state: Bias) -> None:
     """Take the segment into the bias, and how well it was predicted into the random walk."""
     rest = state['rest']
+    anew = not state['known'] and not state['provisional'][0] > 0.0
     surprise = share = 0.0
     for axis in range(3):
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
-        if state['known']:
-            variance = state['variance'][axis] + state['growth']
-            innovation, spread = mean - state['bias'][axis], variance + noise
-            surprise += innovation * innovation / spread / 3.0
-            share += state['growth'] / spread / 3.0
-            gain = variance / spread
-            state['bias'][axis] += gain * innovation
-            state['variance'][axis] = (1.0 - gain) * variance
-        else:
-            state['bias'][axis] = mean
-            state['variance'][axis] = noise
+        variance = state['variance'][axis] + state['growth']
+        innovation, spread = mean - state['bias'][axis], variance + noise
+        surprise += innovation * innovation / spread / 3.0
+        share += state['growth'] / spread / 3.0
+        # What was no rest may have been a turn: the first one replaces it.
+        gain = variance / spread if state['known'] else 1.0
+        learn_at_rest(state['motion'], axis, innovation, variance, noise, gain)
+        state['bias'][axis] += gain * innovation
+        state['variance'][axis] = (1.0 - gain) * variance if state['known'] else noise
+    for axis in range(3):
+        anew = limit_shift(state['motion'], axis, rest['signals'][axis]['variance']) or anew
+    if anew:
+        start_motion_bias(state['motion'], state['bias'], state['variance'])
     if state['known']:
         exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
         state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)

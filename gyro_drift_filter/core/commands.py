@@ -15,6 +15,7 @@ from gyro_drift_filter.core.bias import (
     warm_bias,
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
+from gyro_drift_filter.core.motion_bias import set_shift
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.settings import SETTINGS
@@ -63,13 +64,21 @@ def start_state(filter_: NDArray[np.void]) -> None:
     start_clock(filter_[0]['state']['clock'], filter_[0]['settings']['sample_rate'])
 
 
-@entry_kernel(FILTER, np.float64, np.float64)
+@entry_kernel(FILTER, np.float64, np.float64, np.float64, np.float64)
 def set_bias(
-    filter_: NDArray[np.void], bias: NDArray[np.float64], variance: NDArray[np.float64]
+    filter_: NDArray[np.void],
+    bias: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    shift: NDArray[np.float64],
+    shift_variance: NDArray[np.float64],
 ) -> None:
-    """Start a zeroed bias: (3,) in rad/s, and its variance, infinite where nothing is known."""
-    turn_on_deviation = filter_[0]['settings']['bias_turn_on_deviation']
-    start_bias(filter_[0]['state']['bias'], bias, variance, turn_on_deviation)
+    """Start a zeroed bias at rest, and its shift in motion: (3,) in rad/s.
+
+    The variances are infinite where nothing is known.
+    """
+    state, settings = filter_[0]['state']['bias'], filter_[0]['settings']
+    set_shift(state['motion'], shift, shift_variance)
+    start_bias(state, bias, variance, settings['bias_turn_on_deviation'])
 
 
 @entry_kernel(FILTER, int)

@@ -12,6 +12,7 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias import BIAS, Hint
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
+from gyro_drift_filter.core.motion_bias import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
@@ -52,6 +53,12 @@ class Filter:
         deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['growth'])
         return deviation
 
+    @property
+    def bias_shift(self) -> BiasShift:
+        """By how much the bias in motion is another one than that at rest."""
+        shift = self.state['bias']['motion']['shift']
+        return BiasShift(shift['shift'].tolist(), np.sqrt(shift['variance']).tolist())
+
     def configure(self, parameters: Parameters) -> None:
         """Take new parameters between two samples; what was learned is kept.
 
@@ -63,9 +70,9 @@ class Filter:
         self.record['settings'] = settings
         self._derive_anew()
         bias = self.state['bias']
-        if not bias['known']:
-            bias['variance'][:] = parameters.bias_turn_on_deviation**2
-        if parameters.bias_initial != before.bias_initial:
+        guessed = not bias['known'] and bias['provisional'][0] == 0.0
+        widened = parameters.bias_turn_on_deviation != before.bias_turn_on_deviation
+        if parameters.bias_initial != before.bias_initial or (guessed and widened):
             self.set_bias(parameters.bias_initial)
         old, new = (
             METHODS[METHOD_NAMES.index(method)] for method in (before.method, parameters.method)
@@ -84,18 +91,24 @@ class Filter:
         self.record['state']['bias'] = bias
         commands.start_state(self.record)
 
-    def set_bias(self, bias: Sequence[float], deviation: Sequence[float] | None = None) -> None:
+    def set_bias(
+        self,
+        bias: Sequence[float],
+        deviation: Sequence[float] | None = None,
+        shift: BiasShift = NO_SHIFT,
+    ) -> None:
         """Start with a bias from elsewhere, and forget what was learned of rest.
 
         Args:
             bias: (3,) in rad/s.
             deviation: (3,) its standard deviation in rad/s; None where it is a mere guess that the
                 first rest replaces, as uncertain as `bias.turn_on_deviation` says.
+            shift: Of the bias in motion from that at rest.
         """
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
         self.record['state']['bias'] = np.zeros(1, BIAS)
-        values = np.array(bias, np.float64), np.array(variance, np.float64)
-        commands.set_bias(self.record, *values)
+        values = bias, variance, shift.shift, np.square(shift.deviation)
+        commands.set_bias(self.record, *(np.array(value, np.float64) for value in values))
 
     def hint(self, moves: bool) -> None:
         """Take a hint of the robot on whether it moves; it holds for a second."""

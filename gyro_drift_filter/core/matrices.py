@@ -1,11 +1,17 @@
-"""Products and inverses of 3 by 3 matrices: kernels can't make arrays, so results go to `out`."""
+"""Products and inverses of 3 by 3 matrices: kernels can't make arrays, so results go to `out`.
 
+And what a rotation is made of.
+"""
+
+import math
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import kernel
+
+SMALL_ANGLE = 0.1  # rad: below, a series is right to 1e-9
 
 Matrix = Annotated[NDArray[np.float64], np.float64, (3, 3)]
 
@@ -50,3 +56,16 @@ def invert(a: Matrix, out: Matrix) -> None:
                 for k in range(3):
                     a[i, k] -= factor * a[column, k]
                     out[i, k] -= factor * out[column, k]
+
+
+@kernel
+def rotation_terms(square: float) -> tuple[float, float]:
+    """Return sin(angle) / angle and (1 - cos(angle)) / angle^2 for the square of an angle in rad.
+
+    The terms of a rotation's matrix (Rodrigues).
+    """
+    if square <= SMALL_ANGLE * SMALL_ANGLE:
+        across = 1.0 - square / 6.0 * (1.0 - square / 20.0)
+        return across, 0.5 - square / 24.0 * (1.0 - square / 30.0)
+    angle = math.sqrt(square)
+    return math.sin(angle) / angle, (1.0 - math.cos(angle)) / square

@@ -238,6 +238,12 @@ class Parameters:
         'Whether the bias is taken off the rates. It is learned in any case. Where it is left in, '
         'angular_velocity_covariance is that of the noise alone.',
     )
+    bias_in_motion: bool = _parameter(
+        True,
+        'bias.in_motion',
+        'Whether the bias is followed in motion, too, where gravity shows it. It needs an '
+        'accelerometer.',
+    )
     bias_max: float = _parameter(
         0.17453292519943295,
         'bias.max',

@@ -6,6 +6,7 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
 from gyro_drift_filter.core.bias import Bias
 from gyro_drift_filter.core.clock import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
+from gyro_drift_filter.core.motion_bias import MotionWorkspace
 from gyro_drift_filter.core.quantisation import Quantisation
 from gyro_drift_filter.core.rest import RestLengths
 from gyro_drift_filter.core.sample import Result
@@ -54,6 +55,7 @@ class Workspace(TypedDict):
     """What is needed within one step, and is not read after it."""
 
     methods: MethodWorkspace
+    motion: MotionWorkspace
 
 
 STATE = record(State, in_cache_lines=True)

@@ -458,6 +458,18 @@ def segment_mean(rest: Rest, index: int) -> float:
 
 
 @kernel
+def random_walk_of(rest: Rest, axis: int, lengths: RestLengths) -> float:
+    """Return the variance in rad^2/s by which noise at rest turns an axis; 0 while not known."""
+    return rest['signals'][axis]['scatter'] * lengths['block_seconds'] if rest['known'] else 0.0
+
+
+@kernel
+def value_variance(rest: Rest, index: int) -> float:
+    """Return the variance of values about the mean of their block, of signal `index`."""
+    return float(rest['signals'][index]['variances'] / rest['blocks'])
+
+
+@kernel
 def unlearn_first_segment(rest: Rest) -> None:
     """Forget the noise, if it is that of one segment alone, which was no rest."""
     if rest['learned'] == 1:

@@ -7,6 +7,12 @@ from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
 from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
+from gyro_drift_filter.core.motion_bias import (
+    BIAS,
+    lose_direction,
+    motion_variance,
+    track_motion,
+)
 from gyro_drift_filter.core.quantisation import (
     Mode,
     add_half_counts,
@@ -15,7 +21,7 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord
-from gyro_drift_filter.core.rest import derive_lengths
+from gyro_drift_filter.core.rest import derive_lengths, random_walk_of
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Sample, SampleStatus, is_usable
 from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
 
@@ -160,13 +166,45 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
             accepted = False
     lengths = filter_['coefficients']['rest']
     track_bias(bias, sample, accepted, max(missing, 0), elapsed, lengths, settings)
-    result['at_rest'] = bias['rest']['at_rest']
+    at_rest = bias['rest']['at_rest']
+    result['at_rest'] = at_rest
+    if settings['bias_in_motion']:
+        _track_motion(sample, missing, filter_)
+    in_motion = settings['bias_in_motion'] and not at_rest
     for axis in range(3):
         result['bias'][axis] = 0.0
         if settings['bias_enabled']:
-            result['bias'][axis] = bias['bias'][axis]
-            result['angular_velocity'][axis] -= bias['bias'][axis]
-            result['angular_velocity_variance'][axis] += bias_variance(bias, axis)
+            mean, variance = bias['bias'][axis], bias_variance(bias, axis)
+            if in_motion:
+                mean = bias['motion']['values'][BIAS + axis]
+                variance = motion_variance(bias['motion'], axis)
+            result['bias'][axis] = mean
+            result['angular_velocity'][axis] -= mean
+            result['angular_velocity_variance'][axis] += variance
+
+
+@kernel
+def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
+    """Follow the bias in motion with the rates of the sample, or the filter's where it is none."""
+    state, workspace = filter_['state'], filter_['workspace']['motion']
+    motion, result, seconds = state['bias']['motion'], state['result'], state['clock']['period']
+    if says_nothing(state['checks']):
+        lose_direction(motion)
+    workspace['sound'] = True
+    lengths = filter_['coefficients']['rest']
+    for axis in range(3):
+        walk = random_walk_of(state['bias']['rest'], axis, lengths)
+        workspace['random_walk'][axis] = walk
+        rate = sample['angular_velocity'][axis]
+        if result['outlier'][axis] > 0.0:
+            rate = result['angular_velocity'][axis]
+            workspace['sound'] = False
+        workspace['rate'][axis] = rate
+        if state['checks']['at_limit'][axis]:
+            lose_direction(motion)
+    seconds *= 1 + max(missing, 0)
+    at_rest = state['bias']['rest']['at_rest']
+    track_motion(motion, workspace, sample, seconds, at_rest, lengths['value'])
 
 
 @kernel

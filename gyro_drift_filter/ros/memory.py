@@ -7,12 +7,16 @@ from rclpy.node import Node
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
-from gyro_drift_filter.ros.memory_file import MemoryFileError, file_of, recall, remember
+from gyro_drift_filter.messages.memory_file import (
+    MemoryFileError,
+    RememberedBias,
+    file_of,
+    recall,
+    remember,
+)
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
 _SAVE_SECONDS = 60.0
-# The standard deviation of the bias from one power-up to the next, in rad/s: 0.5 deg/s.
-_REPEATABILITY = 8.7e-3
 
 
 class BiasMemory:
@@ -51,8 +55,7 @@ class BiasMemory:
             return
         if found is None:
             return
-        deviation = np.hypot(found.deviation, _REPEATABILITY)
-        self._filter.set_bias(found.bias, deviation.tolist())
+        found.give(self._filter)
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
         log.info(f'bias of {found.age / 3600.0:.1f} h ago, {degrees} deg/s, from {path}')
 
@@ -63,16 +66,14 @@ class BiasMemory:
 
     def save(self) -> None:
         """Save what was learned since the last time, if anything was."""
-        bias = self._filter.state['bias']
-        segments = int(bias['segments'])
+        segments = int(self._filter.state['bias']['segments'])
         if not self._filter.parameters.bias_memory or segments in (0, self._saved_segments):
             return
         self._saved_segments, self._saved_at = segments, time.monotonic()
-        deviation = self._filter.bias_deviation.tolist()
         try:
             name = self._node.get_fully_qualified_name()
             path = file_of(name, self._frame)
-            remember(path, name, self._frame, bias['bias'].tolist(), deviation)
+            remember(path, name, self._frame, RememberedBias.of(self._filter))
         except (MemoryFileError, RuntimeError) as error:
             if not self._warned:
                 self._node.get_logger().warning(

@@ -25,6 +25,7 @@ from mcap.writer import CompressionType
 from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
+from gyro_drift_filter.core.motion_bias import BiasShift
 from gyro_drift_filter.mcap.reader import read_layout, read_messages
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
@@ -36,8 +37,13 @@ from gyro_drift_filter.messages.imu import (
     frame_id,
     read_message,
 )
+from gyro_drift_filter.messages.memory_file import (
+    MemoryFileError,
+    RememberedBias,
+    recall,
+    remember,
+)
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from gyro_drift_filter.ros.memory_file import MemoryFileError, recall, remember
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write_mcap
 from support.chunks import EACH_CHANNEL, imus_of
@@ -202,8 +208,9 @@ def memory_seeds():
     """Return a file as it is written."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'bias.json'
-        remember(path, NODE, FRAME, (0.01, -0.02, 0.0), (1e-4,) * 3)
-        return [path.read_bytes(), json.dumps({'format': 1, 'node': NODE, 'frame': FRAME}).encode()]
+        shift = BiasShift((2e-4, -8e-4, 1e-3), (3e-4,) * 3)
+        remember(path, NODE, FRAME, RememberedBias((0.01, -0.02, 0.0), (1e-4,) * 3, shift))
+        return [path.read_bytes(), json.dumps({'format': 2, 'node': NODE, 'frame': FRAME}).encode()]
 
 
 def seeds_of(name):

@@ -6,6 +6,7 @@ REPOSITORY = Path(__file__).parent.parent.parent
 TESTS = REPOSITORY / 'test'
 RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
 MOTION = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'motion'
+FLIGHTS = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'dead_reckoning'
 NAMES = (
     'broad_09_fast_rotation_with_breaks',
     'broad_24_tapping',

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
+from gyro_drift_filter.core.matrices import rotation_terms
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import (
     DOWN,
@@ -69,11 +70,12 @@ if TYPE_CHECKING:
 
 # A mode probability below this is none.
 SMALLEST = 1e-300
-# What was motion among held samples is given back with this time constant, so that the heading
-# holds. As longest_hold bounds their number and the range of gyroscopes their rate, it is no more
-# than the first angle. The second is more than a knock turns a body that stays where it is.
-COMPENSATION_SECONDS = 0.25
-SMALL_ANGLE = 1e-3  # rad: below, sine and cosine are their series
+# What was motion among held samples, and what smoothing has not put out in motion, is given back
+# with these time constants, so that the heading holds: the second where it is no more than noise
+# makes of it, within so many deviations. As longest_hold bounds the number of held samples, and the
+# range of gyroscopes their rate, it is no more than the first angle. The second is more than a
+# knock turns a body that stays where it is.
+COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
 LARGEST_COMPENSATION = 2.0  # rad
 LARGEST_KNOCK = 0.02  # rad
@@ -372,10 +374,7 @@ def _turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
     a, b = axes[0]['accepted'] * period, axes[1]['accepted'] * period
     c = axes[2]['accepted'] * period
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
-    across, within = 1.0, 0.5  # sin(angle) / angle, (1 - cos(angle)) / angle^2
-    if square > SMALL_ANGLE * SMALL_ANGLE:
-        angle = math.sqrt(square)
-        across, within = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    across, within = rotation_terms(square)
     axes[0]['compensation'] = x - across * (b * z - c * y) + within * (a * along - x * square)
     axes[1]['compensation'] = y - across * (c * x - a * z) + within * (b * along - y * square)
     axes[2]['compensation'] = z - across * (a * y - b * x) + within * (c * along - z * square)
@@ -491,7 +490,7 @@ def _is_behind(sample: float, prediction: float, typical_innovation: float) -> b
 def _compensate(
     state: AdaptiveAxis,
     workspace: AdaptiveAxisWorkspace,
-    jolted: bool,
+    circumstances: Circumstances,
     sample: float,
     rate: float,
     period: float,
@@ -499,14 +498,15 @@ def _compensate(
     """Return what to add to the estimate, in rad/s, for what the sensor turned unseen before.
 
     That is what was held back, where a later sample confirmed it or the accelerometer felt a knock;
-    and what was bridged. Sample and estimate in rad/s, period in s.
+    what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
+    s.
     """
     verdict, returned, missed = workspace['verdict'], workspace['returned'], 0.0
     if verdict == Verdict.HOLD:
         if returned and not state['knocked']:
             state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
-        state['knocked'] = state['knocked'] or jolted
+        state['knocked'] = state['knocked'] or circumstances['jolted']
     elif state['held_angle'] != 0.0 and verdict != Verdict.BRIDGE:
         largest = LARGEST_KNOCK if state['knocked'] else 0.0
         if (verdict == Verdict.START_ANEW or verdict == Verdict.PASS) and not returned:
@@ -516,11 +516,16 @@ def _compensate(
         state['held_angle'] = 0.0
         state['knocked'] = False
     missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
+    if verdict == Verdict.ACCEPT and not circumstances['still']:
+        missed += (sample - rate) * period
     angle = state['compensation'] + missed
     angle = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
     if abs(angle) < LEAST_COMPENSATION:
         angle = 0.0
-    now = angle * min(period / COMPENSATION_SECONDS, COMPENSATION_SHARE)
+    noise = state['noise']['variance'] * 0.5 * period * SMOOTHING_SECONDS
+    small = angle * angle < SMOOTHING_DEVIATIONS * SMOOTHING_DEVIATIONS * noise
+    seconds = SMOOTHING_SECONDS if small else COMPENSATION_SECONDS
+    now = angle * min(period / seconds, COMPENSATION_SHARE)
     state['compensation'] = angle - now
     return float(now / period)
 
@@ -551,7 +556,7 @@ def estimate(
     at_rest = circumstances['at_rest']
     rate, variance, process_noise = _combine_modes(state, own, modes, at_rest)
     if sample == sample and not circumstances['dropout']:
-        rate += _compensate(state, own, circumstances['jolted'], sample, rate, period)
+        rate += _compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']
 
 

@@ -1,7 +1,8 @@
-"""The bias, remembered from one run of the node to the next in a small text file.
+"""The bias, remembered from one run to the next in a small text file.
 
-It stands under ROS_HOME (~/.ros where that is not set), named after node and frame. It is written
-whole beside the old one and then renamed, so that a crash or a power cut leaves one or the other.
+That of a node stands under ROS_HOME (~/.ros where that is not set), named after node and frame. It
+is written whole beside the old one and then renamed, so that a crash or a power cut leaves one or
+the other.
 """
 
 import json
@@ -12,11 +13,18 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 from urllib.parse import quote
 
+import numpy as np
+
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.motion_bias import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
-FORMAT = 1
+FORMAT = 2
+# The standard deviation of the bias from one power-up to the next, in rad/s: 0.5 deg/s.
+REPEATABILITY = 8.7e-3
 # Older than this it is not taken any more, in s: 30 days.
 LONGEST_AGE = 30 * 86_400.0
 # A clock may be wrong by this much before a file from the future is refused, in s.
@@ -36,12 +44,24 @@ class RememberedBias:
     Attributes:
         bias: (3,) in rad/s.
         deviation: (3,) its standard deviation in rad/s.
+        shift: Of the bias in motion from that at rest.
         age: Since it was written, in s.
     """
 
-    bias: tuple[float, ...]
-    deviation: tuple[float, ...]
-    age: float
+    bias: Sequence[float]
+    deviation: Sequence[float]
+    shift: BiasShift
+    age: float = 0.0
+
+    @classmethod
+    def of(cls, filter_: Filter) -> Self:
+        """Return what a filter has learned."""
+        bias = filter_.state['bias']['bias'].tolist()
+        return cls(bias, filter_.bias_deviation.tolist(), filter_.bias_shift)
+
+    def give(self, filter_: Filter) -> None:
+        """Start a filter with it; it is another one each time that a sensor is switched on."""
+        filter_.set_bias(self.bias, np.hypot(self.deviation, REPEATABILITY).tolist(), self.shift)
 
 
 def file_of(node: str, frame: str) -> Path:
@@ -52,14 +72,17 @@ def file_of(node: str, frame: str) -> Path:
     return root / 'gyro_drift_filter' / f'{name}.json'
 
 
-def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias | None:
+def recall(
+    path: Path, node: str | None, frame: str, largest: float, now: float | None = None
+) -> RememberedBias | None:
     """Return what a file holds, or None where there is none.
 
     Args:
         path: Of the file.
-        node: Full name of the node.
+        node: Full name of the node; None where any will do.
         frame: frame_id of its gyroscope.
         largest: bias.max in rad/s.
+        now: Time in s since 1970, None for that of this machine.
 
     Raises:
         MemoryFileError: The file is damaged, of another node or frame, stale, or its bias beyond
@@ -68,11 +91,12 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
     try:
         with path.open('rb') as file:
             content = json.loads(file.read(LARGEST_FILE))
-        owner = content['format'], content['node'], content['frame']
+        owner = content['format'], node and content['node'], content['frame']
         bias, deviation = _three(content['bias']), _three(content['deviation'])
-        if min(deviation) < 0.0:
+        shift = BiasShift(_three(content['shift']), _three(content['shift_deviation']))
+        if min(*deviation, *shift.deviation) < 0.0:
             raise ValueError('a deviation is negative')
-        age = time.time() - float(content['time'])
+        age = (time.time() if now is None else now) - float(content['time'])
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -85,13 +109,20 @@ def recall(path: Path, node: str, frame: str, largest: float) -> RememberedBias 
         raise MemoryFileError(f'{path} is from {age / 86_400.0:.1f} days ago')
     if max(map(abs, bias)) > largest:
         raise MemoryFileError(f'{path} holds {list(bias)} rad/s, which is beyond bias.max')
-    return RememberedBias(bias, deviation, max(age, 0.0))
+    return RememberedBias(bias, deviation, shift, max(age, 0.0))
 
 
 def remember(
-    path: Path, node: str, frame: str, bias: Sequence[float], deviation: Sequence[float]
+    path: Path, node: str, frame: str, bias: RememberedBias, now: float | None = None
 ) -> None:
-    """Write a bias and its standard deviation, (3,) in rad/s each.
+    """Write a bias.
+
+    Args:
+        path: Of the file.
+        node: Full name of the node.
+        frame: frame_id of its gyroscope.
+        bias: What to write.
+        now: Time in s since 1970, None for that of this machine.
 
     Raises:
         MemoryFileError: The disk does not take it.
@@ -100,10 +131,12 @@ def remember(
         'format': FORMAT,
         'node': node,
         'frame': frame,
-        'bias': list(bias),
-        'deviation': list(deviation),
+        'bias': list(bias.bias),
+        'deviation': list(bias.deviation),
+        'shift': list(bias.shift.shift),
+        'shift_deviation': list(bias.shift.deviation),
         'unit': 'rad/s',
-        'time': time.time(),
+        'time': time.time() if now is None else now,
     }
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

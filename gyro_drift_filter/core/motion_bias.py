@@ -1,0 +1,578 @@
+"""The bias in motion, as gravity shows it; and what it shares with the bias at rest.
+
+Running motors move the bias (rectified vibration), so that of a flight is not that of the rest
+before it. A Kalman filter in the body frame tracks it, with nothing but gravity to go by: its state
+is the direction of gravity s (of length one, upwards), the velocity u, the bias b of the gyroscope
+and that of the accelerometer a, both as measured:
+
+    s' = -(w - b) x s,        u' = -(w - b) x u + (f - a) - g s
+
+with the rates w and the accelerations f. Its one measurement is that no robot gets away: the
+velocity is zero within `SPEED`, anew every `SPEED_SECONDS`, or within as much as it has been of
+late. The heading is not in the state, so that nothing leaks into it: a bias about the vertical is
+left as it is.
+
+State and measurement are taken every hundredth of a second or so, covariances every `BLOCK_SECONDS`
+by the transition over the block. As directions turn with the body, R = exp(-[angle]) of each value,
+it needs their product T over the block and the integral M of what is left of it to the end:
+
+    ds = T ds0 - [s]x M db
+    du = T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da
+
+The bias at rest is another one, but most of what moves the one moves the other: `common` is the
+covariance of the two. What is learned at rest is learned of the bias in motion as far as that goes;
+what is learned in motion is not learned of the bias at rest, and the landing does not undo it.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
+from gyro_drift_filter.core.sample import Sample
+
+STATES = 12
+DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
+
+GRAVITY = 9.81  # m/s^2
+# A mean acceleration between these shares of it is gravity: else there is no accelerometer, or it
+# is in other units.
+LEAST_GRAVITY, LARGEST_GRAVITY = 0.7, 1.3
+BLOCK_SECONDS = 0.4
+# The largest time without samples over which the body's turn is known well enough, in s.
+LONGEST_GAP = 0.05
+
+# A robot or a hand has about this velocity, in m/s, and another one after so long, in s. What it
+# has been of late counts, if it is more, for so long: that of a car.
+SPEED, SPEED_SECONDS, SPEED_MEMORY = 1.0, 3.0, 30.0
+# Vibration moves a bias by up to a share of what it makes of the values' deviation at rest, and by
+# no more than this, in rad/s: on ten flights of EuRoC by 0.2, 0.8, and 1.2e-3. What is no more than
+# a share of the noise does no harm where it is mistaken.
+SHIFT_SHARE, LARGEST_SHIFT = 0.1, 1e-3
+# A prior beyond this would have what is not seen, the bias about the vertical, torn along by what
+# is not in the model.
+LARGEST_PRIOR = 3e-3  # rad/s
+# Where next to nothing is known of the bias a rest tells far more, and most robots have one soon:
+# for so many seconds of motion the prior is the first of these, then the second.
+UNKNOWN, UNKNOWN_SECONDS, UNKNOWN_PRIOR, LATER_PRIOR = 0.02, 15.0, 5e-4, 2e-3
+# Standard deviations at the start: of the direction, the velocity in m/s and the accelerometer's
+# bias in m/s^2; the second direction is that of a rest.
+START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.03, 1.0, 0.1
+# Random walks of direction and velocity, per square root of a second: of what is in no model, such
+# as vibration. That of the noise at rest comes on top.
+DIRECTION_WALK, VELOCITY_WALK = 1e-3, 0.05
+# Error of the scale and the alignment of a gyroscope's axes, which tilts what is turned.
+SCALE_ERROR = 0.01
+LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
+# At rest the direction follows the accelerometer with this time constant, in s.
+REST_SECONDS = 1.0
+
+
+class BiasShift(NamedTuple):
+    """By how much the bias in motion is another one than that at rest.
+
+    Attributes:
+        shift: (3,) in rad/s.
+        deviation: (3,) its standard deviation in rad/s, infinite where nothing is known.
+    """
+
+    shift: Sequence[float]
+    deviation: Sequence[float]
+
+
+NO_SHIFT = BiasShift((0.0, 0.0, 0.0), (math.inf, math.inf, math.inf))
+
+Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
+Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
+
+
+class Shift(TypedDict):
+    """By how much the bias in motion is another one than that at rest: covariances in (rad/s)^2."""
+
+    common: PerAxis  # of the bias in motion and that at rest
+    untracked: PerAxis  # more of it, which motion teaches nothing of
+    shift: PerAxis  # rad/s
+    variance: PerAxis
+    known: CountPerAxis  # 1 where the variance is by memory or by the noise at rest, else 0
+    in_motion: PerAxis  # covariance with the bias in motion
+    at_rest: PerAxis  # with the bias at rest
+
+
+SHIFT = record(Shift)
+
+
+class MotionBias(TypedDict):
+    """The filter of the bias in motion."""
+
+    values: Values  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
+    covariance: Covariance
+    shift: Shift
+    growth: float  # (rad/s)^2, of both biases, since it was last added
+    speed_variance: float  # (m/s)^2, of late
+    moving_seconds: float  # since the start, of motion
+    directed: bool  # the direction of gravity is known
+    moving: bool  # the covariance is that of a motion
+    # the value under way
+    samples: int
+    seconds: float
+    angle: PerAxis  # rad
+    speed: PerAxis  # m/s
+    # the block under way
+    block_seconds: float
+    turn: Matrix  # T
+    turn_integral: Matrix  # M, in s
+
+
+class SharedBias(TypedDict):
+    """What a segment of rest changes of it."""
+
+    bias: PerAxis  # rad/s
+    variance: PerAxis  # (rad/s)^2
+    shift: Shift
+    settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
+
+
+class MotionWorkspace(TypedDict):
+    """What is needed within one sample."""
+
+    transition: Covariance
+    product: Covariance
+    gain: Values
+    turn: Matrix
+    turned: Matrix
+    rate: PerAxis  # rad/s, of the sample or, where that is an outlier, of the filter
+    random_walk: PerAxis  # rad^2/s, of the angle by the noise at rest
+    sound: bool  # the sample is no outlier on any axis, so that its acceleration is believed
+
+
+SHARED_BIAS = record(SharedBias)
+MOTION_BIAS = record(MotionBias)
+MOTION_WORKSPACE = record(MotionWorkspace)
+
+
+@kernel
+def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
+    """Begin with a shift (3,) in rad/s and its variance (3,), infinite where it is not known."""
+    for axis in range(3):
+        known = variance[axis] < np.inf
+        state['shift']['known'][axis] = known
+        state['shift']['shift'][axis] = shift[axis]
+        guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
+        state['shift']['variance'][axis] = min(variance[axis], guess * guess)
+
+
+@kernel
+def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
+    """Let the variance of the shift be what noise of a variance at rest, in (rad/s)^2, lets it be.
+
+    Return whether that is another one, so that the bias in motion has to be started anew.
+    """
+    shift = state['shift']
+    before = shift['variance'][axis]
+    largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
+    if shift['known'][axis] and before <= largest:
+        return False
+    if largest < before:
+        # What was learned with the larger one shrinks with it.
+        shift['shift'][axis] *= largest / before
+    shift['variance'][axis] = largest
+    shift['known'][axis] = 1
+    return True
+
+
+@kernel
+def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> None:
+    """Begin with the bias at rest (3,) in rad/s, its variance (3,) in (rad/s)^2, and the shift."""
+    shift = state['shift']
+    for axis in range(3):
+        state['values'][BIAS + axis] = bias[axis] + shift['shift'][axis]
+        for k in range(STATES):
+            state['covariance'][BIAS + axis, k] = state['covariance'][k, BIAS + axis] = 0.0
+        state['covariance'][BIAS + axis, BIAS + axis] = variance[axis] + shift['variance'][axis]
+        shift['common'][axis] = variance[axis]
+        shift['untracked'][axis] = 0.0
+        shift['in_motion'][axis] = shift['variance'][axis]
+        shift['at_rest'][axis] = 0.0
+    state['growth'] = 0.0
+    state['speed_variance'] = SPEED * SPEED
+    state['moving_seconds'] = 0.0
+    state['moving'] = False
+
+
+@kernel
+def lose_direction(state: MotionBias) -> None:
+    """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
+    state['directed'] = state['moving'] = False
+    _start_value(state)
+
+
+@kernel
+def learn_at_rest(
+    state: MotionBias, axis: int, innovation: float, variance: float, noise: float, gain: float
+) -> None:
+    """Take an innovation of the bias at rest in, in rad/s, which took it in with a gain.
+
+    Its variance is that of the bias at rest before it, and that of its noise, in (rad/s)^2.
+    """
+    _settle_growth(state)
+    _track_all(state, axis)
+    shift, i = state['shift'], BIAS + axis
+    spread = variance + noise
+    common, at_rest = shift['common'][axis], shift['at_rest'][axis]
+    of_bias, of_shift = common / spread, at_rest / spread
+    state['values'][i] += of_bias * innovation
+    shift['shift'][axis] += of_shift * innovation
+    left = state['covariance'][i, i] - of_bias * common
+    shift['variance'][axis] -= of_shift * at_rest
+    shift['in_motion'][axis] -= of_shift * common
+    kept = 1.0 - gain
+    shift['common'][axis] = kept * (common - of_bias * variance) + gain * of_bias * noise
+    shift['at_rest'][axis] = kept * (at_rest - of_shift * variance) + gain * of_shift * noise
+    # Each axis by itself, as the bias at rest is.
+    for k in range(STATES):
+        state['covariance'][i, k] = state['covariance'][k, i] = 0.0
+    state['covariance'][i, i] = left
+
+
+@kernel
+def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
+    """Keep what a segment of rest may change, before it does; `growth` is of the bias at rest."""
+    kept['settled'] = growth - state['growth']
+    for axis in range(3):
+        i = BIAS + axis
+        kept['bias'][axis] = state['values'][i]
+        kept['variance'][axis] = state['covariance'][i, i]
+    _copy(state['shift'], kept['shift'])
+
+
+@kernel
+def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
+    """Undo what segments of rest have changed since; `growth` is of the bias at rest by then."""
+    state['growth'] = growth - kept['settled']
+    for axis in range(3):
+        i = BIAS + axis
+        state['values'][i] = kept['bias'][axis]
+        state['covariance'][i, i] = kept['variance'][axis]
+    _copy(kept['shift'], state['shift'])
+
+
+@kernel
+def _copy(source: Shift, target: Shift) -> None:
+    for axis in range(3):
+        target['common'][axis] = source['common'][axis]
+        target['untracked'][axis] = source['untracked'][axis]
+        target['shift'][axis] = source['shift'][axis]
+        target['variance'][axis] = source['variance'][axis]
+        target['in_motion'][axis] = source['in_motion'][axis]
+        target['known'][axis] = source['known'][axis]
+        target['at_rest'][axis] = source['at_rest'][axis]
+
+
+@kernel
+def motion_variance(state: MotionBias, axis: int) -> float:
+    """Return the variance of the bias in motion at present, in (rad/s)^2."""
+    i = BIAS + axis
+    untracked = state['shift']['untracked'][axis]
+    return float(state['covariance'][i, i] + state['growth'] + untracked)
+
+
+@kernel
+def track_motion(
+    state: MotionBias,
+    workspace: MotionWorkspace,
+    sample: Sample,
+    seconds: float,
+    at_rest: bool,
+    value_samples: int,
+) -> None:
+    """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`.
+
+    `value_samples` are averaged to a value.
+    """
+    rate, acceleration = workspace['rate'], sample['linear_acceleration']
+    finite = seconds <= LONGEST_GAP
+    for axis in range(3):
+        force = acceleration[axis]
+        if not workspace['sound']:
+            force = GRAVITY * state['values'][DIRECTION + axis]
+        state['angle'][axis] += rate[axis] * seconds
+        state['speed'][axis] += force * seconds
+        finite = finite and abs(rate[axis]) < np.inf and abs(force) < np.inf
+    state['seconds'] += seconds
+    state['samples'] += 1
+    if not finite:
+        lose_direction(state)
+    elif state['samples'] >= value_samples:
+        _take_value(state, workspace, at_rest)
+        _start_value(state)
+
+
+@kernel
+def _start_value(state: MotionBias) -> None:
+    state['samples'] = 0
+    state['seconds'] = 0.0
+    for axis in range(3):
+        state['angle'][axis] = state['speed'][axis] = 0.0
+
+
+@kernel
+def _take_value(state: MotionBias, workspace: MotionWorkspace, at_rest: bool) -> None:
+    values, seconds, speed = state['values'], state['seconds'], state['speed']
+    size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
+    if not state['directed']:
+        if LEAST_GRAVITY * GRAVITY * seconds < size < LARGEST_GRAVITY * GRAVITY * seconds:
+            for axis in range(3):
+                values[DIRECTION + axis] = speed[axis] / size
+            state['directed'] = True
+            state['moving'] = False
+            _start_motion(state, START_DIRECTION)
+        return
+    _turn_by_value(state, workspace)
+    if at_rest:
+        state['moving'] = False
+        if size > 0.0:
+            for axis in range(3):
+                step = speed[axis] / size - values[DIRECTION + axis]
+                values[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
+        return
+    if not state['moving']:
+        _start_motion(state, REST_DIRECTION)
+        return
+    left = math.exp(-seconds / SPEED_SECONDS)
+    for axis in range(3):
+        i = VELOCITY + axis
+        gained = speed[axis] - values[ACCELERATION + axis] * seconds
+        gained -= GRAVITY * values[DIRECTION + axis] * seconds
+        values[i] = (values[i] + gained) * left
+    state['block_seconds'] += seconds
+    if state['block_seconds'] >= BLOCK_SECONDS:
+        before = state['moving_seconds']
+        state['moving_seconds'] += state['block_seconds']
+        if before < UNKNOWN_SECONDS <= state['moving_seconds']:
+            _limit_prior(state)
+        _predict_covariance(state, workspace)
+        _expect_no_velocity(state, workspace)
+        _expect_length(state, workspace)
+        _start_block(state)
+
+
+@kernel
+def _start_motion(state: MotionBias, direction: float) -> None:
+    """Begin to track, with a deviation of the direction; that of the bias is kept."""
+    values, covariance = state['values'], state['covariance']
+    deviations = direction, START_SPEED, 0.0, ACCELERATION_BIAS
+    for part in range(4):
+        if 3 * part == BIAS:
+            continue
+        for axis in range(3):
+            i = 3 * part + axis
+            for k in range(STATES):
+                covariance[i, k] = covariance[k, i] = 0.0
+            covariance[i, i] = deviations[part] * deviations[part]
+            if part != 0:
+                values[i] = 0.0
+    state['moving'] = True
+    _limit_prior(state)
+    _start_block(state)
+
+
+@kernel
+def _track_all(state: MotionBias, axis: int) -> None:
+    """Track what was left out."""
+    shift = state['shift']
+    state['covariance'][BIAS + axis, BIAS + axis] += shift['untracked'][axis]
+    shift['common'][axis] += shift['untracked'][axis]
+    shift['untracked'][axis] = 0.0
+
+
+@kernel
+def _limit_prior(state: MotionBias) -> None:
+    """Leave out of what is tracked in motion what is beyond the largest prior."""
+    _settle_growth(state)
+    shift = state['shift']
+    for axis in range(3):
+        i = BIAS + axis
+        largest = LARGEST_PRIOR
+        if state['covariance'][i, i] + shift['untracked'][axis] > UNKNOWN * UNKNOWN:
+            _track_all(state, axis)
+            waits = state['moving_seconds'] < UNKNOWN_SECONDS
+            largest = UNKNOWN_PRIOR if waits else LATER_PRIOR
+        beyond = min(state['covariance'][i, i] - largest * largest, shift['common'][axis])
+        if beyond > 0.0:
+            state['covariance'][i, i] -= beyond
+            shift['common'][axis] -= beyond
+            shift['untracked'][axis] += beyond
+
+
+@kernel
+def _start_block(state: MotionBias) -> None:
+    state['block_seconds'] = 0.0
+    for i in range(3):
+        for k in range(3):
+            state['turn'][i, k] = 1.0 if i == k else 0.0
+            state['turn_integral'][i, k] = 0.0
+
+
+@kernel
+def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Turn what is in the body frame against the body (Rodrigues)."""
+    values, seconds, turn = state['values'], state['seconds'], workspace['turn']
+    x = state['angle'][0] - values[BIAS] * seconds
+    y = state['angle'][1] - values[BIAS + 1] * seconds
+    z = state['angle'][2] - values[BIAS + 2] * seconds
+    square = x * x + y * y + z * z
+    across, within = rotation_terms(square)
+    turn[0, 0] = 1.0 - within * (square - x * x)
+    turn[1, 1] = 1.0 - within * (square - y * y)
+    turn[2, 2] = 1.0 - within * (square - z * z)
+    turn[0, 1], turn[1, 0] = within * x * y + across * z, within * x * y - across * z
+    turn[0, 2], turn[2, 0] = within * x * z - across * y, within * x * z + across * y
+    turn[1, 2], turn[2, 1] = within * y * z + across * x, within * y * z - across * x
+    _turn_vector(turn, values, DIRECTION)
+    _turn_vector(turn, values, VELOCITY)
+    _turn_matrix(turn, state['turn'], workspace['turned'])
+    _turn_matrix(turn, state['turn_integral'], workspace['turned'])
+    for axis in range(3):
+        state['turn_integral'][axis, axis] += seconds
+
+
+@kernel
+def _turn_vector(turn: Matrix, values: Values, first: int) -> None:
+    x, y, z = values[first], values[first + 1], values[first + 2]
+    for i in range(3):
+        values[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+
+
+@kernel
+def _turn_matrix(turn: Matrix, matrix: Matrix, product: Matrix) -> None:
+    multiply(turn, matrix, product)
+    for i in range(3):
+        for k in range(3):
+            matrix[i, k] = product[i, k]
+
+
+@kernel
+def _cross(values: Values, first: int, matrix: Matrix, i: int, k: int) -> float:
+    """Return an element of [v]x M for the vector v that begins at `first`."""
+    after, behind = (i + 1) % 3, (i + 2) % 3
+    return float(
+        values[first + after] * matrix[behind, k] - values[first + behind] * matrix[after, k]
+    )
+
+
+@kernel
+def _predict_covariance(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Carry the covariance over the block, (8)."""
+    values, turn, integral = state['values'], state['turn'], state['turn_integral']
+    covariance, forward = state['covariance'], workspace['transition']
+    product, seconds = workspace['product'], state['block_seconds']
+    left = math.exp(-seconds / SPEED_SECONDS)
+    for i in range(STATES):
+        for k in range(STATES):
+            forward[i, k] = 1.0 if i == k else 0.0
+    for i in range(3):
+        for k in range(3):
+            along = _cross(values, DIRECTION, integral, i, k)
+            forward[i, k] = turn[i, k]
+            forward[i, BIAS + k] = -along
+            forward[VELOCITY + i, k] = -GRAVITY * seconds * turn[i, k]
+            forward[VELOCITY + i, VELOCITY + k] = left * turn[i, k]
+            moved = 0.5 * GRAVITY * seconds * along - _cross(values, VELOCITY, integral, i, k)
+            forward[VELOCITY + i, BIAS + k] = moved
+            forward[VELOCITY + i, ACCELERATION + k] = -integral[i, k]
+    for i in range(STATES):
+        for k in range(STATES):
+            product[i, k] = 0.0
+        for m in range(STATES):
+            factor = forward[i, m]
+            if factor != 0.0:
+                for k in range(STATES):
+                    product[i, k] += factor * covariance[m, k]
+    for i in range(STATES):
+        for k in range(i + 1):
+            total = 0.0
+            for m in range(STATES):
+                total += product[i, m] * forward[k, m]
+            covariance[i, k] = covariance[k, i] = total
+    # 2 (1 - cos(angle)) of what the body has turned
+    turned = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
+    for axis in range(3):
+        walk = DIRECTION_WALK * DIRECTION_WALK + workspace['random_walk'][axis]
+        covariance[axis, axis] += walk * seconds
+        covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * turned
+        i = VELOCITY + axis
+        covariance[i, i] += VELOCITY_WALK * VELOCITY_WALK * seconds
+    _settle_growth(state)
+
+
+@kernel
+def _settle_growth(state: MotionBias) -> None:
+    """Add what both biases have walked since the last time."""
+    for axis in range(3):
+        state['covariance'][BIAS + axis, BIAS + axis] += state['growth']
+        state['shift']['common'][axis] += state['growth']
+    state['growth'] = 0.0
+
+
+@kernel
+def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Measure that the velocity is zero, within what it has been of late."""
+    values, covariance = state['values'], state['covariance']
+    seconds, squares = state['block_seconds'], 0.0
+    for axis in range(3):
+        i = VELOCITY + axis
+        squares += max(values[i] * values[i] - covariance[i, i], 0.0) / 3.0
+    share = min(seconds / SPEED_MEMORY, 1.0)
+    state['speed_variance'] += share * (squares - state['speed_variance'])
+    variance = max(state['speed_variance'], SPEED * SPEED)
+    # A velocity that lasts is measured once in its time.
+    variance *= 2.0 * SPEED_SECONDS / seconds
+    for axis in range(3):
+        i = VELOCITY + axis
+        spread = covariance[i, i] + variance
+        for k in range(STATES):
+            workspace['gain'][k] = covariance[k, i] / spread
+        _correct(state, workspace, -values[i], spread)
+
+
+@kernel
+def _expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Measure that the direction is of length one."""
+    values, covariance, gain = state['values'], state['covariance'], workspace['gain']
+    x, y, z = values[DIRECTION], values[DIRECTION + 1], values[DIRECTION + 2]
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    for k in range(STATES):
+        gain[k] = covariance[k, 0] * x + covariance[k, 1] * y + covariance[k, 2] * z
+    spread = gain[0] * x + gain[1] * y + gain[2] * z + LENGTH_VARIANCE
+    for k in range(STATES):
+        gain[k] /= spread
+    _correct(state, workspace, 1.0 - length, spread)
+
+
+@kernel
+def _correct(
+    state: MotionBias, workspace: MotionWorkspace, innovation: float, spread: float
+) -> None:
+    """Correct state and covariance by an innovation, (11) and (12); the gain is there."""
+    values, covariance, gain = state['values'], state['covariance'], workspace['gain']
+    shift = state['shift']
+    for i in range(STATES):
+        values[i] += gain[i] * innovation
+    for axis in range(3):
+        i = BIAS + axis
+        removed = gain[i] * gain[i] * spread / covariance[i, i]
+        weight = shift['in_motion'][axis] / covariance[i, i]
+        shift['shift'][axis] += weight * gain[i] * innovation
+        shift['variance'][axis] -= weight * shift['in_motion'][axis] * removed
+        shift['at_rest'][axis] -= weight * shift['common'][axis] * removed
+        shift['in_motion'][axis] *= 1.0 - removed
+        shift['common'][axis] *= 1.0 - removed
+    for i in range(STATES):
+        weighted = gain[i] * spread
+        for k in range(STATES):
+            covariance[i, k] -= weighted * gain[k]

@@ -1,0 +1,150 @@
+"""The bias in motion: beside flights and walks with a known truth, and by its own bookkeeping."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.motion_bias import ACCELERATION, BIAS, DIRECTION, BiasShift
+from support.messages import START
+from support.paths import FLIGHTS
+from support.sensor import DEGREE, at_rest
+
+
+def run(filter_, rates, accelerations, start=START):
+    stamps = start + 10_000_000 * np.arange(len(rates))
+    return filter_.run(stamps, rates, accelerations)
+
+
+def flown(random, seconds, bias, shift, rest=10.0, rate=100.0):
+    """Return rates and accelerations of a body that tilts to and fro after a rest.
+
+    In flight the bias is another one by `shift` (3,) in rad/s.
+    """
+    time = np.arange(round(seconds * rate)) / rate
+    flies = time >= rest
+    tilt = [sum(0.15 * np.sin(f * (time - rest) + p) for f, p in terms) for terms in _TILTS]
+    angles = np.column_stack([*tilt, 0.3 * (time - rest)])
+    angles *= np.clip(time - rest, 0.0, 1.0)[:, None]
+    attitude = Rotation.from_euler('xyz', angles)
+    true = np.zeros_like(angles)
+    true[:-1] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * rate
+    # Speeds of some 0.5 m/s, as of who flies about.
+    speed = 0.5 * np.column_stack([np.sin(0.7 * time), np.cos(0.5 * time), np.sin(0.9 * time)])
+    speed *= np.clip(time - rest, 0.0, 1.0)[:, None]
+    push = np.gradient(speed, 1.0 / rate, axis=0)
+    force = attitude.inv().apply(push + np.array([0.0, 0.0, 9.81]))
+    off = np.asarray(bias) + np.outer(flies, shift)
+    rates = true + off + 0.005 * random.standard_normal(true.shape)
+    return rates, force + 0.05 * random.standard_normal(force.shape)
+
+
+_TILTS = ((0.9, 0.3), (2.1, 1.0)), ((1.1, 2.0), (1.7, 0.5))
+
+
+def test_gravity_shows_the_shift_of_the_bias_where_the_body_tilts(random):
+    """The noise at rest is strong enough that the bias may move by so much."""
+    bias, shift = np.array([0.01, -0.02, 0.005]), np.array([1e-3, -1e-3, 0.0])
+    left = {False: [], True: []}
+    for _ in range(3):
+        rates, accelerations = flown(random, 400, bias, shift)
+        rates[:, :2] += 0.01 * random.standard_normal((len(rates), 2))
+        for followed, errors in left.items():
+            results = run(Filter(Parameters(bias_in_motion=followed)), rates, accelerations)
+            errors.append(np.linalg.norm((results['bias'][-1] - bias - shift)[:2]))
+    assert np.mean(left[True]) < 0.8 * np.mean(left[False])
+
+
+def test_a_landing_brings_the_bias_at_rest_back(random):
+    bias, shift = np.array([0.01, -0.02, 0.005]), np.array([8e-4, -8e-4, 0.0])
+    rates, accelerations = flown(random, 190, bias, shift)
+    still_rates, still_accelerations = at_rest(random, 20, bias)
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    in_flight = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3].copy()
+    results = run(filter_, still_rates, still_accelerations, start=10**18 + 190 * 10**9)
+    np.testing.assert_allclose(results['bias'][-1], bias, atol=5e-4)
+    after = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    np.testing.assert_allclose(after - results['bias'][-1], in_flight - bias, atol=5e-4)
+
+
+def test_the_deviation_of_the_bias_is_honest_in_flight(random):
+    shares = []
+    for _ in range(10):
+        bias = 0.02 * random.standard_normal(3)
+        shift = 3e-4 * random.standard_normal(3)
+        rates, accelerations = flown(random, 90, bias, shift)
+        results = run(Filter(), rates, accelerations)
+        error = results['bias'] - bias - shift
+        deviation = np.sqrt(results['angular_velocity_variance'])
+        shares.append((np.abs(error) < 2.0 * deviation)[1500:].mean())
+    assert np.mean(shares) > 0.85
+
+
+def test_without_an_accelerometer_it_is_the_bias_at_rest(random):
+    """But for what it keeps of the provisional one before the first rest."""
+    rates, accelerations = flown(random, 60, (0.01, -0.02, 0.005), (0.0, 0.0, 0.0))
+    for silent in (0.0 * accelerations, np.full_like(accelerations, np.nan)):
+        a, b = (
+            run(Filter(Parameters(bias_in_motion=followed)), rates, silent)
+            for followed in (False, True)
+        )
+        np.testing.assert_allclose(a['bias'], b['bias'], atol=1e-4)
+
+
+def test_the_covariance_stays_one(random):
+    """Through starts, rests, gaps, spikes and turns that are taken back."""
+    filter_, start = Filter(), 10**18
+    for part in range(12):
+        rates, accelerations = flown(random, 20, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 8.0)
+        rates[900 + 50 * part] += 5.0
+        rates[: 60 * part] += 0.5 * DEGREE
+        run(filter_, rates, accelerations, start=start)
+        start += 20 * 10**9 + part * 10**8
+        motion = filter_.state['bias']['motion']
+        assert np.linalg.eigvalsh(motion['covariance']).min() > -1e-12
+        assert np.linalg.norm(motion['values'][DIRECTION : DIRECTION + 3]) == pytest.approx(
+            1, abs=0.1
+        )
+        assert np.abs(motion['values'][ACCELERATION:]).max() < 1.0
+        for axis in range(3):
+            common = motion['shift']['common'][axis] + motion['shift']['untracked'][axis]
+            assert common <= motion['covariance'][BIAS + axis, BIAS + axis] * 1.0001 + 1e-12
+
+
+def test_a_shift_of_the_last_run_is_taken_up(random):
+    bias, shift = np.array([0.01, -0.02, 0.005]), (4e-4, -2e-4, 0.0)
+    filter_ = Filter()
+    filter_.set_bias(bias, (1e-4,) * 3, BiasShift(shift, (1e-4,) * 3))
+    rates, accelerations = flown(random, 1, bias, shift, 0.0)
+    results = run(filter_, rates, accelerations)
+    np.testing.assert_allclose(results['bias'][5], bias + shift, atol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('sensor', 'mean', 'worst'), [('euroc', 3.0, 6.0), ('room', 1.30, 1.8)])
+def test_the_heading_holds_on_flights_and_walks(sensor, mean, worst):
+    """From a cold start; root mean square of the angle to the truth in deg."""
+    files = sorted(FLIGHTS.glob(f'{sensor}_*.npz'))
+    if not files:
+        pytest.skip('the recordings with a known orientation are not beside this clone')
+    errors = []
+    for file in files:
+        data = np.load(file)
+        stamps, times = data['t'], data['tq']
+        results = Filter().run(stamps, data['rate'].astype(float), data['acc'].astype(float))
+        rates = results['angular_velocity']
+        first = int(np.searchsorted(stamps, times[0]))
+        step = np.minimum(np.diff(stamps[first:]) * 1e-9, 0.1)[:, None]
+        turns = Rotation.from_rotvec(0.5 * (rates[first:-1] + rates[first + 1 :]) * step)
+        whole = [Rotation.from_quat(data['q'][0].astype(float), scalar_first=True)]
+        for turn in turns:
+            whole.append(whole[-1] * turn)
+        after = np.clip(np.searchsorted(stamps, times), first + 1, len(stamps) - 1)
+        at = after - (times - stamps[after - 1] < stamps[after] - times)
+        near = np.abs(stamps[at] - times) <= 3_000_000
+        truth = Rotation.from_quat(data['q'].astype(float)[near], scalar_first=True)
+        turned = Rotation.concatenate([whole[k] for k in at[near] - first]) * truth.inv()
+        errors.append(np.degrees(np.sqrt(np.mean(turned.magnitude() ** 2))))
+    assert np.mean(errors) <= mean
+    assert max(errors) <= worst
