@@ -95,7 +95,7 @@ class _Reading:
             imus_alone = Piece(part.data, part.rows[self.is_imu[part.rows['channel']]])
             self._filter(imus_alone, self._report_times.among(imus_alone.rows))
             for index in np.flatnonzero(np.isin(part.rows['channel'], list(self._others))):
-                self._note_orientation(int(part.rows['channel'][index]), part.message(index))
+                self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
 
     def end(self) -> None:
         """Make the last report."""

@@ -9,6 +9,7 @@ that is not the recording's own is told only where it is clearly better.
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -25,11 +26,11 @@ Floats = NDArray[np.float64]
 # Two means are compared that are taken over so many s each: a change of speed by 1 m/s in that time
 # moves one by 4 deg, and a bias of 1 deg/s turns it by 2.
 _HALF_SECONDS = 2.0
-# Samples of a stretch that are used: more say no more, as nobody turns faster in between.
-_MOST_SAMPLES = 1600
-# Stretches over the whole recording that are looked at; of them those in which gravity turns by so
-# many rad tell anything, and of these there have to be so many.
-_MOST_WINDOWS = 400
+# Steps of a stretch in which it is integrated: a hundred a second follow any hand.
+_MOST_STEPS = 400
+# Stretches that are looked at, all over the recording. Those in which gravity turns by so many rad
+# tell something; there have to be a few of them, and more than so many say no more.
+_MOST_WINDOWS, _USED_WINDOWS = 1000, 60
 _LEAST_TURN = math.radians(15.0)
 _LEAST_WINDOWS = 5
 # Clearly better: the errors are half as large, and smaller in four of five stretches.
@@ -101,40 +102,60 @@ def carry_gravity(
     rates: tuple[Values, ...],
     accelerations: tuple[Values, ...],
     period: float,
-    ways: tuple[Way, ...],
+    bias: Sequence[float],
+    ways: tuple[Way, ...] = WAYS,
 ) -> Carried:
     """Return how well the rates carry gravity if they are meant in those ways.
 
     Args:
         stamps: (n,) in ns.
-        rates: Three columns (n,) in rad/s, without bias.
+        rates: Three columns (n,) in rad/s.
         accelerations: Three columns (n,) in m/s^2.
         period: Of the samples in s.
+        bias: (3,) of the rates in rad/s.
         ways: m of them.
     """
     half = max(round(_HALF_SECONDS / period), 2)
     matrices = np.array([way.matrix() for way in ways])
     n = len(stamps)
     count = min(max(n // half - 1, 0), _MOST_WINDOWS)
+    starts = [k * (n - 2 * half) // max(count - 1, 1) for k in range(count)]
+    turning = []
+    for first in starts:
+        turn = _turn_of_gravity(stamps, accelerations, slice(first, first + 2 * half), period)
+        if turn >= _LEAST_TURN:
+            turning.append((first, turn))
+    used = turning[:: -(-len(turning) // _USED_WINDOWS) or 1]
     turns, errors = [], []
-    for k in range(count):
-        first = k * (n - 2 * half) // max(count - 1, 1)
+    for first, turn in used:
         where = slice(first, first + 2 * half)
-        seconds = np.diff(np.asarray(stamps[where], np.int64)) * 1e-9
-        rate = np.column_stack([column[where] for column in rates])
+        rate = np.column_stack([column[where] for column in rates]) - np.asarray(bias)
         force = np.column_stack([column[where] for column in accelerations])
-        if not (np.isfinite(rate).all() and np.isfinite(force).all()):
-            continue
-        # Messages that came late or in bursts are of even steps; a gap is not looked over.
-        if abs(float(seconds.sum()) / (len(seconds) * period) - 1.0) > 0.2:
-            continue
-        lasting = seconds.sum() / len(seconds)
-        turn = _angles(force[:half].mean(axis=0), force[half:].mean(axis=0))
-        if turn < _LEAST_TURN:
-            continue
-        turns.append(turn)
-        errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
+        if np.isfinite(rate).all():
+            turns.append(turn)
+            lasting = _mean_step(stamps, where)
+            errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
     return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(ways)).T)
+
+
+def _turn_of_gravity(
+    stamps: Values, accelerations: tuple[Values, ...], where: slice, period: float
+) -> float:
+    """Return by how much the mean acceleration turns in a stretch in rad, 0 where it has a gap."""
+    # Messages that came late or in bursts are of even steps all the same.
+    if abs(_mean_step(stamps, where) / period - 1.0) > 0.2:
+        return 0.0
+    force = np.column_stack([column[where] for column in accelerations])
+    half = len(force) // 2
+    turn = float(_angles(force[:half].mean(axis=0), force[half:].mean(axis=0)))
+    return turn if math.isfinite(turn) else 0.0
+
+
+def _mean_step(stamps: Values, where: slice) -> float:
+    """Return the mean step of the stamps of a stretch in s."""
+    first, last = (int(stamps[k : k + 1][0]) for k in (where.start, where.stop - 1))
+    steps: int = where.stop - 1 - where.start
+    return (last - first) * 1e-9 / steps
 
 
 def _errors(turned: Floats, force: Floats, matrices: Floats) -> Floats:
@@ -142,7 +163,7 @@ def _errors(turned: Floats, force: Floats, matrices: Floats) -> Floats:
 
     `turned` (n - 1, 3) is what they turn from each sample to the next, `force` (n, 3).
     """
-    stride = -(-len(force) // _MOST_SAMPLES)
+    stride = -(-len(turned) // _MOST_STEPS)
     edges = np.arange(0, len(turned), stride)
     steps = np.add.reduceat(turned, edges, axis=0)
     force = force[::stride][: len(steps) + 1]

@@ -15,8 +15,8 @@ Floats = NDArray[np.float64]
 # its pace, many enough to average what single stamps are off by.
 _WINDOW = 200
 _LEAST_WINDOW = 20
-# In a millisecond a robot that turns with 1 rad/s turns by 0.06 deg, which a camera beside it shows.
-# Of a fast sensor a quarter of the period mixes up which sample is which.
+# In a millisecond a robot that turns with 1 rad/s turns by 0.06 deg, which a camera beside it can
+# see. Of a fast sensor a quarter of the period mixes up which sample is which.
 _JITTER_SECONDS, _JITTER_PERIODS = 1e-3, 0.25
 # Delays have a least value and a tail: an exponential one has a skewness of 2, jitter about the
 # time of the sample none. The mean over windows of 200 is known to some 0.1.

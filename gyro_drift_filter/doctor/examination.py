@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.axes import WAYS, carry_gravity, judge_axes
+from gyro_drift_filter.doctor.axes import carry_gravity, judge_axes
+from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.covariances import Stated, judge_covariances
 from gyro_drift_filter.doctor.evenness import judge_evenness
@@ -64,26 +65,13 @@ class Examined:
     is_cut_judged: bool
 
 
-class _Unbiased:
-    """A column of rates without its bias, taken off as it is read."""
-
-    def __init__(self, values: Values, bias: float) -> None:
-        self._values, self._bias = values, bias
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __getitem__(self, where: slice) -> Floats:
-        return np.asarray(self._values[where] - self._bias)
-
-
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},
     'publishers': {'vibration', 'low-pass', 'outliers', 'diverged', 'jitter', _INVENTED_RATE},
-    'vibration': {_INVENTED_RATE},
+    'vibration': {'low-pass', _INVENTED_RATE},
     'resolution': {_INVENTED_RATE},
     'bursts': {'gaps'},
 }
@@ -93,27 +81,22 @@ def examine(seen: Examined) -> list[Finding]:
     """Return a line for each question: faults first, then what is open, then what is sound."""
     state, period = seen.telemetry, seen.telemetry.period
     rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
-    rates = tuple(
-        _Unbiased(column, bias) for column, bias in zip(seen.rates, state.bias, strict=True)
-    )
     has_stamps = state.zero_stamps < state.samples
     stamps = seen.stamps if has_stamps else seen.log_times
     findings = [
-        judge_axes(carry_gravity(stamps, rates, seen.accelerations, period, WAYS)),
+        judge_axes(carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)),
         judge_accelerometer(rests, seen.accelerations),
     ]
     for reference in seen.references if has_stamps else ():
-        turns = compare_turns(reference, stamps, rates, seen.accelerations)
+        turns = compare_turns(reference, stamps, seen.rates, seen.accelerations, state.bias)
         findings.append(judge_reference(reference, turns))
     evenness = [judge_evenness(stamps, period)] if has_stamps else []
-    # What is off by so much may be taken for missing.
-    loose = any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness)
-    findings += [
-        finding
-        for finding in seen.rules.findings(seen.is_cut_judged)
-        if not (loose and finding.name == 'gaps')
-    ]
-    findings += evenness
+    refuted = set()
+    if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
+        refuted.add('gaps')
+    if not any(map(is_clipped, seen.rates)):
+        refuted.add('clipped')
+    findings += [*seen.rules.findings(seen.is_cut_judged, refuted), *evenness]
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
@@ -148,6 +131,14 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             'let it stand still for ten seconds at the start of a recording, and at its end',
         )
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
+    if np.isnan(noise).any():
+        return Finding(
+            'rests',
+            Verdict.UNKNOWN,
+            f'hardly a rest: bias {_listed(bias)} deg/s, which is known to '
+            f'{math.degrees(max(state.bias_deviation)):.2g} deg/s; the noise is not known',
+            'let it stand still for ten seconds at the start of a recording, and at its end',
+        )
     seconds = rests.samples * period
     return Finding(
         'rests',
@@ -159,7 +150,7 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             'seconds': seconds,
             'bias': list(state.bias),
             'bias_deviation': list(state.bias_deviation),
-            'noise': [None if math.isnan(v) else v for v in rests.noise.tolist()],
+            'noise': rests.noise.tolist(),
         },
     )
 

@@ -1,7 +1,7 @@
 """What the rules of `/diagnostics` said while the recording went through the filter."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,23 +57,25 @@ class RuleLog:
         self.seconds += seconds
         self.last = span
 
-    def findings(self, is_cut_judged: bool) -> list[Finding]:
+    def findings(self, is_cut_judged: bool, refuted: Set[str]) -> list[Finding]:
         """Return a line for each rule that applied, and for each question that none answered.
 
         Args:
             is_cut_judged: Whether there was enough motion to tell whether counts are cut.
+            refuted: Rules that applied to a part of the recording wrongly, as the whole shows.
         """
         span = self.last
         if span is None:
             return []
         found = [
             self._fault(entry, span)
-            for entry in self.applied.values()
-            if entry.rule.name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.seconds
+            for name, entry in self.applied.items()
+            if name not in refuted
+            and (name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.seconds)
         ]
         state = span.now.telemetry
         missing = state.missing_samples / max(state.samples, 1)
-        if 'gaps' not in self.applied and missing > _MISSING_SHARE:
+        if not {'gaps'} & (refuted | self.applied.keys()) and missing > _MISSING_SHARE:
             found.append(
                 Finding(
                     'gaps',

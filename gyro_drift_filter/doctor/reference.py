@@ -1,6 +1,7 @@
 """Whether the rates turn as an orientation in the same recording does."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,25 +10,18 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.doctor.rotations import (
-    from_vector,
-    inverse,
-    product,
-    rotate,
-    running_product,
-    to_vector,
-)
+from gyro_drift_filter.doctor.rotations import inverse, product, rotate, to_vector
 from gyro_drift_filter.identify.series import Values
 
 Floats = NDArray[np.float64]
 
 # Turns over so many s are compared: many times the delays between two sources, and short enough
-# for a turn to be no half one.
-_SECONDS = 0.5
+# for the axis of a turn to stay.
+_SECONDS = 0.3
 _MOST_BLOCKS = 1000
 # A turn that is compared is of so many rad, of these there have to be so many.
-_LEAST_TURN, _LEAST_BLOCKS = math.radians(5.0), 20
-_LARGEST_TURN = math.radians(150.0)
+_LEAST_TURN, _LEAST_BLOCKS = math.radians(3.0), 20
+_LARGEST_TURN = math.radians(90.0)
 # Turns about the vertical are the same, or of opposite sign, where they are correlated so much.
 _ALIKE = 0.9
 # Wheels slip, and their odometry may be off by a fifth; a wrong range or degrees by a factor of 2.
@@ -75,21 +69,23 @@ def compare_turns(
     stamps: Values,
     rates: tuple[Values, ...],
     accelerations: tuple[Values, ...],
+    bias: Sequence[float],
 ) -> Turns:
     """Return the turns of a reference and of rates over the same time.
 
     Args:
         reference: The reference.
         stamps: (n,) of the rates in ns.
-        rates: Three columns (n,) in rad/s, without bias.
+        rates: Three columns (n,) in rad/s.
         accelerations: Three columns (n,) in m/s^2.
+        bias: (3,) of the rates in rad/s.
     """
-    rows = []
+    rows, imu = [], (stamps, rates, accelerations, np.asarray(bias))
     begin = max(_at(stamps, 0), _at(reference.stamps, 0))
     end = min(_at(stamps, len(stamps) - 1), _at(reference.stamps, len(reference.stamps) - 1))
     span = round(_SECONDS * 1e9)
     for start in np.linspace(begin, end - span, _MOST_BLOCKS if end > begin + span else 0):
-        row = _turn(reference, (stamps, rates, accelerations), int(start), int(start) + span)
+        row = _turn(reference, imu, int(start), int(start) + span)
         if row is not None and _LEAST_TURN < np.linalg.norm(row[:3]) < _LARGEST_TURN:
             rows.append(row)
     table = np.array(rows).reshape(-1, 10)
@@ -99,9 +95,9 @@ def compare_turns(
 def _turn(reference: Reference, imu: Any, start: int, stop: int) -> Floats | None:
     """Return reference, vertical, rates and up of one turn (10,); None where samples are missing.
 
-    `imu` are stamps, rates and accelerations; `start` and `stop` in ns.
+    `imu` are stamps, rates, accelerations and bias; `start` and `stop` in ns.
     """
-    stamps, rates, accelerations = imu
+    stamps, rates, accelerations, bias = imu
     first, last = _find(reference.stamps, start), _find(reference.stamps, stop)
     since, until = _at(reference.stamps, first), _at(reference.stamps, last)
     if last <= first or abs((until - since) / (stop - start) - 1.0) > 0.5:
@@ -110,20 +106,19 @@ def _turn(reference: Reference, imu: Any, start: int, stop: int) -> Floats | Non
     steps = np.diff(np.asarray(stamps[where], np.int64)) * 1e-9
     if len(steps) < 2 or abs(1e9 * steps.sum() / (until - since) - 1.0) > 0.2:
         return None
-    rate = np.column_stack([column[where] for column in rates])
-    force = np.nanmean(np.column_stack([column[where] for column in accelerations]), axis=0)
+    rate = np.column_stack([column[where] for column in rates]) - bias
+    force = np.mean(np.column_stack([column[where] for column in accelerations]), axis=0)
     ends = [np.array([_at(column, k) for column in reference.orientations]) for k in (first, last)]
     size = [np.linalg.norm(end) for end in ends]
     if not (np.isfinite(rate).all() and min(size) > 0.0):
         return None
     before, after = ends[0] / size[0], ends[1] / size[1]
-    seconds = np.full(len(steps), (until - since) * 1e-9 / len(steps))
-    mean = 0.5 * (rate[:-1] + rate[1:])
-    turned = running_product(from_vector(mean * seconds[:, None]))[-1]
+    # The mean rate, which is no angle that goes round, also where it is in degrees.
+    turned = 0.5 * (rate[:-1] + rate[1:]).mean(axis=0) * (until - since) * 1e-9
     inside = to_vector(product(inverse(before), after))
     vertical = rotate(before, inside)[2]
     up = force / max(float(np.linalg.norm(force)), 1e-12)
-    return np.concatenate([inside, [vertical], to_vector(turned), up])
+    return np.concatenate([inside, [vertical], turned, up])
 
 
 def judge_reference(reference: Reference, turns: Turns) -> Finding:
@@ -178,7 +173,7 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
     return Finding(
         name,
         Verdict.SOUND,
-        f'about the vertical the rates turn as {title} ({100.0 * scale:.1f} % of them do best)',
+        f'about the vertical the rates turn as {title}, which turns {scale:.2f} times as far',
         values=values,
     )
 

@@ -23,7 +23,7 @@ def product(left: Floats, right: Floats) -> Floats:
 
 def inverse(rotation: Floats) -> Floats:
     """Return the rotations back."""
-    return rotation * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(rotation * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def from_vector(vector: Floats) -> Floats:

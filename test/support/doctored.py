@@ -39,9 +39,8 @@ def messages(
     `orientations` (n, 4) are x, y, z, w; without them none is reported.
     """
     rate, force = (np.diag(np.square([value] * 3)).ravel() for value in deviations)
-    example = imu_message(
-        0, np.zeros(3), np.zeros(3), covariance=rate, acceleration_covariance=force
-    )
+    nothing = np.zeros(3)
+    example = imu_message(0, nothing, nothing, covariance=rate, acceleration_covariance=force)
     data = np.tile(np.frombuffer(example, np.uint8), (len(simulation.stamps), 1))
     stamps = np.column_stack(np.divmod(simulation.stamps, 10**9)).astype('<u4')
     data[:, 4:12] = stamps.view(np.uint8)
