@@ -189,5 +189,5 @@ def read_recording(
         reading.connections,
         reading.rules,
         filter_.messages.report().telemetry,
-        abs(float(quantisation['wide_zero'])) > SURE,
+        float(quantisation['wide_zero']) < -0.5 * SURE,
     )

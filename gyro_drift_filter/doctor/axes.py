@@ -23,14 +23,15 @@ from gyro_drift_filter.identify.series import Values
 
 Floats = NDArray[np.float64]
 
-# Two means are compared that are taken over so many s each: a change of speed by 1 m/s in that time
-# moves one by 4 deg, and a bias of 1 deg/s turns it by 2.
-_HALF_SECONDS = 2.0
-# Steps of a stretch in which it is integrated: a hundred a second follow any hand.
-_MOST_STEPS = 400
+# Two means are compared that are taken over so many s each: a change of speed by 1 m/s in two
+# seconds moves one by 3 deg, and a bias of 1 deg/s turns it by 2. What turns too slowly for that
+# changes its speed less.
+_HALF_SECONDS = (2.0, 6.0)
+# Steps of a stretch in which it is integrated: fifty a second follow any hand.
+_MOST_STEPS = 200
 # Stretches that are looked at, all over the recording. Those in which gravity turns by so many rad
 # tell something; there have to be a few of them, and more than so many say no more.
-_MOST_WINDOWS, _USED_WINDOWS = 1000, 60
+_MOST_WINDOWS, _USED_WINDOWS = 1000, 40
 _LEAST_TURN = math.radians(15.0)
 _LEAST_WINDOWS = 5
 # Clearly better: the errors are half as large, and smaller in four of five stretches.
@@ -115,20 +116,13 @@ def carry_gravity(
         bias: (3,) of the rates in rad/s.
         ways: m of them.
     """
-    half = max(round(_HALF_SECONDS / period), 2)
     matrices = np.array([way.matrix() for way in ways])
-    n = len(stamps)
-    count = min(max(n // half - 1, 0), _MOST_WINDOWS)
-    starts = [k * (n - 2 * half) // max(count - 1, 1) for k in range(count)]
-    turning = []
-    for first in starts:
-        turn = _turn_of_gravity(stamps, accelerations, slice(first, first + 2 * half), period)
-        if turn >= _LEAST_TURN:
-            turning.append((first, turn))
-    used = turning[:: -(-len(turning) // _USED_WINDOWS) or 1]
+    for seconds in _HALF_SECONDS:
+        turning = _turning(stamps, accelerations, period, max(round(seconds / period), 2))
+        if len(turning) >= _LEAST_WINDOWS:
+            break
     turns, errors = [], []
-    for first, turn in used:
-        where = slice(first, first + 2 * half)
+    for where, turn in turning[:: -(-len(turning) // _USED_WINDOWS) or 1]:
         rate = np.column_stack([column[where] for column in rates]) - np.asarray(bias)
         force = np.column_stack([column[where] for column in accelerations])
         if np.isfinite(rate).all():
@@ -136,6 +130,21 @@ def carry_gravity(
             lasting = _mean_step(stamps, where)
             errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
     return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(ways)).T)
+
+
+def _turning(
+    stamps: Values, accelerations: tuple[Values, ...], period: float, half: int
+) -> list[tuple[slice, float]]:
+    """Return stretches of two halves in which gravity turns, and by how much in rad."""
+    n, found = len(stamps), []
+    count = min(max(n // half - 1, 0), _MOST_WINDOWS)
+    for k in range(count):
+        first = k * (n - 2 * half) // max(count - 1, 1)
+        where = slice(first, first + 2 * half)
+        turn = _turn_of_gravity(stamps, accelerations, where, period)
+        if turn >= _LEAST_TURN:
+            found.append((where, turn))
+    return found
 
 
 def _turn_of_gravity(
@@ -197,7 +206,7 @@ def judge_axes(
             name,
             Verdict.UNKNOWN,
             f'gravity turns by {math.degrees(_LEAST_TURN):.0f} deg in {len(turns)} stretches of '
-            f'{2.0 * _HALF_SECONDS:.0f} s: too little to tell signs and axes from',
+            f'{2.0 * _HALF_SECONDS[-1]:.0f} s: too little to tell signs and axes from',
             'record the sensor turned by hand about each axis, by 90 deg and more',
             values,
         )
