@@ -170,7 +170,7 @@ def test_counts_that_are_rounded_are_sound(found):
 
 
 def test_counts_that_are_coarse(found):
-    simulation = handled()
+    simulation = handled(motions=4)
     count = math.radians(1.0)
     findings = found(rates_of(simulation, np.round(simulation.angular_velocity / count) * count))
     assert faults(findings) == {'resolution'}
@@ -208,8 +208,8 @@ def test_vibration_has_its_frequency(found):
     findings = found(rates_of(simulation, simulation.angular_velocity + line[:, None]))
     assert faults(findings) == {'vibration'}
     strongest = findings[0].values['lines'][0]
-    assert strongest['frequency'] == pytest.approx(37.0, abs=0.1)
-    assert strongest['amplitude'] == pytest.approx(0.01, rel=0.1)
+    assert strongest.frequency == pytest.approx(37.0, abs=0.1)
+    assert strongest.amplitude == pytest.approx(0.01, rel=0.1)
 
 
 @pytest.mark.parametrize(

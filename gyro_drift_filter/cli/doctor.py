@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.printing import is_terminal, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets, write_whole
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # Exit status of a recording with findings.
 FOUND = 3
 _WIDTH = 100
+_HEADS = {'sound': 'ok', 'fault': 'FAULT', 'unknown': '?'}
 _NEEDED = "the doctor needs the Python package scipy ({}): install it with 'pip install scipy'"
 
 
@@ -78,11 +79,11 @@ def run(options: argparse.Namespace) -> int:
 
 def page(source: str, findings: Sequence['Finding']) -> str:
     """Return the page: a verdict on the whole, and two lines or so for each finding."""
-    faults = [finding for finding in findings if finding.verdict == 'FAULT']
-    verdict = 'sound' if not faults else f'{len(faults)} fault{"s" if len(faults) > 1 else ""}'
+    faults = sum(finding.verdict == 'fault' for finding in findings)
+    verdict = 'sound' if not faults else f'{faults} fault{"s" if faults > 1 else ""}'
     lines = [f'{printable(source)}: {verdict}', '']
     for finding in findings:
-        lines += _wrapped(f'{finding.verdict:<5}', f'{finding.name}: {finding.text}')
+        lines += _wrapped(_HEADS[finding.verdict], f'{finding.name}: {finding.text}')
         if finding.advice:
             lines += _wrapped('   ->', finding.advice)
     return '\n'.join(lines)
@@ -90,22 +91,16 @@ def page(source: str, findings: Sequence['Finding']) -> str:
 
 def _wrapped(head: str, text: str) -> list[str]:
     return textwrap.wrap(
-        printable(text), _WIDTH, initial_indent=f'{head} ', subsequent_indent=' ' * 6
+        printable(text), _WIDTH, initial_indent=f'{head:<6}', subsequent_indent=' ' * 6
     )
 
 
 def as_json(bag: Path, topic: str, findings: Sequence['Finding']) -> str:
     """Return the same for programs."""
     listed = [
-        {
-            'name': finding.name,
-            'verdict': {'ok': 'sound', 'FAULT': 'fault', '?': 'unknown'}[finding.verdict],
-            'text': finding.text,
-            'advice': finding.advice,
-            'values': finding.values,
-        }
+        as_plain(finding) | {'values': {k: as_plain(v) for k, v in finding.values.items()}}
         for finding in findings
     ]
-    sound = all(finding.verdict != 'FAULT' for finding in findings)
+    sound = all(finding.verdict != 'fault' for finding in findings)
     plain = {'bag': str(bag), 'topic': topic, 'sound': sound, 'findings': listed}
-    return json.dumps(plain, indent=1) + '\n'
+    return json.dumps(plain, indent=1, allow_nan=False) + '\n'

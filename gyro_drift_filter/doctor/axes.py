@@ -256,8 +256,8 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
             'scale',
             Verdict.FAULT,
             f'the rates {match} only if multiplied by about {way.factor:.2g}',
-            'a factor of 2 or 4 is another measuring range than the driver converts by; else find '
-            'the scale of each axis and correct it',
+            'a factor of 2 or 4 is another measuring range than the driver converts by; any other '
+            'one is the scale of the sensor: find it for each axis with `gyro_drift calibrate`',
             values,
         )
     flipped = [AXES[axis] for axis in range(3) if way.signs[axis] < 0]

@@ -1,6 +1,5 @@
 """Whether the covariances of the messages can be what their drivers say."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,15 +75,11 @@ def judge_covariances(
         force_noise: The same of the accelerations in m/s^2.
     """
     named = dict(zip(QUANTITIES, stated, strict=True))
-    values: dict[str, Any] = {
-        name: {
-            'not_reported': of.not_reported,
-            'zero': of.zero,
-            'impossible': of.impossible,
-            'deviation': [None if math.isnan(v) else v for v in of.deviations.tolist()],
-        }
-        for name, of in named.items()
-    }
+    values: dict[str, Any] = {}
+    for name, of in named.items():
+        for count in ('not_reported', 'zero', 'impossible'):
+            values[f'{name} {count}'] = getattr(of, count)
+        values[f'{name} deviation'] = of.deviations
     found = []
     # Of an orientation that is not there zeros are the usual slip; `orientation` tells of it.
     if zero := [name for name in QUANTITIES[1:] if named[name].zero]:

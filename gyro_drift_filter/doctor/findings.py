@@ -8,9 +8,9 @@ from typing import Any
 class Verdict(StrEnum):
     """How a line ends the question that it answers."""
 
-    SOUND = 'ok'
-    FAULT = 'FAULT'
-    UNKNOWN = '?'  # the recording does not hold what would tell
+    SOUND = 'sound'
+    FAULT = 'fault'
+    UNKNOWN = 'unknown'  # the recording does not hold what would tell
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import Simulation
 from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
 
-SETTINGS = HandlingSettings()
+SETTINGS = HandlingSettings(motions=2)
 
 
 def handled(seed: int = 0, **settings: Any) -> Simulation:
