@@ -14,7 +14,13 @@ from gyro_drift_filter.cli.doctor_recording import read_recording
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.doctor.rotations import from_vector, product, running_product
+from gyro_drift_filter.doctor.rotations import (
+    from_vector,
+    inverse,
+    product,
+    rotate,
+    running_product,
+)
 from support.doctored import handled, write
 from support.paths import RECORDINGS
 
@@ -92,6 +98,35 @@ def test_wrong_signs_and_axes_are_found_by_gravity(found, name):
     assert faults(findings) == {'axes'}
     assert findings[0].values['way'] == way, findings[0].text
     assert findings[0].values['share_left_then'] < 0.2 < findings[0].values['share_left']
+
+
+def about_one_axis(simulation, axis, signs=(1.0, 1.0, 1.0)):
+    """Return the same turned about one axis alone, which lies level."""
+    only = np.eye(3)[axis] * (simulation.truth - simulation.bias)
+    noise = simulation.angular_velocity - simulation.truth
+    gravity = rotate(inverse(running_product(from_vector(only / 100.0))[1:]), UP)
+    return replace(
+        simulation,
+        angular_velocity=only * signs + simulation.bias + noise,
+        linear_acceleration=gravity + 10.0 * noise,
+    )
+
+
+UP = np.array([0.0, 0.0, 9.81])
+
+
+def test_an_axis_about_which_it_was_not_turned_is_named(found):
+    findings = found(about_one_axis(handled(), 1), deviations=(2e-3, 0.02))
+    assert faults(findings) == set()
+    axes = next(finding for finding in findings if finding.name == 'axes')
+    assert 'except that of x and z' in axes.text
+
+
+def test_of_ways_that_are_as_good_the_smallest_change_is_told(found):
+    """Turned about y alone, signs of x and z may be either way; only that of y is surely wrong."""
+    findings = found(about_one_axis(handled(), 1, (1.0, -1.0, 1.0)), deviations=(2e-3, 0.02))
+    assert faults(findings) == {'axes'}
+    assert findings[0].values['way'] == '(x, -y, z)'
 
 
 def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(found):

@@ -68,6 +68,10 @@ class Way(NamedTuple):
 
 
 AS_IT_IS = Way((0, 1, 2), (1, 1, 1), 1.0)
+_FLIPPED = tuple(
+    AS_IT_IS._replace(signs=tuple(-1 if axis == flipped else 1 for axis in range(3)))
+    for flipped in range(3)
+)
 IN_DEGREES = AS_IT_IS._replace(factor=math.pi / 180.0)
 # A driver may take the counts for those of another range than is set in the sensor, or of another
 # scale than its maker's: from a quarter to four times, in steps of a tenth.
@@ -205,8 +209,8 @@ def judge_axes(
         return Finding(
             name,
             Verdict.UNKNOWN,
-            f'gravity turns by {math.degrees(_LEAST_TURN):.0f} deg in {len(turns)} stretches of '
-            f'{2.0 * _HALF_SECONDS[-1]:.0f} s: too little to tell signs and axes from',
+            f'gravity turns too little to tell signs and axes: {_times(len(turns))} by '
+            f'{math.degrees(_LEAST_TURN):.0f} deg within {2.0 * _HALF_SECONDS[-1]:.0f} s',
             'record the sensor turned by hand about each axis, by 90 deg and more',
             values,
         )
@@ -223,11 +227,14 @@ def judge_axes(
             values['share_left_then'] = float(shares[best])
             return _otherwise(WAYS[best], name, match, values)
     turn = f'turns of {math.degrees(float(np.median(turns))):.0f} deg'
-    if shares[0] < _CARRIED:
+    # An axis about which it was not turned may have either sign.
+    still = [AXES[axis] for axis in range(3) if good[WAYS.index(_FLIPPED[axis])]]
+    if shares[0] < _CARRIED and len(still) < 3:
+        told = f' except that of {" and ".join(still)}, about which it was hardly turned'
         return Finding(
             name,
             Verdict.SOUND,
-            f'signs, axes and unit of the rates fit: they {match} '
+            f'signs, axes and unit of the rates fit{told if still else ""}: they {match} '
             f'({100.0 * shares[0]:.2g} % of {turn} are left)',
             values=values,
         )
@@ -275,3 +282,7 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
         'belongs into the transform of the frame, for both sensors alike',
         values,
     )
+
+
+def _times(count: int) -> str:
+    return 'never' if count == 0 else 'once' if count == 1 else f'{count} times'

@@ -82,7 +82,8 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     return Finding(
         name,
         Verdict.SOUND,
-        f'logged {1e3 * offset:.2g} ms after the stamp, clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm',
+        f'logged {1e3 * offset:.2g} ms after the stamp, '
+        f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm',
         values=values,
     )
 
