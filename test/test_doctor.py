@@ -367,7 +367,7 @@ def test_an_orientation_that_turns_the_other_way(found):
     assert findings[0].values['way'] == '(x, -y, z)'
 
 
-def test_an_orientation_that_is_stated_and_never_changes(found):
+def test_an_orientation_that_nobody_measures(found):
     simulation = handled()
     constant = np.tile([0.0, 0.0, 0.0, 1.0], (len(simulation.stamps), 1))
     assert faults(found(simulation, orientations=constant)) == {'invented orientation'}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.printing import is_terminal, say
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 
@@ -61,7 +61,6 @@ def run(options: argparse.Namespace) -> int:
     from gyro_drift_filter.doctor.findings import is_sound
 
     spare_linear_algebra()
-    compile_first()
     progress = Progress(enabled=is_terminal())
     try:
         topic, examined = read_recording(

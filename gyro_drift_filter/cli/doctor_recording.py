@@ -20,6 +20,7 @@ from gyro_drift_filter.bags.recording import (
 from gyro_drift_filter.bags.replay_run import TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
+from gyro_drift_filter.cli.progress import compile_first
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.covariances import Stated
@@ -167,6 +168,7 @@ def read_recording(
     parameters = Parameters(input_quantisation='none')
     with open_bag(bag) as recording:
         ((chosen, names),) = selection.inputs(recording).items()
+        compile_first()
         filter_ = TopicFilter(recording, parameters, chosen, names, None)
         reading = _Reading(recording, chosen, filter_)
         done = 0

@@ -49,7 +49,7 @@ class Examined:
         connections: Publishers that it names for the topic.
         rules: What the rules of the live filter said.
         telemetry: Of the filter at the end.
-        is_whole: Whether motion has shown that counts are not cut towards zero.
+        not_cut: Whether motion has shown that counts are not cut towards zero.
     """
 
     stamps: Values
@@ -62,7 +62,7 @@ class Examined:
     connections: int
     rules: RuleLog
     telemetry: Telemetry
-    is_whole: bool
+    not_cut: bool
 
 
 # Faults that others come of by themselves: these are left out beside them.
@@ -96,7 +96,7 @@ def examine(seen: Examined) -> list[Finding]:
         refuted.add('gaps')
     if not any(map(is_clipped, seen.rates)):
         refuted.add('clipped')
-    findings += [*seen.rules.findings(seen.is_whole, refuted), *evenness]
+    findings += [*seen.rules.findings(seen.not_cut, refuted), *evenness]
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))

@@ -57,11 +57,11 @@ class RuleLog:
         self.seconds += seconds
         self.last = span
 
-    def findings(self, is_whole: bool, refuted: Set[str]) -> list[Finding]:
+    def findings(self, not_cut: bool, refuted: Set[str]) -> list[Finding]:
         """Return a line for each rule that applied, and for each question that none answered.
 
         Args:
-            is_whole: Whether motion has shown that counts are not cut towards zero.
+            not_cut: Whether motion has shown that counts are not cut towards zero.
             refuted: Rules that applied to a part of the recording wrongly, as the whole shows.
         """
         span = self.last
@@ -87,7 +87,7 @@ class RuleLog:
             )
         faults = {finding.name for finding in found}
         found += [
-            finding for names, finding in _sound(span, is_whole) if not faults.intersection(names)
+            finding for names, finding in _sound(span, not_cut) if not faults.intersection(names)
         ]
         return found
 
@@ -148,7 +148,7 @@ def _figures(name: str, span: Span) -> str:
     return _FIGURES[name](span) if name in _FIGURES else ''
 
 
-def _sound(span: Span, is_whole: bool) -> list[tuple[set[str], Finding]]:
+def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
 
@@ -161,7 +161,7 @@ def _sound(span: Span, is_whole: bool) -> list[tuple[set[str], Finding]]:
     cut = fine('truncation', 'counts are not cut towards zero')
     if not any(state.resolution):
         cut = fine('truncation', 'no counts are seen that could be cut towards zero')
-    elif not is_whole:
+    elif not not_cut:
         cut = open_('truncation', 'too little motion to tell whether counts are cut towards zero')
     low_pass = fine('low-pass', 'the noise has passed no slow low-pass')
     if min(state.noise_blocks) == 0:
