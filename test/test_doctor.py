@@ -313,6 +313,25 @@ def test_lost_samples(found, random):
     assert faults(found(lossy)) == {'gaps'}
 
 
+def test_values_beyond_numbers_and_messages_that_are_none(found):
+    simulation = handled()
+    rates, forces = simulation.angular_velocity.copy(), simulation.linear_acceleration.copy()
+    rates[::970, 0], rates[500::970, 1] = np.nan, 1e300
+    forces[300::970] = np.inf
+    findings = found(replace(simulation, angular_velocity=rates, linear_acceleration=forces))
+    assert faults(findings) == {'unusable'}
+    assert 'rests' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_a_tenth_of_a_second_says_next_to_nothing(found):
+    simulation = handled()
+    first = slice(0, 10)
+    findings = found(again(replace(simulation, stamps=simulation.stamps[first]), first))
+    assert faults(findings) == {'rests'}
+    assert {'axes', 'stamp times', 'clock', 'vibration'} <= of_verdict(findings, Verdict.UNKNOWN)
+    assert not any('nan' in finding.text for finding in findings)
+
+
 def test_stamps_of_zero(found):
     simulation = handled()
     stamps = np.zeros_like(simulation.stamps)

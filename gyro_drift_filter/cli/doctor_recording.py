@@ -23,6 +23,7 @@ from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.cli.progress import compile_first
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.quantisation import SURE
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog
@@ -119,8 +120,8 @@ class _Reading:
         self.stamps.append(sample['stamp'])
         self.log_times.append(piece.rows['log_time'][good['row']])
         for axis in range(3):
-            self.rates[axis].append(sample['angular_velocity'][:, axis])
-            self.accelerations[axis].append(sample['linear_acceleration'][:, axis])
+            self.rates[axis].append(_usable(sample['angular_velocity'][:, axis]))
+            self.accelerations[axis].append(_usable(sample['linear_acceleration'][:, axis]))
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
         for stated, first in zip(self.stated, _COVARIANCES, strict=True):
@@ -146,6 +147,11 @@ class _Reading:
         found = [self._own, *(orientations for _, orientations in self._others.values())]
         references = (orientations.reference() for orientations in found)
         return tuple(reference for reference in references if reference is not None)
+
+
+def _usable(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values (n,) with NaN for what the filter does not use, which may be beyond numbers."""
+    return np.where(np.abs(values) <= LARGEST_RATE, values, np.nan)
 
 
 def read_recording(

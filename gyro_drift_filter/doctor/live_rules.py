@@ -115,6 +115,7 @@ _ADVICE = {
     'restarted': 'is the recording made of several, or was a clock set?',
     'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
     'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
+    'unusable': 'have the driver leave a message out where a reading fails',
     'beyond bias.max': 'if it does not turn there, have the sensor looked at',
 }
 
@@ -146,6 +147,11 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
 
 def _figures(name: str, span: Span) -> str:
     return _FIGURES[name](span) if name in _FIGURES else ''
+
+
+def _rate(span: Span) -> str:
+    known = math.isfinite(span.expected_rate)
+    return f'{span.expected_rate:.4g} Hz' if known else 'too short to know the rate'
 
 
 def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
@@ -182,7 +188,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
             {'gaps', 'restarted', 'backward', 'zero stamps', 'wrong rate'},
             fine(
                 'stamps',
-                f'{span.expected_rate:.4g} Hz, {state.gaps} gaps, {state.missing_samples} samples '
+                f'{_rate(span)}, {state.gaps} gaps, {state.missing_samples} samples '
                 f'missing, {state.backward_stamps} stamps backward',
             ),
         ),

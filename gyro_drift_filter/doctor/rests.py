@@ -95,7 +95,9 @@ def look_at_rests(
         values = np.column_stack([column[where] for column in (*rates, *accelerations)])
         means.append(values[:, 3:].mean(axis=0))
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
-        deviations.append(pieces.std(axis=1, ddof=1))
+        # Without the acceleration, which may be missing, as good as with it.
+        good = np.isfinite(pieces[:, :, :3]).all(axis=(1, 2))
+        deviations.append(pieces[good].std(axis=1, ddof=1))
     noise = np.full(6, np.nan)
     if any(map(len, deviations)):
         noise = np.median(np.concatenate(deviations), axis=0)

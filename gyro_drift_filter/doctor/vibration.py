@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from gyro_drift_filter.core.parameters import AXES
@@ -15,6 +16,10 @@ from gyro_drift_filter.identify.tones import find_tones
 _FASTEST_MOTION = 20.0
 # Of half the sample rate: the band has to hold some of what is above.
 _LARGEST_CUT = 0.6
+# Spectra of a second or two are averaged; fewer of them in s tell no line.
+_SHORTEST = 15.0
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,8 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     then is what the rates show at rest, and shifts the bias by its rectification in the sensor.
     """
     name, nyquist = 'vibration', 0.5 / period
+    if len(rates[0]) * period < _SHORTEST:
+        return Finding(name, Verdict.UNKNOWN, 'too short to tell lines from noise')
     if _LARGEST_CUT * nyquist < _FASTEST_MOTION:
         return Finding(
             name,
@@ -43,7 +50,7 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
     lines: list[Line] = []
     for axis, column in zip(AXES, rates, strict=True):
-        values = np.nan_to_num(np.asarray(column[:LARGEST_PART], float))
+        values = _filled(np.asarray(column[:LARGEST_PART], float))
         fast = signal.sosfilt(sections, values - values[0])
         power = float(np.mean(fast**2))
         for tone in find_tones([fast], period):
@@ -66,6 +73,15 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     if lines:
         text += f' (weak ones: {_listed(lines)})'
     return Finding(name, Verdict.SOUND, text, values={'lines': lines})
+
+
+def _filled(values: Floats) -> Floats:
+    """Return values (n,) with lines drawn over those that are NaN."""
+    good = np.isfinite(values)
+    if good.all() or not good.any():
+        return np.nan_to_num(values)
+    index = np.arange(len(values))
+    return np.interp(index, index[good], values[good])
 
 
 def _listed(lines: list[Line]) -> str:
