@@ -15,9 +15,10 @@ ALLOWED = {
     'mcap': {'accelerate'},
     'bags': {'accelerate', 'core', 'mcap', 'messages'},
     'identify': {'core'},
+    'doctor': {'core', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
     'ros': {'accelerate', 'core', 'messages'},
-    'cli': {'accelerate', 'bags', 'core', 'identify', 'messages', 'simulation'},
+    'cli': {'accelerate', 'bags', 'core', 'doctor', 'identify', 'mcap', 'messages', 'simulation'},
 }
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
 

@@ -1,6 +1,6 @@
 """One run of a recording through the filter: what is filtered, written, counted and reported."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
@@ -21,6 +21,7 @@ from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
+from gyro_drift_filter.messages.telemetry import MessageReport
 
 TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
 # What is filtered and laid out at once is at most as much, in messages and log time (ns): there may
@@ -94,7 +95,7 @@ class ReplayRun:
         self._output = output
         self._report_times = ReportTimes()
         self._filters = [
-            _TopicFilter(recording, parameters, topic, names, hint)
+            TopicFilter(recording, parameters, topic, names, hint)
             for topic, names in inputs.items()
         ]
 
@@ -104,7 +105,7 @@ class ReplayRun:
         Raises:
             BagError: The output can't be written.
         """
-        for part in _parts(piece):
+        for part in small_parts(piece):
             self._filter(part, self._report_times.among(part.rows))
 
     def _filter(self, piece: Piece, reports: Any) -> None:
@@ -113,7 +114,8 @@ class ReplayRun:
         for filter_ in self._filters:
             of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
             imus.append(of_topic)
-            statuses.append(filter_.take(piece, of_topic, reports))
+            of_filter = filter_.take(piece, of_topic, reports)
+            statuses.append(filter_.judge(of_filter, reports))
         all_imus = imus[0]
         if len(imus) > 1:
             all_imus = np.concatenate(imus)
@@ -136,7 +138,7 @@ class ReplayRun:
         ]
 
 
-class _TopicFilter:
+class TopicFilter:
     """The filter of one Imu topic, with the topics beside it that it listens to."""
 
     def __init__(
@@ -150,7 +152,7 @@ class _TopicFilter:
         self.topic = topic
         self._names = names
         self._typestore = recording.typestore
-        self._messages = MessageFilter(parameters)
+        self.messages = MessageFilter(parameters)
         self._health = Health(names.node)
         self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
@@ -161,8 +163,8 @@ class _TopicFilter:
             and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
         }
 
-    def take(self, piece: Piece, imus: Any, reports: Any) -> list[list[DiagnosticStatus]]:
-        """Filter the Imu messages of a piece; return what each report says."""
+    def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
+        """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
         notes: Any = np.zeros(len(reports), NOTE)
@@ -177,16 +179,20 @@ class _TopicFilter:
             strict=True,
         ):
             notes['index'][noted:before] -= done
-            self._messages.take_imus(piece.data, imus[done:stop], notes[noted:before])
+            self.messages.take_imus(piece.data, imus[done:stop], notes[noted:before])
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
         self._statistics.add(imus, piece.rows['log_time'][imus['row']])
+        return self.messages.reports(notes)
+
+    def judge(
+        self, of_filter: Sequence[MessageReport], reports: Any
+    ) -> list[list[DiagnosticStatus]]:
+        """Return what is to be said at each REPORT_TIME."""
         return [
             self._health.judge(report, seconds)
-            for report, seconds in zip(
-                self._messages.reports(notes), reports['seconds'].tolist(), strict=True
-            )
+            for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True)
         ]
 
     def _listen(self, kind: str, data: bytes) -> None:
@@ -194,15 +200,15 @@ class _TopicFilter:
         with suppress(Exception):
             message: Any = self._typestore.deserialize_cdr(data, kind)
             if kind == TEMPERATURE_TYPE:
-                self._messages.filter.note_temperature(message.temperature)
+                self.messages.filter.note_temperature(message.temperature)
             else:
-                self._messages.filter.hint(moves(message))
+                self.messages.filter.hint(moves(message))
 
     def summary(
         self, written: int, left_out: dict[str, str], start: int, seconds: float
     ) -> Summary:
         """Return what was done, at the end of a recording that started then and lasted so long."""
-        state, report = self._messages.filter.state, self._messages.report()
+        state, report = self.messages.filter.state, self.messages.report()
         known_at = self._statistics.known_at
         raw, filtered = self._statistics.all()
         rest_raw, rest_filtered = self._statistics.at_rest()
@@ -227,7 +233,7 @@ class _TopicFilter:
         )
 
 
-def _parts(piece: Piece) -> Iterator[Piece]:
+def small_parts(piece: Piece) -> Iterator[Piece]:
     """Cut a piece into parts of bounded length."""
     times, done = piece.rows['log_time'], 0
     while done < len(times):

@@ -11,7 +11,7 @@ from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.messages.health import package_version
 
 # Modules of this package.
-_SUBCOMMANDS = ('replay', 'identify', 'simulate', 'compile')
+_SUBCOMMANDS = ('replay', 'identify', 'doctor', 'simulate', 'compile')
 
 
 def parser(subcommand: str = '') -> argparse.ArgumentParser:
@@ -31,9 +31,9 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command.
 
     Returns:
-        0 done, 1 a known error, which is one line on stderr, or the reader of the output has left;
-        as shells have it 128 and the number of the signal that has ended it, 130 interrupted. Bad
-        usage exits with 2 from within argparse.
+        0 done, or what the subcommand returns; 1 a known error, which is one line on stderr, or the
+        reader of the output has left; as shells have it 128 and the number of the signal that has
+        ended it, 130 interrupted. Bad usage exits with 2 from within argparse.
     """
     logging.addLevelName(logging.WARNING, 'warning')
     # By force: each run has its own stderr, as in the tests.
@@ -42,7 +42,7 @@ def run(arguments: Sequence[str]) -> int:
     name = f'gyro_drift {options.command}'
     try:
         with signals.raising():
-            options.run(options)
+            status: int | None = options.run(options)
     except BrokenPipeError:
         return 1
     except (GyroDriftFilterError, OSError) as error:
@@ -54,4 +54,4 @@ def run(arguments: Sequence[str]) -> int:
     except signals.EndedBySignal as error:
         tell(f'{name}: ended by {error}, nothing written')
         return 128 + error.number
-    return 0
+    return status or 0

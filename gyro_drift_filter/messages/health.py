@@ -60,12 +60,25 @@ class Health:
     def judge(
         self, now: MessageReport, seconds: float, paced: bool = True
     ) -> list[DiagnosticStatus]:
-        """Return the status of the input and of the filter.
+        """Return the status of the input and of the filter; arguments are those of `rules`."""
+        span, of_input, of_filter = self.rules(now, seconds, paced)
+        return [
+            self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
+            self._status(FILTER, of_filter, 'filtering', span, _filter_values(span)),
+        ]
+
+    def rules(
+        self, now: MessageReport, seconds: float, paced: bool = True
+    ) -> tuple[Span, list[Rule], list[Rule]]:
+        """Return what the reports up to this one are about, and which rules apply to it.
 
         Args:
             now: What the message filter is like.
             seconds: Time since the last report.
             paced: Whether messages come at the pace of that time, so that the rate can be judged.
+
+        Returns:
+            The span, and the rules for the input and for the filter, the worst first.
         """
         last, before = self._window[-1]
         if now.telemetry.samples < before.telemetry.samples:  # the filter was reset
@@ -84,10 +97,7 @@ class Health:
         of_input = applying(INPUT_RULES, span, self._applied)
         of_filter = applying(FILTER_RULES, span, self._applied)
         self._applied = {rule.name for rule in of_input + of_filter}
-        return [
-            self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
-            self._status(FILTER, of_filter, 'filtering', span, _filter_values(span)),
-        ]
+        return span, of_input, of_filter
 
     def _status(
         self, part: str, rules: Sequence[Rule], sound: str, span: Span, values: Mapping[str, Any]

@@ -200,3 +200,17 @@ def fault_text(fault: Fault) -> str:
         case FaultReason.FRAME_ID:
             return 'frame_id does not end with a zero byte'
     return f'header.stamp.nanosec {value} is a second or more'
+
+
+def all_doubles(data: NDArray[np.uint8], imus: Any) -> NDArray[np.float64]:
+    """Return the 37 doubles of messages (n,) IMU that stand in the data, none malformed: (n, 37).
+
+    In their order: orientation x, y, z, w and its covariance, rate and covariance, acceleration and
+    covariance.
+    """
+    places = (imus['start'] + imus['doubles'])[:, None] + np.arange(8 * _DOUBLES)
+    raw = data[places]
+    doubles = raw.view('<f8').astype(np.float64)
+    big = imus['big_endian']
+    doubles[big] = raw[big].view('>f8')
+    return np.asarray(doubles)

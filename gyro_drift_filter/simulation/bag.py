@@ -24,6 +24,7 @@ def imu_message(
     linear_acceleration: Any,
     frame: str = FRAME,
     covariance: Any = _UNKNOWN,
+    acceleration_covariance: Any = _UNKNOWN,
 ) -> bytes:
     """Return a serialized `sensor_msgs/msg/Imu` without orientation.
 
@@ -33,6 +34,7 @@ def imu_message(
         linear_acceleration: (3,) in m/s^2.
         frame: header.frame_id.
         covariance: angular_velocity_covariance (9,) in (rad/s)^2.
+        acceleration_covariance: linear_acceleration_covariance (9,) in (m/s^2)^2.
     """
     vector = message_type('geometry_msgs/msg/Vector3')
     header = message_type('std_msgs/msg/Header')
@@ -44,7 +46,7 @@ def imu_message(
         vector(*(float(v) for v in angular_velocity)),
         np.asarray(covariance, np.float64),
         vector(*(float(v) for v in linear_acceleration)),
-        _UNKNOWN,
+        np.asarray(acceleration_covariance, np.float64),
     )
     return serialize(message, IMU_TYPE)
 

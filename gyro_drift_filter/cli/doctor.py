@@ -1,0 +1,105 @@
+"""`gyro_drift doctor`: can this recording be trusted?"""
+
+import argparse
+import json
+import math
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.printing import is_terminal, say
+from gyro_drift_filter.cli.progress import Progress
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.errors import GyroDriftFilterError, printable
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.doctor.findings import Finding
+
+# Exit status of a recording with findings.
+FOUND = 3
+_WIDTH = 100
+_HEADS = {'sound': 'ok', 'fault': 'FAULT', 'unknown': '?'}
+_NEEDED = "the doctor needs the Python package scipy ({}): install it with 'pip install scipy'"
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'doctor',
+        help='tell whether a recording can be trusted',
+        description='Send a recording through the filter, look at units, axes, stamps, counts, '
+        'noise and covariances, and print a line for each with what to do. Exit status 0 sound, '
+        '3 with faults.',
+    )
+    command.add_argument(
+        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
+    )
+    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
+    command.add_argument(
+        '--start', type=float, default=0.0, help='s from the begin of the recording on'
+    )
+    command.add_argument(
+        '--end', type=float, default=math.inf, help='s from the begin of the recording on'
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the subcommand; return its exit status."""
+    if not options.start < options.end:
+        raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    check_targets({'--json': options.json}, None)
+    try:
+        import scipy.signal  # noqa: F401
+    except ImportError as error:
+        raise GyroDriftFilterError(_NEEDED.format(error)) from error
+    from gyro_drift_filter.cli.doctor_recording import read_recording
+    from gyro_drift_filter.doctor.examination import examine
+    from gyro_drift_filter.doctor.findings import is_sound
+
+    spare_linear_algebra()
+    progress = Progress(enabled=is_terminal())
+    try:
+        topic, examined = read_recording(
+            options.bag, options.topic, (options.start, options.end), progress
+        )
+    finally:
+        progress.finish()
+    findings = examine(examined)
+    sound = is_sound(findings)
+    if options.json:
+        write_whole(options.json, as_json(options.bag, topic, findings))
+    say(page(f'{options.bag.absolute().name}, topic {topic}', findings))
+    return 0 if sound else FOUND
+
+
+def page(source: str, findings: Sequence['Finding']) -> str:
+    """Return the page: a verdict on the whole, and two lines or so for each finding."""
+    faults = sum(finding.verdict == 'fault' for finding in findings)
+    verdict = 'sound' if not faults else f'{faults} fault{"s" if faults > 1 else ""}'
+    lines = [f'{printable(source)}: {verdict}', '']
+    for finding in findings:
+        lines += _wrapped(_HEADS[finding.verdict], f'{finding.name}: {finding.text}')
+        if finding.advice:
+            lines += _wrapped('   ->', finding.advice)
+    return '\n'.join(lines)
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    return textwrap.wrap(
+        printable(text), _WIDTH, initial_indent=f'{head:<6}', subsequent_indent=' ' * 6
+    )
+
+
+def as_json(bag: Path, topic: str, findings: Sequence['Finding']) -> str:
+    """Return the same for programs."""
+    listed = [
+        as_plain(finding) | {'values': {k: as_plain(v) for k, v in finding.values.items()}}
+        for finding in findings
+    ]
+    sound = all(finding.verdict != 'fault' for finding in findings)
+    plain = {'bag': str(bag), 'topic': topic, 'sound': sound, 'findings': listed}
+    return json.dumps(plain, indent=1, allow_nan=False) + '\n'

@@ -1,0 +1,201 @@
+"""The recording that `gyro_drift doctor` examines: through the filter once, and kept in files."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.imus import read_imus
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import (
+    BagError,
+    Piece,
+    Recording,
+    by_connection,
+    is_cdr,
+)
+from gyro_drift_filter.bags.replay_run import TopicFilter, small_parts
+from gyro_drift_filter.bags.report_times import ReportTimes
+from gyro_drift_filter.bags.selection import Selection
+from gyro_drift_filter.cli.progress import compile_first
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.quantisation import SURE
+from gyro_drift_filter.core.sample import LARGEST_RATE
+from gyro_drift_filter.doctor.covariances import Stated
+from gyro_drift_filter.doctor.examination import Examined
+from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.doctor.reference import Reference
+from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.mcap.message_kernels import ROW
+from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.imu import ImuKind, all_doubles
+
+# Where the orientation stands in messages that have one.
+_ORIENTATIONS = {
+    'nav_msgs/msg/Odometry': ('pose', 'pose', 'orientation'),
+    'geometry_msgs/msg/PoseWithCovarianceStamped': ('pose', 'pose', 'orientation'),
+    'geometry_msgs/msg/PoseStamped': ('pose', 'orientation'),
+    'geometry_msgs/msg/TransformStamped': ('transform', 'rotation'),
+    'geometry_msgs/msg/QuaternionStamped': ('quaternion',),
+}
+# Where the covariances start among the doubles of an Imu: those of QUANTITIES.
+_COVARIANCES = (4, 16, 28)
+
+
+class _Orientations:
+    """Orientations of one topic, kept as they come."""
+
+    def __init__(self, name: str, own: bool) -> None:
+        self.name, self.own = name, own
+        self._stamps = Stored(np.int64)
+        self._columns = tuple(Stored() for _ in range(4))
+
+    def add(self, stamps: NDArray[np.int64], quaternions: NDArray[np.float64]) -> None:
+        """Add stamps (n,) in ns and quaternions (n, 4) in ROS's order: x, y, z, w."""
+        self._stamps.append(stamps)
+        for column, index in zip(self._columns, (3, 0, 1, 2), strict=True):
+            column.append(quaternions[:, index])
+
+    def reference(self) -> Reference | None:
+        """Return what was added, None where nothing was."""
+        if not len(self._stamps):
+            return None
+        return Reference(self.name, self._stamps, self._columns, self.own)
+
+
+class _Reading:
+    """One pass through a recording."""
+
+    def __init__(self, recording: Recording, topic: str, filter_: TopicFilter) -> None:
+        connections = [c for c in recording.connections if c.topic == topic]
+        self.is_imu = np.zeros(by_connection(recording), np.bool_)
+        self.is_imu[[connection.id for connection in connections]] = True
+        self.connections = len(connections)
+        self.filter = filter_
+        self.rules = RuleLog()
+        self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
+        self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
+        self.resting = Stored(np.uint8)
+        self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
+        self._health = Health()
+        self._report_times = ReportTimes()
+        self._typestore = recording.typestore
+        self._own = _Orientations(topic, own=True)
+        self._others = {
+            connection.id: (connection, _Orientations(connection.topic, own=False))
+            for connection in recording.connections
+            if connection.msgtype in _ORIENTATIONS and is_cdr(connection)
+        }
+
+    def take(self, piece: Piece) -> None:
+        """Take a piece of the recording in."""
+        for part in small_parts(piece):
+            # Without what other topics hold, so that reports are about the time of the Imu alone.
+            imus_alone = Piece(part.data, part.rows[self.is_imu[part.rows['channel']]])
+            self._filter(imus_alone, self._report_times.among(imus_alone.rows))
+            for index in np.flatnonzero(np.isin(part.rows['channel'], list(self._others))):
+                self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
+
+    def end(self) -> None:
+        """Make the last report."""
+        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
+        self._filter(nothing, self._report_times.at_end())
+
+    def _filter(self, piece: Piece, reports: Any) -> None:
+        imus = read_imus(piece, self.is_imu)
+        self._report(self.filter.take(piece, imus, reports), reports)
+        good = imus[imus['kind'] == ImuKind.GOOD]
+        self._keep(piece, good)
+
+    def _report(self, of_filter: Any, reports: Any) -> None:
+        for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
+            span, of_input, of_bias = self._health.rules(report, seconds)
+            self.rules.add(span, of_input + of_bias, seconds)
+
+    def _keep(self, piece: Piece, good: Any) -> None:
+        sample = good['sample']
+        self.stamps.append(sample['stamp'])
+        self.log_times.append(piece.rows['log_time'][good['row']])
+        for axis in range(3):
+            self.rates[axis].append(_usable(sample['angular_velocity'][:, axis]))
+            self.accelerations[axis].append(_usable(sample['linear_acceleration'][:, axis]))
+        self.resting.append(good['result']['at_rest'] > 0.0)
+        doubles = all_doubles(piece.data, good)
+        for stated, first in zip(self.stated, _COVARIANCES, strict=True):
+            stated.add(doubles[:, first : first + 9])
+        reported = doubles[:, _COVARIANCES[0]] != -1.0
+        self._own.add(sample['stamp'][reported], doubles[reported, :4])
+
+    def _note_orientation(self, channel: int, data: bytes) -> None:
+        """Keep the orientation of another topic, passing over what can't be read."""
+        connection, orientations = self._others[channel]
+        stamp, quaternion = 0, np.zeros((1, 4))
+        with suppress(Exception):
+            message: Any = self._typestore.deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            for name in _ORIENTATIONS[connection.msgtype]:
+                message = getattr(message, name)
+            quaternion[0] = message.x, message.y, message.z, message.w
+        if stamp:
+            orientations.add(np.array([stamp]), quaternion)
+
+    def references(self) -> tuple[Reference, ...]:
+        """Return all orientations that were found."""
+        found = [self._own, *(orientations for _, orientations in self._others.values())]
+        references = (orientations.reference() for orientations in found)
+        return tuple(reference for reference in references if reference is not None)
+
+
+def _usable(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values (n,) with NaN for what the filter does not use, which may be beyond numbers."""
+    return np.where(np.abs(values) <= LARGEST_RATE, values, np.nan)
+
+
+def read_recording(
+    bag: Path, topic: str | None, between: tuple[float, float], progress: Callable[[int, int], None]
+) -> tuple[str, Examined]:
+    """Send a recording through the filter; return the Imu topic, and what is to be examined.
+
+    Args:
+        bag: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
+        topic: Needed where there are several Imu topics.
+        between: First and last time, in s from the begin of the recording on.
+        progress: Called with the number of messages done and their total.
+
+    Raises:
+        BagError: The bag can't be read, or holds no message with an angular velocity in that time.
+    """
+    wanted = () if topic is None else (topic,)
+    selection = Selection(imu_topics=wanted, start=between[0], end=between[1])
+    # The rates as they are, with nothing undone that is to be found.
+    parameters = Parameters(input_quantisation='none')
+    with open_bag(bag) as recording:
+        ((chosen, names),) = selection.inputs(recording).items()
+        compile_first()
+        filter_ = TopicFilter(recording, parameters, chosen, names, None)
+        reading = _Reading(recording, chosen, filter_)
+        done = 0
+        for piece, read in selection.pieces(recording):
+            reading.take(piece)
+            done += read
+            progress(done, recording.message_count)
+        reading.end()
+    if not len(reading.stamps):
+        raise BagError(f'topic {chosen} has no message with an angular velocity in that time')
+    quantisation = filter_.messages.filter.state['quantisation']
+    return chosen, Examined(
+        reading.stamps,
+        reading.log_times,
+        reading.rates,
+        reading.accelerations,
+        reading.resting,
+        reading.stated,
+        reading.references(),
+        reading.connections,
+        reading.rules,
+        filter_.messages.report().telemetry,
+        float(quantisation['wide_zero']) < -0.5 * SURE,
+    )

@@ -1,0 +1,29 @@
+"""Whether rates were stopped by the end of the measuring range."""
+
+import numpy as np
+
+from gyro_drift_filter.core.sensor_checks import CLIPPED_SAMPLES
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
+
+
+def is_clipped(rates: Values) -> bool:
+    """Tell whether the largest of the rates (n,) is held to the last bit, to either side.
+
+    Nothing is beyond the end of a range, and it is met again and again. The top of a turn, which
+    stays the same for three samples by chance, is the largest one of a recording hardly ever.
+    """
+    return any(_is_largest_held(rates, sign) for sign in (1.0, -1.0))
+
+
+def _is_largest_held(rates: Values, sign: float) -> bool:
+    largest, held = -np.inf, 0
+    for first in range(0, len(rates), LARGEST_PART):
+        part = sign * np.nan_to_num(rates[first : first + LARGEST_PART])
+        top = float(part.max())
+        if top < largest:
+            continue
+        at_top = np.flatnonzero(np.diff(part == top, prepend=False, append=False))
+        run = int((at_top[1::2] - at_top[::2]).max())
+        held = run if top > largest else max(held, run)
+        largest = top
+    return held >= CLIPPED_SAMPLES

@@ -1,0 +1,119 @@
+"""How the clock of the stamps runs beside that of the recorder."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
+
+Floats = NDArray[np.float64]
+
+# Between two clocks by crystals there are 200 ppm at most, and what shows at all takes a hundredth
+# of a second; a clock that is set jumps by more than messages take.
+_DRIFT, _DRIFT_SECONDS = 2e-4, 0.01
+_CLOCK_STEP = 0.1
+# Recorders log within a tenth of a second, busy ones in two. The future begins behind what clocks
+# of two machines are off by.
+_OFFSET, _AHEAD = 1.0, 0.005
+# The clocks are compared in so many parts of the recording, each of so many samples at least.
+_BLOCKS = 100
+_LEAST_BLOCK = 20
+
+
+def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
+    """Say how the clock of the stamps runs beside that of the recorder; (n,) each, in ns.
+
+    The recorder can't log a message before it was stamped, and how long it takes varies: the least
+    difference of each block of the recording is the difference of the clocks.
+    """
+    name = 'clock'
+    offsets, places = _least_offsets(stamps, log_times)
+    if not len(offsets):
+        return Finding(name, Verdict.UNKNOWN, 'too few samples to compare stamps with log times')
+    if not offsets.any() and _are_equal(stamps, log_times):
+        return Finding(
+            name,
+            Verdict.UNKNOWN,
+            'log times are the stamps (a converted recording), so nothing tells of delays',
+        )
+    seconds = float(places[-1] - places[0])
+    drift, spread = _slope(places, offsets)
+    values: dict[str, Any] = {
+        'offset_seconds': float(np.median(offsets)),
+        'drift_ppm': 1e6 * drift,
+        'drift_ppm_deviation': 1e6 * spread,
+    }
+    step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
+    if step > _CLOCK_STEP and step > 0.5 * float(np.ptp(offsets)):
+        return Finding(
+            'clock steps',
+            Verdict.FAULT,
+            f'the clock of the stamps jumps against the log times by {step:.3g} s at once',
+            'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
+            'recording',
+            values | {'step_seconds': step},
+        )
+    if abs(drift) > _DRIFT + 3.0 * spread and abs(drift) * seconds > _DRIFT_SECONDS:
+        return Finding(
+            'clock drift',
+            Verdict.FAULT,
+            f'the clock of the stamps runs {1e6 * abs(drift):.0f} ppm '
+            f'{"slower" if drift > 0 else "faster"} than the log times: '
+            f'{1e3 * abs(drift) * seconds:.0f} ms over the recording',
+            "stamps of the sensor's own clock have to be mapped to the computer's; rates that are "
+            'integrated by them are off by the same share',
+            values,
+        )
+    offset = float(np.median(offsets))
+    if abs(offset) > _OFFSET or offset < -_AHEAD:
+        return Finding(
+            'clock offset',
+            Verdict.FAULT,
+            f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times',
+            'the sensor has a clock of its own or stamps late: a fusion by stamps with other '
+            'sensors will fail'
+            if offset > 0
+            else 'stamps lie in the future: look at the clocks of sensor and recorder',
+            values,
+        )
+    return Finding(
+        name,
+        Verdict.SOUND,
+        f'logged {1e3 * offset:.2g} ms after the stamp, '
+        f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm',
+        values=values,
+    )
+
+
+def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:
+    """Return the least log time after the stamp in s of up to 100 blocks, and their times in s."""
+    n = len(stamps)
+    count = min(_BLOCKS, n // _LEAST_BLOCK)
+    offsets, places, begin = np.empty(count), np.empty(count), 0
+    for k in range(count):
+        where = slice(k * n // count, min((k + 1) * n // count, k * n // count + LARGEST_PART))
+        stamp = np.asarray(stamps[where], np.int64)
+        log = np.asarray(log_times[where], np.int64)
+        begin = begin or int(log[0])
+        least = int(np.argmin(log - stamp))
+        offsets[k] = (log[least] - stamp[least]) * 1e-9
+        places[k] = (log[least] - begin) * 1e-9
+    return offsets, places
+
+
+def _are_equal(stamps: Values, log_times: Values) -> bool:
+    return all(
+        bool((np.asarray(stamps[k : k + LARGEST_PART]) == log_times[k : k + LARGEST_PART]).all())
+        for k in range(0, len(stamps), LARGEST_PART)
+    )
+
+
+def _slope(places: Floats, offsets: Floats) -> tuple[float, float]:
+    """Return the slope of a line through the offsets, and its standard deviation."""
+    if len(places) < 3 or np.ptp(places) == 0.0:
+        return 0.0, math.inf
+    coefficients, covariance = np.polyfit(places - places.mean(), offsets, 1, cov=True)
+    return float(coefficients[0]), math.sqrt(float(covariance[0, 0]))

@@ -1,0 +1,128 @@
+"""Whether the covariances of the messages can be what their drivers say."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+
+Floats = NDArray[np.float64]
+
+QUANTITIES = ('orientation', 'angular velocity', 'linear acceleration')
+# A driver may well state more than the noise at rest, for what motion adds; but ten times as much
+# is of no sensor, and half of it is more certain than the noise that everybody can see.
+_LEAST, _MOST = 0.5, 10.0
+
+
+@dataclass
+class Stated:
+    """What the messages state of one quantity, summed up message by message.
+
+    Attributes:
+        messages: How many there are.
+        not_reported: Those whose first element is -1: there is no such sensor.
+        zero: Those that are all zeros: nobody knows (REP-145).
+        impossible: Those that are no covariance: NaN, a negative variance, not symmetric.
+        variances: (3,) sums of the diagonals of all others.
+    """
+
+    messages: int
+    not_reported: int
+    zero: int
+    impossible: int
+    variances: Floats
+
+    @classmethod
+    def nothing(cls) -> 'Stated':
+        """Return what no message states."""
+        return cls(0, 0, 0, 0, np.zeros(3))
+
+    def add(self, covariances: Floats) -> None:
+        """Take the covariances (n, 9) of messages in."""
+        not_reported = covariances[:, 0] == -1.0
+        zero = (covariances == 0.0).all(axis=1)
+        matrices = covariances.reshape(-1, 3, 3)
+        diagonals = covariances[:, ::4]
+        scale = np.abs(diagonals).max(axis=1, initial=0.0)
+        with np.errstate(invalid='ignore'):
+            skew = np.abs(matrices - matrices.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+            bad = ~(diagonals >= 0.0).all(axis=1) | ~np.isfinite(covariances).all(axis=1)
+            bad |= ~(skew <= 1e-6 * scale)
+        bad &= ~not_reported
+        self.messages += len(covariances)
+        self.not_reported += int(not_reported.sum())
+        self.zero += int(zero.sum())
+        self.impossible += int(bad.sum())
+        self.variances += diagonals[~(not_reported | zero | bad)].sum(axis=0)
+
+    @property
+    def deviations(self) -> Floats:
+        """Root of the mean variances (3,), NaN where none is stated."""
+        count = self.messages - self.not_reported - self.zero - self.impossible
+        return np.sqrt(self.variances / count) if count else np.full(3, np.nan)
+
+
+def judge_covariances(
+    stated: tuple[Stated, Stated, Stated], rate_noise: Floats, force_noise: Floats
+) -> list[Finding]:
+    """Say whether what is stated, of QUANTITIES in their order, can be.
+
+    Args:
+        stated: By the messages.
+        rate_noise: Deviation at rest (3,) in rad/s, NaN without a rest.
+        force_noise: The same of the accelerations in m/s^2.
+    """
+    named = dict(zip(QUANTITIES, stated, strict=True))
+    values: dict[str, Any] = {}
+    for name, of in named.items():
+        for count in ('not_reported', 'zero', 'impossible'):
+            values[f'{name} {count}'] = getattr(of, count)
+        values[f'{name} deviation'] = of.deviations
+    found = []
+    # Of an orientation that is not there zeros are the usual slip; `orientation` tells of it.
+    if zero := [name for name in QUANTITIES[1:] if named[name].zero]:
+        found.append(
+            Finding(
+                'zero covariance',
+                Verdict.FAULT,
+                f'the covariance of {" and ".join(zero)} is all zeros, which means unknown',
+                'have the driver state the variance of the noise; some programs take zeros for '
+                'certainty, or refuse them (for the rates this filter writes its own)',
+                values,
+            )
+        )
+    if impossible := [name for name in QUANTITIES if named[name].impossible]:
+        found.append(
+            Finding(
+                'impossible covariance',
+                Verdict.FAULT,
+                f'the covariance of {" and ".join(impossible)} is none: NaN, a negative variance, '
+                'or not symmetric',
+                'correct the driver; zeros mean unknown, -1 at the first place not reported',
+                values,
+            )
+        )
+    noises = dict(zip(QUANTITIES[1:], (rate_noise, force_noise), strict=True))
+    for name, noise in noises.items():
+        with np.errstate(divide='ignore', invalid='ignore'):
+            ratio = named[name].deviations / noise
+        if (ratio < _LEAST).any() or (ratio > _MOST).any():
+            unit = 'rad/s' if name == QUANTITIES[1] else 'm/s^2'
+            found.append(
+                Finding(
+                    f'invented covariance of {name}',
+                    Verdict.FAULT,
+                    f'the covariance of {name} says a deviation of '
+                    f'{np.max(named[name].deviations):.2g} {unit}, at rest it is '
+                    f'{np.max(noise):.2g}',
+                    'have the driver state the variance of the noise',
+                    values,
+                )
+            )
+    if not found:
+        known = [name for name in QUANTITIES if np.isfinite(named[name].deviations).all()]
+        text = f'plausible for {" and ".join(known)}' if known else 'nothing is reported'
+        found.append(Finding('covariances', Verdict.SOUND, text, values=values))
+    return found

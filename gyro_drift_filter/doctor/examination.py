@@ -1,0 +1,163 @@
+"""All that is looked at in a recording, in the order of the page."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.doctor.axes import carry_gravity, judge_axes
+from gyro_drift_filter.doctor.clipping import is_clipped
+from gyro_drift_filter.doctor.clocks import judge_log_clock
+from gyro_drift_filter.doctor.covariances import Stated, judge_covariances
+from gyro_drift_filter.doctor.evenness import judge_evenness
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.doctor.publishers import judge_publishers
+from gyro_drift_filter.doctor.reference import Reference, compare_turns, judge_reference
+from gyro_drift_filter.doctor.repeats import judge_repeats
+from gyro_drift_filter.doctor.rests import (
+    AtRest,
+    judge_accelerometer,
+    judge_resolution,
+    look_at_rests,
+)
+from gyro_drift_filter.doctor.vibration import judge_vibration
+from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.messages.telemetry import Telemetry
+
+Floats = NDArray[np.float64]
+
+# Stamps that are off by so many periods are taken for those of missing samples now and then.
+_LOOSE = 0.2
+_INVENTED_RATE = 'invented covariance of angular velocity'
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A recording of one Imu topic, n good messages, and what the filter learned from it.
+
+    Attributes:
+        stamps: (n,) in ns.
+        log_times: (n,) in ns.
+        rates: Three columns (n,) in rad/s, as they came.
+        accelerations: Three columns (n,) in m/s^2.
+        resting: (n,) not 0 where the filter takes the sensor to rest.
+        stated: What the messages state of their covariances, in the order of QUANTITIES.
+        references: Orientations in the same recording.
+        connections: Publishers that it names for the topic.
+        rules: What the rules of the live filter said.
+        telemetry: Of the filter at the end.
+        not_cut: Whether motion has shown that counts are not cut towards zero.
+    """
+
+    stamps: Values
+    log_times: Values
+    rates: tuple[Values, ...]
+    accelerations: tuple[Values, ...]
+    resting: Values
+    stated: tuple[Stated, Stated, Stated]
+    references: tuple[Reference, ...]
+    connections: int
+    rules: RuleLog
+    telemetry: Telemetry
+    not_cut: bool
+
+
+# Faults that others come of by themselves: these are left out beside them.
+_FOLLOWS = {
+    'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
+    'unit of acceleration': {'invented covariance of linear acceleration'},
+    'repeated samples': {'repeats', 'vibration'},
+    'publishers': {'vibration', 'low-pass', 'outliers', 'diverged', 'jitter', _INVENTED_RATE},
+    'vibration': {'low-pass', _INVENTED_RATE},
+    'resolution': {_INVENTED_RATE},
+    'bursts': {'gaps'},
+}
+
+
+def examine(seen: Examined) -> list[Finding]:
+    """Return a line for each question: faults first, then what is open, then what is sound."""
+    state, period = seen.telemetry, seen.telemetry.period
+    rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
+    has_stamps = state.zero_stamps < state.samples
+    stamps = seen.stamps if has_stamps else seen.log_times
+    findings = [
+        judge_axes(carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)),
+        judge_accelerometer(rests, seen.accelerations),
+    ]
+    for reference in seen.references if has_stamps else ():
+        turns = compare_turns(reference, stamps, seen.rates, seen.accelerations, state.bias)
+        findings.append(judge_reference(reference, turns))
+    evenness = [judge_evenness(stamps, period)] if has_stamps else []
+    refuted = set()
+    if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
+        refuted.add('gaps')
+    if not any(map(is_clipped, seen.rates)):
+        refuted.add('clipped')
+    findings += [*seen.rules.findings(seen.not_cut, refuted), *evenness]
+    if has_stamps:
+        findings.append(judge_log_clock(stamps, seen.log_times))
+    findings.append(judge_publishers(seen.rates, seen.connections))
+    findings.append(judge_repeats(seen.rates, seen.accelerations))
+    findings.append(judge_resolution(np.array(state.resolution), rests))
+    findings.append(judge_vibration(seen.rates, period))
+    findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
+    findings.append(_judge_rests(state, rests, period))
+    return _sorted(findings)
+
+
+def _sorted(findings: list[Finding]) -> list[Finding]:
+    """Return findings, the faults first, without those that come of others."""
+    faults = {finding.name for finding in findings if finding.verdict == Verdict.FAULT}
+    following = {name for fault in faults for name in _FOLLOWS.get(fault, ())}
+    order = (Verdict.FAULT, Verdict.UNKNOWN, Verdict.SOUND)
+    left: dict[tuple[str, Verdict], Finding] = {}
+    for finding in findings:
+        if finding.verdict != Verdict.FAULT or finding.name not in following:
+            # Gravity and a rule may both tell of degrees: the first one says more.
+            left.setdefault((finding.name, finding.verdict), finding)
+    return sorted(left.values(), key=lambda finding: order.index(finding.verdict))
+
+
+def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
+    """Say whether the sensor rested, and what the bias and the noise are."""
+    if not state.segments:
+        return Finding(
+            'rests',
+            Verdict.FAULT,
+            'the sensor never stood still for some three seconds: its bias is not known',
+            'let it stand still for ten seconds at the start of a recording, and at its end',
+        )
+    bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
+    if np.isnan(noise).any():
+        return Finding(
+            'rests',
+            Verdict.UNKNOWN,
+            f'hardly a rest: bias {_listed(bias)} deg/s, which is known to '
+            f'{math.degrees(max(state.bias_deviation)):.2g} deg/s; the noise is not known',
+            'let it stand still for ten seconds at the start of a recording, and at its end',
+        )
+    seconds = rests.samples * period
+    return Finding(
+        'rests',
+        Verdict.SOUND,
+        f'{_counted(len(rests.stretches), "rest")}, {seconds:.0f} s together; '
+        f'bias {_listed(bias)} deg/s, noise {_listed(noise)} deg/s',
+        values={
+            'rests': len(rests.stretches),
+            'seconds': seconds,
+            'bias': list(state.bias),
+            'bias_deviation': list(state.bias_deviation),
+            'noise': rests.noise.tolist(),
+        },
+    )
+
+
+def _counted(count: int, what: str) -> str:
+    return f'{count} {what}{"" if count == 1 else "s"}'
+
+
+def _listed(values: Floats) -> str:
+    return ', '.join(f'{axis} {value:.2g}' for axis, value in zip(AXES, values, strict=True))

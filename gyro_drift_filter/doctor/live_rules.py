@@ -1,0 +1,195 @@
+"""What the rules of `/diagnostics` said while the recording went through the filter."""
+
+import math
+from collections.abc import Callable, Iterable, Set
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.health_rules import Rule, Span
+
+# Of these the recording says nothing, or they are about the filter's settings.
+_LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
+# What is learned of the noise may pass through anything while it is learned: a low-pass shows for
+# more than this share of the time.
+_SETTLING_SHARE = 0.1
+# As much as a scale factor that is off by so much, which is that of a good gyroscope.
+_MISSING_SHARE = 1e-3
+
+
+@dataclass
+class Applied:
+    """When a rule applied, in s from the start; text and span are the last ones."""
+
+    rule: Rule
+    first: float
+    seconds: float
+    text: str
+    span: Span
+
+
+@dataclass
+class RuleLog:
+    """Which rules applied at the reports, about one a second.
+
+    Attributes:
+        applied: By name.
+        last: The span of the last report; None before the first.
+        seconds: From the start to the last report.
+    """
+
+    applied: dict[str, Applied] = field(default_factory=dict)
+    last: Span | None = None
+    seconds: float = 0.0
+
+    def add(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
+        """Take a report in: its span, the rules that apply, and the time since the one before."""
+        for rule in rules:
+            if rule.level == Level.OK or rule.name in _LEFT_OUT:
+                continue
+            text = rule.text if isinstance(rule.text, str) else rule.text(span)
+            entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
+            entry.seconds += seconds
+            entry.text, entry.span = text, span
+        self.seconds += seconds
+        self.last = span
+
+    def findings(self, not_cut: bool, refuted: Set[str]) -> list[Finding]:
+        """Return a line for each rule that applied, and for each question that none answered.
+
+        Args:
+            not_cut: Whether motion has shown that counts are not cut towards zero.
+            refuted: Rules that applied to a part of the recording wrongly, as the whole shows.
+        """
+        span = self.last
+        if span is None:
+            return []
+        found = [
+            self._fault(entry, span)
+            for name, entry in self.applied.items()
+            if name not in refuted
+            and (name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.seconds)
+        ]
+        state = span.now.telemetry
+        missing = state.missing_samples / max(state.samples, 1)
+        if not {'gaps'} & (refuted | self.applied.keys()) and missing > _MISSING_SHARE:
+            found.append(
+                Finding(
+                    'gaps',
+                    Verdict.FAULT,
+                    f'{_figures("gaps", span)}: messages are lost before they are recorded',
+                    _ADVICE['gaps'],
+                    {'gaps': state.gaps, 'missing_samples': state.missing_samples},
+                )
+            )
+        faults = {finding.name for finding in found}
+        found += [
+            finding for names, finding in _sound(span, not_cut) if not faults.intersection(names)
+        ]
+        return found
+
+    def _fault(self, entry: Applied, span: Span) -> Finding:
+        """Return the line of a rule that applied."""
+        name = entry.rule.name
+        text, _, advice = entry.text.partition(': ')
+        figures = _figures(name, entry.span if name == 'low-pass' else span)
+        when = f'for {entry.seconds:.0f} of {self.seconds:.0f} s, first at {entry.first:.0f} s'
+        return Finding(
+            name,
+            Verdict.FAULT,
+            f'{text} ({"; ".join(part for part in (figures, when) if part)})',
+            _ADVICE.get(name, advice),
+            {'seconds': entry.seconds, 'first_at': entry.first},
+        )
+
+
+# Where the advice to who runs the filter is none to who has a recording.
+_ADVICE = {
+    'truncated': 'have the driver round. This filter finds it and undoes it (input.quantisation: '
+    'auto); others turn by it',
+    'gaps': 'look for what loses them: a slow disk, a full queue, a wireless link, best-effort QoS',
+    'zero stamps': 'stamp the messages in the driver',
+    'restarted': 'is the recording made of several, or was a clock set?',
+    'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
+    'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
+    'unusable': 'have the driver leave a message out where a reading fails',
+    'beyond bias.max': 'if it does not turn there, have the sensor looked at',
+}
+
+
+def _of_axes(counts: Iterable[float]) -> str:
+    return ', '.join(f'{axis} {count:g}' for axis, count in zip(AXES, counts, strict=True))
+
+
+_FIGURES: dict[str, Callable[[Span], str]] = {
+    'gaps': lambda span: (
+        f'{span.now.telemetry.gaps} gaps, {span.now.telemetry.missing_samples} samples missing'
+    ),
+    'clipped': lambda span: f'samples: {_of_axes(span.now.telemetry.clipped)}',
+    'unusable': lambda span: f'samples: {_of_axes(span.now.telemetry.unusable)}',
+    'repeated samples': lambda span: (
+        f'{100.0 * span.now.telemetry.not_measured / max(span.now.telemetry.samples, 1):.0f} % of '
+        'the samples'
+    ),
+    'low-pass': lambda span: f'about {span.low_pass:.2g} Hz',
+    'truncated': lambda span: (
+        f'a count is {math.degrees(max(span.now.telemetry.resolution)):.3g} deg/s'
+    ),
+    'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
+    'restarted': lambda span: f'{span.now.telemetry.restarts} times',
+    'malformed': lambda span: f'{span.now.malformed} messages',
+    'changing frame': lambda span: f'{span.now.frame_changes} times',
+}
+
+
+def _figures(name: str, span: Span) -> str:
+    return _FIGURES[name](span) if name in _FIGURES else ''
+
+
+def _rate(span: Span) -> str:
+    known = math.isfinite(span.expected_rate)
+    return f'{span.expected_rate:.4g} Hz' if known else 'too short to know the rate'
+
+
+def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
+    """Return for each question the rules that would answer it, and the line where none does."""
+    now, state = span.now, span.now.telemetry
+
+    def fine(name: str, text: str) -> Finding:
+        return Finding(name, Verdict.SOUND, text)
+
+    def open_(name: str, text: str) -> Finding:
+        return Finding(name, Verdict.UNKNOWN, text)
+
+    cut = fine('truncation', 'counts are not cut towards zero')
+    if not any(state.resolution):
+        cut = fine('truncation', 'no counts are seen that could be cut towards zero')
+    elif not not_cut:
+        cut = open_('truncation', 'too little motion to tell whether counts are cut towards zero')
+    low_pass = fine('low-pass', 'the noise has passed no slow low-pass')
+    if min(state.noise_blocks) == 0:
+        low_pass = open_('low-pass', 'without a rest the noise is not known, nor its low-pass')
+    elif not math.isnan(span.low_pass):
+        low_pass = fine('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
+    return [
+        (
+            {'malformed', 'not reported', 'never usable', 'unusable', 'changing frame'},
+            fine('messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'),
+        ),
+        ({'zero', 'stuck', 'repeated', 'frozen axis', 'dead axis'}, fine('alive', 'all axes live')),
+        ({'clipped', 'degrees'}, fine('range', 'no rate is at the end of the range')),
+        ({'truncated'}, cut),
+        ({'low-pass'}, low_pass),
+        ({'outliers', 'diverged'}, fine('outliers', f'{int(np.sum(state.outliers))} outliers')),
+        (
+            {'gaps', 'restarted', 'backward', 'zero stamps', 'wrong rate'},
+            fine(
+                'stamps',
+                f'{_rate(span)}, {state.gaps} gaps, {state.missing_samples} samples '
+                f'missing, {state.backward_stamps} stamps backward',
+            ),
+        ),
+    ]

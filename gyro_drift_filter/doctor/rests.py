@@ -1,0 +1,191 @@
+"""What the rests of a recording say: noise of the rates, size of gravity."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.81  # m/s^2, on the ground within 0.3 %
+# Data sheets allow an accelerometer 3 % of scale and 0.08 g of offset: together it shows gravity to
+# a tenth.
+_ACCELEROMETER = 0.1
+# What accelerometers publish in place of m/s^2: how large gravity is there.
+_UNITS = (
+    (1.0, 'g', 'multiply by 9.80665'),
+    (1000.0, 'thousandths of g', 'multiply by 0.00980665'),
+    (100.0 * GRAVITY, 'cm/s^2', 'divide by 100'),
+    (1000.0 * GRAVITY, 'mm/s^2', 'divide by 1000'),
+)
+_UNIT_MARGIN = 0.2
+# Of gravity taken off at rest nothing is left but the accelerometer's own error.
+_NO_GRAVITY = 0.15 * GRAVITY
+# Rounded to counts that are three times the deviation of the noise, most values are one count, so
+# that up to half a count of the bias is never seen.
+_COARSE = 3.0
+# The filter finds the end of a rest up to half a second behind it, as motion begins gently.
+_END_SECONDS = 0.5
+# Noise is the median of the deviations over pieces of a second, so that a knock is none of it.
+_PIECE_SECONDS = 1.0
+_LEAST_SAMPLES = 20
+
+
+class Stretch(NamedTuple):
+    """Samples from `first` up to, and without, `stop`."""
+
+    first: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What was seen in r rests.
+
+    Attributes:
+        stretches: Where they are.
+        samples: How many samples they have together.
+        noise: (3,) deviation of the rates within a second, in rad/s; NaN without a rest.
+        forces: (r, 3) mean acceleration in m/s^2.
+        force_noise: (3,) as `noise`, of the accelerations in m/s^2.
+    """
+
+    stretches: tuple[Stretch, ...]
+    samples: int
+    noise: Floats
+    forces: Floats
+    force_noise: Floats
+
+
+def stretches_of(flags: Values, shortened: int) -> tuple[Stretch, ...]:
+    """Return where flags (n,) are not 0, each shortened at its end by so many samples.
+
+    What is very short then is left out, and what is longer than a part is cut.
+    """
+    found = []
+    for begin in range(0, len(flags), LARGEST_PART):
+        part = np.asarray(flags[begin : begin + LARGEST_PART]) != 0
+        edges = np.flatnonzero(np.diff(part, prepend=False, append=False)) + begin
+        ends = edges[1::2] - shortened
+        found += [Stretch(int(a), int(b)) for a, b in zip(edges[::2], ends, strict=True)]
+    return tuple(stretch for stretch in found if stretch.stop - stretch.first >= _LEAST_SAMPLES)
+
+
+def look_at_rests(
+    resting: Values, rates: tuple[Values, ...], accelerations: tuple[Values, ...], period: float
+) -> AtRest:
+    """Return what was seen in the rests of a recording.
+
+    Args:
+        resting: (n,) not 0 where the filter takes the sensor to rest.
+        rates: Three columns (n,) in rad/s.
+        accelerations: Three columns (n,) in m/s^2.
+        period: Of the samples in s.
+    """
+    stretches = stretches_of(resting, round(_END_SECONDS / period))
+    size = max(round(_PIECE_SECONDS / period), _LEAST_SAMPLES)
+    deviations, means = [], []
+    for stretch in stretches:
+        where = slice(*stretch)
+        values = np.column_stack([column[where] for column in (*rates, *accelerations)])
+        means.append(values[:, 3:].mean(axis=0))
+        pieces = values[: len(values) // size * size].reshape(-1, size, 6)
+        # Without the acceleration, which may be missing, as good as with it.
+        good = np.isfinite(pieces[:, :, :3]).all(axis=(1, 2))
+        deviations.append(pieces[good].std(axis=1, ddof=1))
+    noise = np.full(6, np.nan)
+    if any(map(len, deviations)):
+        noise = np.median(np.concatenate(deviations), axis=0)
+    samples = sum(stretch.stop - stretch.first for stretch in stretches)
+    forces = np.array(means).reshape(-1, 3)
+    return AtRest(stretches, samples, noise[:3], forces, noise[3:])
+
+
+def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Finding:
+    """Say whether the accelerometer shows gravity in m/s^2, at rest or, without one, at all."""
+    name = 'accelerometer'
+    forces, where = seen.forces, 'at rest'
+    if not len(forces):
+        forces, where = _some(accelerations), 'over the recording'
+    sizes = np.linalg.norm(forces, axis=1)
+    sizes = sizes[np.isfinite(sizes)]
+    if not len(sizes) or not sizes.any():
+        return Finding(
+            name,
+            Verdict.UNKNOWN,
+            'no linear acceleration is reported: signs, axes and units can not be told',
+            'publish the accelerometer in the same message; rests are found better with it, too',
+        )
+    size = float(np.median(sizes))
+    values: dict[str, Any] = {'gravity': size, 'gravity_each_rest': sizes.tolist()}
+    if size < _NO_GRAVITY and abs(size - 1.0) > _UNIT_MARGIN:
+        return Finding(
+            'gravity',
+            Verdict.FAULT,
+            f'gravity is missing: {size:.2f} m/s^2 {where}',
+            'publish what the accelerometer measures, gravity included (REP-145)',
+            values,
+        )
+    for gravity, unit, remedy in _UNITS:
+        if abs(size / gravity - 1.0) < _UNIT_MARGIN:
+            return Finding(
+                'unit of acceleration',
+                Verdict.FAULT,
+                f'linear acceleration is in {unit}, not in m/s^2: gravity is {size:.4g} {where}',
+                f'{remedy} in the driver (REP-103)',
+                values,
+            )
+    if len(seen.forces) or abs(size / GRAVITY - 1.0) > _UNIT_MARGIN:
+        worst = float(sizes[np.argmax(np.abs(sizes - GRAVITY))])
+        if abs(worst / GRAVITY - 1.0) > _ACCELEROMETER:
+            return Finding(
+                'scale of acceleration',
+                Verdict.FAULT,
+                f'the accelerometer shows gravity as {sizes.min():.2f} to {sizes.max():.2f} m/s^2 '
+                f'{where}: off by more than a tenth',
+                'calibrate it, or look at the measuring range that the driver converts by',
+                values,
+            )
+    return Finding(name, Verdict.SOUND, f'gravity is {size:.2f} m/s^2 {where}', values=values)
+
+
+def _some(columns: tuple[Values, ...]) -> Floats:
+    """Return some ten thousand samples (k, 3) from all over columns (n,)."""
+    n = len(columns[0])
+    starts = range(0, n, max(n // 100, 100))
+    return np.concatenate(
+        [np.column_stack([column[k : k + 100] for column in columns]) for k in starts]
+    )
+
+
+def judge_resolution(resolution: Floats, seen: AtRest) -> Finding:
+    """Say whether counts (3,) in rad/s, 0 where there are none, are fine beside the noise."""
+    name = 'resolution'
+    values: dict[str, Any] = {'resolution': resolution.tolist(), 'noise': seen.noise.tolist()}
+    if not resolution.any():
+        return Finding(name, Verdict.SOUND, 'the rates have no counts to be seen', values=values)
+    counts = f'a count is {np.degrees(resolution.max()):.3g} deg/s'
+    if not seen.samples:
+        return Finding(name, Verdict.UNKNOWN, f'{counts}; without a rest its noise is not known')
+    coarse = [axis for axis in range(3) if resolution[axis] > _COARSE * seen.noise[axis]]
+    if coarse:
+        return Finding(
+            name,
+            Verdict.FAULT,
+            f'counts are coarse: {counts}, more than three times the noise of '
+            f'{", ".join(AXES[axis] for axis in coarse)}',
+            'choose a smaller measuring range, or take the low-pass or rounding of the driver off: '
+            'half a count of the bias stays hidden',
+            values,
+        )
+    return Finding(
+        name,
+        Verdict.SOUND,
+        f'{counts}, the noise {np.degrees(seen.noise.max()):.3g} deg/s',
+        values=values,
+    )

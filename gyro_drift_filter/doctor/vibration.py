@@ -1,0 +1,92 @@
+"""Vibration: lines in the spectrum of the whole recording, at rest and in motion."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.tones import find_tones
+
+# Neither hands nor legs move faster, in Hz: what is above is vibration or noise.
+_FASTEST_MOTION = 20.0
+# Of half the sample rate: the band has to hold some of what is above.
+_LARGEST_CUT = 0.6
+# Spectra of a second or two are averaged; fewer of them in s tell no line.
+_SHORTEST = 15.0
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line in the spectrum: frequency in Hz, amplitude in rad/s, and whether it is a fault."""
+
+    axis: str
+    frequency: float
+    amplitude: float
+    strong: bool
+
+
+def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
+    """Say at which frequencies the rates, three columns (n,) in rad/s, vibrate.
+
+    A line is a fault where it is as strong as all other noise above the frequencies of motion: it
+    then is what the rates show at rest, and shifts the bias by its rectification in the sensor.
+    """
+    name, nyquist = 'vibration', 0.5 / period
+    if len(rates[0]) * period < _SHORTEST:
+        return Finding(name, Verdict.UNKNOWN, 'too short to tell lines from noise')
+    if _LARGEST_CUT * nyquist < _FASTEST_MOTION:
+        return Finding(
+            name,
+            Verdict.UNKNOWN,
+            f'{1.0 / period:.3g} Hz are too few to tell vibration from motion',
+        )
+    sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
+    lines: list[Line] = []
+    for axis, column in zip(AXES, rates, strict=True):
+        values = _filled(np.asarray(column[:LARGEST_PART], float))
+        fast = signal.sosfilt(sections, values - values[0])
+        power = float(np.mean(fast**2))
+        for tone in find_tones([fast], period):
+            if tone.frequency > _FASTEST_MOTION:  # not on the edge of the high-pass
+                is_strong = tone.amplitude**2 > power  # its own power is half of that
+                lines.append(Line(axis, tone.frequency, tone.amplitude, is_strong))
+    lines.sort(key=lambda line: -line.amplitude)
+    strong = [line for line in lines if line.strong]
+    if strong:
+        return Finding(
+            name,
+            Verdict.FAULT,
+            f'the rates vibrate: {_listed(strong)}',
+            'look for a motor, a fan or a loose mount of that frequency, or of one above '
+            f'{nyquist:.4g} Hz that is folded down to it: damp the mount, and let the sensor '
+            'low-pass above the motion',
+            {'lines': lines},
+        )
+    text = f'no line above the noise from {_FASTEST_MOTION:.0f} to {nyquist:.4g} Hz'
+    if lines:
+        text += f' (weak ones: {_listed(lines)})'
+    return Finding(name, Verdict.SOUND, text, values={'lines': lines})
+
+
+def _filled(values: Floats) -> Floats:
+    """Return values (n,) with lines drawn over those that are NaN."""
+    good = np.isfinite(values)
+    if good.all() or not good.any():
+        return np.nan_to_num(values)
+    index = np.arange(len(values))
+    return np.interp(index, index[good], values[good])
+
+
+def _listed(lines: list[Line]) -> str:
+    """Return the strongest lines in words."""
+    return ', '.join(
+        f'{line.axis} at {line.frequency:.1f} Hz with {math.degrees(line.amplitude):.2g} deg/s'
+        for line in lines[:3]
+    )

@@ -1,0 +1,495 @@
+"""`gyro_drift doctor`: planted faults are found, none in sound ones, real ones are known."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from gyro_drift_filter.bags.message_types import message_type, serialize
+from gyro_drift_filter.cli.doctor import page
+from gyro_drift_filter.cli.doctor_recording import read_recording
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.doctor.examination import examine
+from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.rotations import (
+    from_vector,
+    inverse,
+    product,
+    rotate,
+    running_product,
+)
+from support.doctored import handled, write
+from support.paths import RECORDINGS
+
+POSE = 'geometry_msgs/msg/PoseStamped'
+TIME = 'builtin_interfaces/msg/Time'
+
+
+def examined(bag):
+    """Return the findings on a bag."""
+    _, seen = read_recording(bag, None, (0.0, math.inf), lambda done, total: None)
+    return examine(seen)
+
+
+def of_verdict(findings, verdict):
+    return {finding.name for finding in findings if finding.verdict == verdict}
+
+
+def faults(findings):
+    return of_verdict(findings, Verdict.FAULT)
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Return what is found in a simulation; options are those of `write`."""
+
+    def of(simulation, **options):
+        return examined(write(tmp_path / 'bag', simulation, **options))
+
+    return of
+
+
+def rates_of(simulation, rates):
+    return replace(simulation, angular_velocity=rates)
+
+
+def again(simulation, index):
+    """Return a simulation whose samples are those of these indexes, with the stamps as they are."""
+    return replace(
+        simulation,
+        angular_velocity=simulation.angular_velocity[index],
+        linear_acceleration=simulation.linear_acceleration[index],
+    )
+
+
+@pytest.mark.parametrize(
+    ('seed', 'settings'),
+    [
+        (0, {}),
+        (1, {'sample_rate': 200.0, 'motions': 3}),
+        (2, {'turning': 2.0, 'frequency': 2.0}),
+        (3, {'pushing': 3.0, 'bias': (0.08, -0.05, 0.03)}),
+    ],
+)
+def test_a_sound_recording_has_no_faults(found, seed, settings):
+    findings = found(handled(seed, **settings))
+    assert faults(findings) == set()
+    sound = of_verdict(findings, Verdict.SOUND)
+    assert {'axes', 'accelerometer', 'stamp times', 'clock', 'covariances', 'rests'} <= sound
+
+
+WRONG_AXES = {
+    'sign of z': (([1, 0, 0], [0, 1, 0], [0, 0, -1]), '(x, y, -z)'),
+    'signs of x and z': (([-1, 0, 0], [0, 1, 0], [0, 0, -1]), '(-x, y, -z)'),
+    'all signs': (([-1, 0, 0], [0, -1, 0], [0, 0, -1]), '(-x, -y, -z)'),
+    'x and y swapped': (([0, 1, 0], [1, 0, 0], [0, 0, 1]), '(y, x, z)'),
+    'turned round': (([0, 1, 0], [0, 0, 1], [1, 0, 0]), '(z, x, y)'),
+}
+
+
+@pytest.mark.parametrize('name', WRONG_AXES)
+def test_wrong_signs_and_axes_are_found_by_gravity(found, name):
+    matrix, way = WRONG_AXES[name]
+    simulation = handled()
+    findings = found(rates_of(simulation, simulation.angular_velocity @ np.transpose(matrix)))
+    assert faults(findings) == {'axes'}
+    assert findings[0].values['way'] == way, findings[0].text
+    assert findings[0].values['share_left_then'] < 0.2 < findings[0].values['share_left']
+
+
+def about_one_axis(simulation, axis, signs=(1.0, 1.0, 1.0)):
+    """Return the same turned about one axis alone, which lies level."""
+    only = np.eye(3)[axis] * (simulation.truth - simulation.bias)
+    noise = simulation.angular_velocity - simulation.truth
+    gravity = rotate(inverse(running_product(from_vector(only / 100.0))[1:]), UP)
+    return replace(
+        simulation,
+        angular_velocity=only * signs + simulation.bias + noise,
+        linear_acceleration=gravity + 10.0 * noise,
+    )
+
+
+UP = np.array([0.0, 0.0, 9.81])
+
+
+def test_an_axis_about_which_it_was_not_turned_is_named(found):
+    findings = found(about_one_axis(handled(), 1), deviations=(2e-3, 0.02))
+    assert faults(findings) == set()
+    axes = next(finding for finding in findings if finding.name == 'axes')
+    assert 'except that of x and z' in axes.text
+
+
+def test_of_ways_that_are_as_good_the_smallest_change_is_told(found):
+    """Turned about y alone, signs of x and z may be either way; only that of y is surely wrong."""
+    findings = found(about_one_axis(handled(), 1, (1.0, -1.0, 1.0)), deviations=(2e-3, 0.02))
+    assert faults(findings) == {'axes'}
+    assert findings[0].values['way'] == '(x, -y, z)'
+
+
+def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(found):
+    simulation = handled(turning=0.3)
+    degrees = np.degrees(simulation.angular_velocity)
+    assert np.median(np.abs(degrees)) < 35.0
+    assert faults(found(rates_of(simulation, degrees))) == {'degrees'}
+
+
+def test_a_wrong_measuring_range_is_found_by_gravity(found):
+    simulation = handled()
+    findings = found(rates_of(simulation, 0.5 * simulation.angular_velocity))
+    assert 'scale' in faults(findings)
+    assert findings[0].values['factor'] == pytest.approx(2.0, rel=0.1)
+
+
+def test_milliseconds_of_jitter_are_no_gaps(found, random):
+    simulation = handled()
+    off = (3e6 * random.standard_normal(len(simulation.stamps))).astype(np.int64)
+    findings = found(replace(simulation, stamps=simulation.stamps + off))
+    assert faults(findings) == {'jitter'}
+    jitter = next(finding for finding in findings if finding.name == 'jitter')
+    assert jitter.values['jitter_seconds'] == pytest.approx(3e-3, rel=0.1)
+
+
+def test_stamps_of_arrival(found, random):
+    simulation = handled()
+    late = (2e6 * random.exponential(1.0, len(simulation.stamps))).astype(np.int64)
+    stamps = simulation.stamps + late
+    findings = found(replace(simulation, stamps=stamps), log_times=stamps + 200_000)
+    assert faults(findings) == {'arrival stamps'}
+
+
+def test_bursts(found):
+    simulation = handled()
+    arrival = simulation.stamps[7::8].repeat(8)[: len(simulation.stamps)]
+    stamps = arrival + 1_000_000 * (np.arange(len(arrival)) % 8)
+    bursts = again(replace(simulation, stamps=stamps), np.arange(len(stamps)))
+    assert faults(found(bursts, log_times=stamps + 200_000)) == {'bursts'}
+
+
+def test_a_driver_that_polls_repeats_samples(found):
+    simulation = handled()
+    index = np.arange(len(simulation.stamps))
+    index[index % 5 == 4] -= 1
+    assert faults(found(again(simulation, index))) == {'repeated samples'}
+
+
+def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
+    simulation = handled()
+    index = np.arange(len(simulation.stamps))
+    for k in random.integers(10, len(index) - 10, 15):
+        index[k : k + 4] = k
+    findings = found(again(simulation, index))
+    assert faults(findings) == {'repeats'}
+    assert 10 <= findings[0].values['times'] <= 15
+
+
+# Rates that come from afar and land near zero tell of counts: it takes more than a hundred.
+LONG = {'motions': 5, 'motion_seconds': 20.0, 'frequency': 3.0}
+
+
+def test_truncated_counts(found):
+    simulation = handled(**LONG)
+    count = math.radians(0.25)
+    rates = simulation.angular_velocity / count
+    assert faults(found(rates_of(simulation, np.trunc(rates) * count))) == {'truncated'}
+
+
+def test_counts_that_are_rounded_are_sound(found):
+    simulation = handled(1, **LONG)
+    count = math.radians(0.25)
+    findings = found(rates_of(simulation, np.round(simulation.angular_velocity / count) * count))
+    assert faults(findings) == set()
+    assert 'truncation' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_counts_that_are_coarse(found):
+    simulation = handled(motions=4)
+    count = math.radians(1.0)
+    findings = found(rates_of(simulation, np.round(simulation.angular_velocity / count) * count))
+    assert faults(findings) == {'resolution'}
+
+
+def test_rates_at_the_end_of_the_range(found):
+    simulation = handled()
+    findings = found(rates_of(simulation, np.clip(simulation.angular_velocity, -2.1, 2.1)))
+    assert faults(findings) == {'clipped'}
+
+
+def test_the_top_of_a_turn_is_no_end_of_the_range(found):
+    """The live rule takes a top that stays for three samples for it; larger rates refute that."""
+    simulation = handled()
+    rates = simulation.angular_velocity.copy()
+    fast = np.flatnonzero(np.abs(rates[:, 0]) > 2.05)
+    top = fast[np.argmin(np.abs(rates[fast, 0]))]
+    rates[top : top + 3, 0] = rates[top, 0]
+    rates[top - 1, 0] -= 0.1
+    assert np.abs(rates[:, 0]).max() > 1.1 * np.abs(rates[top, 0])
+    assert faults(found(rates_of(simulation, rates))) == set()
+
+
+def test_a_low_pass_of_the_sensor(found):
+    simulation = handled()
+    share = 1.0 - math.exp(-2.0 * math.pi * 4.0 / 100.0)
+    slow = signal.lfilter([share], [1.0, share - 1.0], simulation.angular_velocity, axis=0)
+    findings = found(rates_of(simulation, slow), deviations=(8e-4, 0.03))
+    assert faults(findings) == {'low-pass'}
+
+
+def test_vibration_has_its_frequency(found):
+    simulation = handled()
+    line = 0.01 * np.sin(2.0 * np.pi * 37.0 * np.arange(len(simulation.stamps)) / 100.0)
+    findings = found(rates_of(simulation, simulation.angular_velocity + line[:, None]))
+    assert faults(findings) == {'vibration'}
+    strongest = findings[0].values['lines'][0]
+    assert strongest.frequency == pytest.approx(37.0, abs=0.1)
+    assert strongest.amplitude == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ('deviations', 'expected'),
+    [
+        ((0.0, 0.03), {'zero covariance'}),
+        ((0.0, 0.0), {'zero covariance'}),
+        ((1.0, 0.03), {'invented covariance of angular velocity'}),
+        ((2e-3, 1e-4), {'invented covariance of linear acceleration'}),
+        ((math.nan, 0.03), {'impossible covariance'}),
+    ],
+)
+def test_covariances_that_are_zero_or_invented(found, deviations, expected):
+    assert faults(found(handled(), deviations=deviations)) == expected
+
+
+@pytest.mark.parametrize(
+    ('factor', 'expected'),
+    [(1.0 / 9.80665, 'unit of acceleration'), (0.0, ''), (0.7, 'scale of acceleration')],
+)
+def test_units_of_the_accelerometer(found, factor, expected):
+    simulation = handled()
+    findings = found(
+        replace(simulation, linear_acceleration=factor * simulation.linear_acceleration)
+    )
+    assert expected in {*faults(findings), ''}
+    if not expected:
+        assert {'axes', 'accelerometer'} <= of_verdict(findings, Verdict.UNKNOWN)
+
+
+def test_gravity_that_was_taken_off(found):
+    simulation = handled()
+    random = np.random.default_rng(1)
+    pushes = 0.03 * random.standard_normal(simulation.linear_acceleration.shape)
+    assert 'gravity' in faults(found(replace(simulation, linear_acceleration=pushes)))
+
+
+@pytest.mark.parametrize(
+    ('drift', 'offset', 'step', 'expected'),
+    [
+        (1e-3, 0, 0, 'clock drift'),
+        (0.0, 5_000_000_000, 0, 'clock offset'),
+        (0.0, -20_000_000, 0, 'clock offset'),
+        (0.0, 0, 300_000_000, 'clock steps'),
+    ],
+)
+def test_the_clock_of_the_stamps_beside_the_log_times(found, drift, offset, step, expected):
+    simulation = handled()
+    since = simulation.stamps - simulation.stamps[0]
+    log = simulation.stamps + 300_000 + offset + np.round(drift * since).astype(np.int64)
+    log[len(log) // 2 :] += step
+    assert faults(found(simulation, log_times=log)) == {expected}
+
+
+def test_two_sensors_that_take_turns(found):
+    simulation = handled()
+    rates = simulation.angular_velocity.copy()
+    rates[1::2] += [0.02, 0.0, -0.03]
+    assert faults(found(rates_of(simulation, rates))) == {'publishers'}
+
+
+def test_lost_samples(found, random):
+    simulation = handled()
+    kept = random.random(len(simulation.stamps)) > 0.02
+    lossy = again(replace(simulation, stamps=simulation.stamps[kept]), kept)
+    assert faults(found(lossy)) == {'gaps'}
+
+
+def test_values_beyond_numbers_and_messages_that_are_none(found):
+    simulation = handled()
+    rates, forces = simulation.angular_velocity.copy(), simulation.linear_acceleration.copy()
+    rates[::970, 0], rates[500::970, 1] = np.nan, 1e300
+    forces[300::970] = np.inf
+    findings = found(replace(simulation, angular_velocity=rates, linear_acceleration=forces))
+    assert faults(findings) == {'unusable'}
+    assert 'rests' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_a_tenth_of_a_second_says_next_to_nothing(found):
+    simulation = handled()
+    first = slice(0, 10)
+    findings = found(again(replace(simulation, stamps=simulation.stamps[first]), first))
+    assert faults(findings) == {'rests'}
+    assert {'axes', 'stamp times', 'clock', 'vibration'} <= of_verdict(findings, Verdict.UNKNOWN)
+    assert not any('nan' in finding.text for finding in findings)
+
+
+def test_stamps_of_zero(found):
+    simulation = handled()
+    stamps = np.zeros_like(simulation.stamps)
+    findings = found(replace(simulation, stamps=stamps), log_times=simulation.stamps)
+    assert faults(findings) == {'zero stamps'}
+
+
+def test_no_rest(found):
+    simulation = handled(rest_seconds=0.0, motions=1, motion_seconds=40.0)
+    assert 'rests' in faults(found(simulation))
+
+
+def orientations(simulation):
+    """Return the true orientations of the sensor (n, 4): w, x, y, z."""
+    return running_product(from_vector((simulation.truth - simulation.bias) / 100.0))[1:]
+
+
+def poses(simulation, rotations):
+    """Return a topic of poses with these rotations (n, 4), every fourth sample."""
+    header, time = (message_type(kind) for kind in ('std_msgs/msg/Header', TIME))
+    topic = []
+    for stamp, rotation in zip(simulation.stamps[::4].tolist(), rotations[::4], strict=True):
+        w, x, y, z = map(float, rotation)
+        pose = message_type('geometry_msgs/msg/Pose')(
+            message_type('geometry_msgs/msg/Point')(0.0, 0.0, 0.0),
+            message_type('geometry_msgs/msg/Quaternion')(x, y, z, w),
+        )
+        message = message_type(POSE)(header(time(*divmod(stamp, 10**9)), 'map'), pose)
+        topic.append((stamp + 2_000_000, serialize(message, POSE)))
+    return {('/mocap', POSE): topic}
+
+
+def test_the_orientation_of_the_messages_themselves(found):
+    simulation = handled()
+    own = orientations(simulation)[:, [1, 2, 3, 0]]
+    findings = found(simulation, orientations=own)
+    assert faults(findings) == set()
+    assert 'orientation /imu/data_raw' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_an_orientation_that_turns_the_other_way(found):
+    """Without an accelerometer it is what tells of a wrong sign."""
+    simulation = handled()
+    wrong = replace(
+        simulation,
+        angular_velocity=simulation.angular_velocity * [1.0, -1.0, 1.0],
+        linear_acceleration=np.full_like(simulation.linear_acceleration, np.nan),
+    )
+    own = orientations(simulation)[:, [1, 2, 3, 0]]
+    findings = found(wrong, orientations=own)
+    assert faults(findings) == {'orientation /imu/data_raw'}
+    assert findings[0].values['way'] == '(x, -y, z)'
+
+
+def test_an_orientation_that_nobody_measures(found):
+    simulation = handled()
+    constant = np.tile([0.0, 0.0, 0.0, 1.0], (len(simulation.stamps), 1))
+    assert faults(found(simulation, orientations=constant)) == {'invented orientation'}
+
+
+@pytest.mark.parametrize(
+    ('signs', 'accelerometer', 'expected'),
+    [
+        ((1.0, 1.0, 1.0), True, Verdict.SOUND),
+        ((1.0, 1.0, 1.0), False, Verdict.SOUND),
+        ((1.0, 1.0, -1.0), False, Verdict.FAULT),
+    ],
+)
+def test_poses_of_a_body_that_the_sensor_is_mounted_on(found, signs, accelerometer, expected):
+    simulation = handled()
+    mount = from_vector(np.array([0.3, 1.2, -0.7]))
+    topics = poses(simulation, product(orientations(simulation), mount))
+    force = simulation.linear_acceleration * (1.0 if accelerometer else np.nan)
+    turned = replace(
+        simulation,
+        angular_velocity=simulation.angular_velocity * signs,
+        linear_acceleration=force,
+    )
+    assert 'orientation /mocap' in of_verdict(found(turned, topics=topics), expected)
+
+
+@pytest.mark.parametrize(('sign', 'expected'), [(1.0, Verdict.SOUND), (-1.0, Verdict.FAULT)])
+def test_a_robot_on_a_floor_is_told_by_its_odometry(found, sign, expected):
+    """Gravity says nothing of turns about the vertical; the sensor hangs upside down."""
+    simulation = handled()
+    upright = (simulation.truth - simulation.bias) * [0.0, 0.0, 1.0]
+    noise = simulation.angular_velocity - simulation.truth
+    down = replace(
+        simulation,
+        angular_velocity=sign * upright * [1.0, -1.0, -1.0] + simulation.bias + noise,
+        linear_acceleration=np.array([0.0, 0.0, -9.81]) + 10.0 * noise,
+    )
+    topics = poses(simulation, running_product(from_vector(upright / 100.0))[1:])
+    findings = found(down, topics=topics, deviations=(2e-3, 0.02))
+    assert 'orientation /mocap' in of_verdict(findings, expected)
+    assert 'axes' in of_verdict(findings, Verdict.UNKNOWN)
+
+
+REAL = {
+    'broad_09_fast_rotation_with_breaks': {'truncated'},
+    'broad_24_tapping': {'truncated', 'repeats'},
+    'multiposition_xsens': {'scale', 'scale of acceleration'},
+    'static_adis16405': set(),
+    'static_mpu6050_bursty': {'bursts'},
+    'xio_fusion': {'gaps'},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', REAL)
+def test_real_recordings_are_told_as_they_are(name):
+    """All state zeros for covariances; their log times are their stamps."""
+    if not (RECORDINGS / name).exists():
+        pytest.skip(f'without {RECORDINGS / name}')
+    findings = examined(RECORDINGS / name)
+    assert faults(findings) == REAL[name] | {'zero covariance'}
+    assert 'clock' in of_verdict(findings, Verdict.UNKNOWN)
+
+
+def test_the_command_prints_a_page_and_writes_json(tmp_path, capsys):
+    bag = write(tmp_path / 'bag', handled(motions=2))
+    file = tmp_path / 'out.json'
+    assert main(['doctor', str(bag), '--json', str(file)]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith('bag, topic /imu/data_raw: sound\n')
+    assert max(map(len, text.splitlines())) <= 100
+    written = json.loads(file.read_text())
+    assert written['sound'] is True
+    assert {line['verdict'] for line in written['findings']} <= {'sound', 'unknown'}
+
+
+def test_a_recording_with_faults_ends_with_status_3(tmp_path, capsys):
+    bag = write(tmp_path / 'bag', handled(motions=2), deviations=(0.0, 0.0))
+    assert main(['doctor', str(bag), '--topic', '/imu/data_raw', '--end', '30']) == 3
+    text = capsys.readouterr().out
+    assert text.startswith('bag, topic /imu/data_raw: 1 fault\n')
+    assert 'FAULT zero covariance' in text
+
+
+def test_wrong_options_are_told_before_the_work(tmp_path, capsys):
+    bag = tmp_path / 'nothing'
+    taken = tmp_path / 'taken.json'
+    taken.write_text('')
+    for options, text in (
+        ([str(bag)], f'no such bag: {bag}'),
+        ([str(bag), '--start', '5', '--end', '5'], '--start 5 is not before --end 5'),
+        ([str(bag), '--json', str(taken)], f'{taken} exists already'),
+        ([str(bag), '--json', str(tmp_path / 'no' / 'x.json')], 'there is no folder'),
+    ):
+        assert main(['doctor', *options]) == 1
+        assert text in capsys.readouterr().err
+
+
+def test_a_time_without_messages_is_told(tmp_path, capsys):
+    bag = write(tmp_path / 'bag', handled(motions=1))
+    assert main(['doctor', str(bag), '--start', '1000']) == 1
+    assert 'no message with an angular velocity' in capsys.readouterr().err
+
+
+def test_control_characters_do_not_reach_the_terminal():
+    assert '\x1b' not in page('\x1b[2J', [Finding('a', Verdict.SOUND, 'b\x1b[1m')])
