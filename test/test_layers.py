@@ -15,9 +15,10 @@ ALLOWED = {
     'mcap': {'accelerate'},
     'bags': {'accelerate', 'core', 'mcap', 'messages'},
     'identify': {'core'},
+    'calibrate': {'core'},
     'simulation': {'bags', 'messages'},
     'ros': {'accelerate', 'core', 'messages'},
-    'cli': {'accelerate', 'bags', 'core', 'identify', 'messages', 'simulation'},
+    'cli': {'accelerate', 'bags', 'calibrate', 'core', 'identify', 'messages', 'simulation'},
 }
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
 

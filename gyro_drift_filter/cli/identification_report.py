@@ -1,10 +1,8 @@
-"""What `gyro_drift identify` prints and writes: tables, the parameter file, JSON."""
+"""What `gyro_drift identify` prints and writes: tables and the parameter file."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +16,6 @@ _CHOICE = (
     '* the smallest model whose AIC is no more than {:g} above that of the best. The filters take '
     'ARMA(1, 0).'
 )
-# Arrays as long as the recording are left out of the JSON.
-_LONG = ('residuals', 'cleaned')
 _SPANS = 6  # of rest that are listed: a day may have hundreds
 
 
@@ -222,22 +218,3 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
       # Standard deviation of the noise at rest, for adaptive, rad/s
       noise_deviation: {per_axis(lambda axis: axis.deviation, default.model_noise_deviation)}
 """
-
-
-def as_plain(value: Any) -> Any:
-    """Return dataclasses and arrays as what JSON knows; what is as long as the data left out."""
-    if dataclasses.is_dataclass(value):
-        return {
-            field.name: as_plain(getattr(value, field.name))
-            for field in dataclasses.fields(value)
-            if field.name not in _LONG
-        }
-    if isinstance(value, (list, tuple)):
-        return [as_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return as_plain(value.tolist())
-    if isinstance(value, np.generic):
-        return as_plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

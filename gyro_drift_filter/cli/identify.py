@@ -3,21 +3,19 @@
 import argparse
 import io
 import json
-import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.cli.printing import is_terminal, say, tell
 from gyro_drift_filter.cli.progress import Progress
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
     from gyro_drift_filter.cli.identification_samples import Samples
 
-_PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
 _NEEDED = (
     'identification needs the Python packages scipy, statsmodels and allantools ({}): install them '
     "with 'pip install scipy statsmodels allantools'"
@@ -92,7 +90,7 @@ def run(options: argparse.Namespace) -> None:
         # A name that the terminal's alphabet does not have must not end the work.
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
-        from gyro_drift_filter.cli.identification_report import as_plain, parameter_file, report
+        from gyro_drift_filter.cli.identification_report import parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
@@ -106,7 +104,7 @@ def run(options: argparse.Namespace) -> None:
                 f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
                 "install matplotlib'"
             ) from error
-    _check_targets(options)
+    check_targets({'-o': options.output, '--json': options.json}, options.plot)
     progress = Progress(enabled=is_terminal())
     try:
         samples = read_samples(
@@ -128,9 +126,9 @@ def run(options: argparse.Namespace) -> None:
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
     texts, written = [report(result, MATERIAL)], [options.output]
     try:
-        _write(options.output, parameter_file(result, source, options.noise))
+        write_whole(options.output, parameter_file(result, source, options.noise))
         if options.json:
-            _write(options.json, json.dumps(as_plain(result), indent=1) + '\n')
+            write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
             written.append(options.json)
         if options.plot:
             written += draw(options.plot, result, samples.stamps, samples.rates)
@@ -154,58 +152,3 @@ def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:
             f'{samples.refused} messages left out, which are damaged or report no angular velocity'
         )
     return notes
-
-
-def _check_targets(options: argparse.Namespace) -> None:
-    """Make sure that what is to be written can be, before the work and not after it.
-
-    Raises:
-        GyroDriftFilterError: It can't.
-    """
-    files = [path for path in (options.output, options.json) if path is not None]
-    if len({path.absolute() for path in files}) < len(files):
-        raise GyroDriftFilterError(f'-o and --json name the same file, {options.json}')
-    for path in files:
-        if path.is_dir():
-            raise GyroDriftFilterError(f'{path} is a folder: name a file')
-        if path.exists() or path.is_symlink():
-            raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
-        if not path.parent.is_dir():
-            raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
-        _check_writable(path.parent)
-    if options.plot is None:
-        return
-    if options.plot.suffix.lower() in _PICTURES and not options.plot.is_dir():
-        raise GyroDriftFilterError(
-            f'--plot {options.plot}: name a folder; several PNG files are written into it'
-        )
-    folder = options.plot.absolute()
-    while not folder.exists():
-        folder = folder.parent
-    if not folder.is_dir():
-        raise GyroDriftFilterError(f'--plot {options.plot}: {folder} is no folder')
-    _check_writable(folder)
-
-
-def _check_writable(folder: Path) -> None:
-    try:
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all: an empty one would pass for one without parameters.
-
-    Raises:
-        GyroDriftFilterError: It can't be written.
-    """
-    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
-    try:
-        try:
-            unfinished.write_text(text, encoding='utf-8')
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise GyroDriftFilterError(f'{path} can not be written: {error.strerror}') from error

@@ -1,0 +1,106 @@
+"""What `gyro_drift calibrate` prints and writes: tables and the parameter file."""
+
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.between_rests import Closures
+from gyro_drift_filter.calibrate.calibration import Calibration
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core.parameters import AXES
+
+Floats = NDArray[np.float64]
+
+
+def report(result: Calibration) -> str:
+    """Return all tables of a calibration."""
+    parts = [
+        f'rests: {result.rests} on {result.sides or "?"} sides, {result.rest_seconds:.0f} s in '
+        f'all; {len(result.legs)} turns between them',
+        'rate = matrix (raw - bias), with standard errors',
+        _matrix(result.matrix, result.deviation),
+    ]
+    if len(result.legs):
+        parts.append(_closures(result))
+    if result.accelerometer is not None:
+        found = result.accelerometer
+        parts += [
+            'on the way: acceleration = matrix (raw - bias)',
+            _matrix(found.matrix, found.matrix_deviation),
+            'bias (m/s^2): '
+            + ', '.join(
+                f'{value:.4f} +- {deviation:.4f}'
+                for value, deviation in zip(found.bias, found.bias_deviation, strict=True)
+            ),
+        ]
+    return '\n\n'.join(parts)
+
+
+def _matrix(values: Floats, deviations: Floats) -> str:
+    rows = [['', *AXES]]
+    for name, row, errors in zip(AXES, values, deviations, strict=True):
+        cells = (f'{v:.5f} +- {d:.5f}' for v, d in zip(row, errors, strict=True))
+        rows.append([f'  {name}', *cells])
+    return table(rows)
+
+
+def _closures(result: Calibration) -> str:
+    """Return the table of what the turns leave open, before and after."""
+    rows = [['what the turns leave open', 'before', 'after']]
+    both = result.before, result.after
+    seconds = float(result.legs[:, 2].sum())
+
+    def row(title: str, values: list[float]) -> None:
+        rows.append([title, *(f'{value:.2f}' for value in values)])
+
+    def degrees(of: Closures) -> Floats:
+        return np.degrees(of.angles)
+
+    row('root mean square (deg)', [float(np.sqrt(np.mean(degrees(of) ** 2))) for of in both])
+    row('median (deg)', [float(np.median(degrees(of))) for of in both])
+    row('worst (deg)', [float(degrees(of).max()) for of in both])
+    # The same turns by both.
+    turned = float(result.after.turned.sum()) / (2.0 * math.pi)
+    row('for each whole turn (deg)', [float(degrees(of).sum()) / turned for of in both])
+    row(
+        'for each minute of turning (deg)', [60 * float(degrees(of).sum()) / seconds for of in both]
+    )
+    return table(rows)
+
+
+def parameter_file(result: Calibration, source: str) -> str:
+    """Return the text of a ROS 2 parameter file.
+
+    Args:
+        result: To be written.
+        source: Names of the recordings, for a comment.
+    """
+
+    def row(values: Floats) -> str:
+        # rcl takes a list of one type only, so every number has a point or an exponent.
+        return '[' + ', '.join(f'{value:.9e}' for value in values.ravel()) + ']'
+
+    day = datetime.now(UTC).strftime('%Y-%m-%d')
+    name = ''.join(c if c.isprintable() else '?' for c in source)
+    lines = [
+        '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
+        f'# Found from {name}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
+    ]
+    lines += [f'# Not known well: {text}' for text in result.unknown]
+    if (found := result.accelerometer) is not None:
+        lines += [
+            '# The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
+            f'#   matrix: {row(found.matrix)}',
+            f'#   bias: {row(found.bias)}',
+        ]
+    lines += [
+        '/**:',
+        '  ros__parameters:',
+        '    calibration:',
+        '      # rate = matrix (filtered - bias), row by row; standard errors:',
+        f'      # {row(result.deviation)}',
+        f'      matrix: {row(result.matrix)}',
+    ]
+    return '\n'.join(lines) + '\n'

@@ -1,0 +1,98 @@
+"""Files that results are written to: looked at before the work, written whole or not at all."""
+
+import dataclasses
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+_PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
+# Arrays as long as the recording are left out of the JSON.
+_LONG = ('residuals', 'cleaned')
+
+
+def check_targets(options: dict[str, Path | None], folder: Path | None) -> None:
+    """Make sure that what is to be written can be, before the work and not after it.
+
+    Args:
+        options: The files, by the options that name them.
+        folder: That of `--plot`.
+
+    Raises:
+        GyroDriftFilterError: It can't.
+    """
+    files: dict[Path, str] = {}
+    for option, path in options.items():
+        if path is None:
+            continue
+        if path.absolute() in files:
+            raise GyroDriftFilterError(
+                f'{files[path.absolute()]} and {option} name the same file, {path}'
+            )
+        files[path.absolute()] = option
+        if path.is_dir():
+            raise GyroDriftFilterError(f'{path} is a folder: name a file')
+        if path.exists() or path.is_symlink():
+            raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
+        if not path.parent.is_dir():
+            raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
+        _check_writable(path.parent)
+    if folder is None:
+        return
+    if folder.suffix.lower() in _PICTURES and not folder.is_dir():
+        raise GyroDriftFilterError(
+            f'--plot {folder}: name a folder; several PNG files are written into it'
+        )
+    above = folder.absolute()
+    while not above.exists():
+        above = above.parent
+    if not above.is_dir():
+        raise GyroDriftFilterError(f'--plot {folder}: {above} is no folder')
+    _check_writable(above)
+
+
+def _check_writable(folder: Path) -> None:
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all: an empty one would pass for one without parameters.
+
+    Raises:
+        GyroDriftFilterError: It can't be written.
+    """
+    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
+    try:
+        try:
+            unfinished.write_text(text, encoding='utf-8')
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise GyroDriftFilterError(f'{path} can not be written: {error.strerror}') from error
+
+
+def as_plain(value: Any) -> Any:
+    """Return dataclasses and arrays as what JSON knows; what is as long as the data left out."""
+    if dataclasses.is_dataclass(value):
+        return {
+            field.name: as_plain(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.name not in _LONG
+        }
+    if isinstance(value, (list, tuple)):
+        return [as_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return as_plain(value.tolist())
+    if isinstance(value, np.generic):
+        return as_plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
