@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 
 from gyro_drift_filter.calibrate.rests import GRAVITY, Rest, Rests, Track
 from gyro_drift_filter.calibrate.rotations import from_matrix, to_vectors
-from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn
+from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
 from gyro_drift_filter.calibrate.unknowns import (
     MATRIX,
     OFFSET,
@@ -78,7 +78,9 @@ class RestsOfOneRecording:
         self._found = session.rests
         self._turns = turns
         self.measured = session.track.accelerations is not None
-        self._by_force = self._bias_by_force() if self.measured else np.zeros((3, 3))
+        self._by_force, self._force_known = np.zeros((2, 3, 3))
+        if self.measured:
+            self._by_force, self._force_known = self._bias_by_force()
         self.legs: list[Leg] = []
         self.broken: list[float] = []
         for k, (before, behind) in enumerate(pairwise(self._rests)):
@@ -91,8 +93,10 @@ class RestsOfOneRecording:
         self.excess = np.zeros((len(self._rests) if self.measured else 0) + len(self.legs))
         self._steps = self._bias_steps()
 
-    def _bias_by_force(self) -> Floats:
+    def _bias_by_force(self) -> tuple[Floats, Floats]:
         """Return how the bias depends on the acceleration, (3, 3) in rad/s for each m/s^2.
+
+        Beside it stands the covariance (3, 3) of each of its rows, for rates of variance one.
 
         From the rates at rest, on a bias that goes straight with time besides. What the rests do
         not tell stays near zero, as far as data sheets have it.
@@ -106,7 +110,8 @@ class RestsOfOneRecording:
         fit = np.linalg.lstsq(trend, np.hstack([rates, forces]), rcond=None)[0]
         rates, forces = rates - trend @ fit[:, :3], forces - trend @ fit[:, 3:]
         normal = forces.T @ forces + weight * np.eye(3)
-        return np.asarray(np.linalg.solve(normal, forces.T @ rates).T)
+        inverse = np.linalg.inv(normal)
+        return rates.T @ forces @ inverse, inverse @ forces.T @ forces @ inverse
 
     def _bias_steps(self) -> Floats:
         """Return the mean square (3,) by which the bias moves from rest to rest, without noise."""
@@ -127,7 +132,7 @@ class RestsOfOneRecording:
     def closures(self, unknowns: Floats) -> Closures:
         """Return how well the legs close."""
         gravity = self.gravity(unknowns) if self.measured else None
-        turns = [turn(leg, unknowns[MATRIX].reshape(3, 3)) for leg in self.legs]
+        turns = [turn_alone(leg, unknowns[MATRIX].reshape(3, 3)) for leg in self.legs]
         angles = []
         for leg, way in zip(self.legs, turns, strict=True):
             if gravity is None or self._is_back(leg, way, gravity):
@@ -174,7 +179,6 @@ class RestsOfOneRecording:
         return squares, variances, counts
 
     def _blocks(self, unknowns: Floats) -> '_Blocks':
-        matrix = unknowns[MATRIX].reshape(3, 3)
         rests, size = self._rests, len(self._rests)
         # Of each source of errors at a rest: bias, acceleration, how it lies against the edge.
         sources = np.concatenate(
@@ -191,8 +195,7 @@ class RestsOfOneRecording:
             gravity = self.gravity(unknowns)
             by_unknowns = self._directions(unknowns, gravity, blocks)
         for leg in self.legs:
-            way = turn(leg, matrix)
-            self._add_leg(leg, way, matrix, gravity, by_unknowns, blocks, upper(unknowns))
+            self._add_leg(leg, unknowns, gravity, by_unknowns, blocks)
         return blocks.finished(sources)
 
     def _directions(self, unknowns: Floats, gravity: Floats, blocks: '_Blocks') -> Floats:
@@ -217,22 +220,24 @@ class RestsOfOneRecording:
     def _add_leg(
         self,
         leg: Leg,
-        way: Turn,
-        matrix: Floats,
+        unknowns: Floats,
         gravity: Floats | None,
         by_unknowns: Floats,
         blocks: '_Blocks',
-        accelerometer: Floats,
     ) -> None:
+        matrix = unknowns[MATRIX].reshape(3, 3)
+        way, sensitivity = turn(leg, matrix)
         size, (i, j) = len(self._rests), leg.rests
         back = self._is_back(leg, way, gravity)
         # All as a rotation vector in the axes of the start: by unknowns, by sources.
         jacobian, noise = np.zeros((3, UNKNOWNS)), np.zeros((3, blocks.sources))
-        jacobian[:, MATRIX] = way.by_matrix
-        for k, by_bias in zip((i, j), way.by_biases, strict=True):
+        jacobian[:, MATRIX] = sensitivity.by_matrix
+        for k, by_bias in zip((i, j), sensitivity.by_biases, strict=True):
             noise[:, 3 * k : 3 * k + 3] = by_bias
         on_the_way = self._found.rate_density * leg.seconds
         on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0
+        at_rest = self._found.rate_density / np.mean([rest.seconds for rest in self._rests])
+        on_the_way = on_the_way + (leg.push @ self._force_known @ leg.push) * at_rest
         variance = float(on_the_way.mean() * np.abs(np.linalg.det(matrix)) ** (2.0 / 3.0))
         edges = np.zeros_like(noise)
         for k, sign in ((i, 1.0), (j, -1.0)):
@@ -249,7 +254,7 @@ class RestsOfOneRecording:
                 length = np.linalg.norm(gravity[k])
                 direction = gravity[k] / length
                 across = (np.eye(3) - np.outer(direction, direction)) / length
-                noise[:, 3 * (size + k) : 3 * (size + k) + 3] = by @ across @ accelerometer
+                noise[:, 3 * (size + k) : 3 * (size + k) + 3] = by @ across @ upper(unknowns)
             rows = np.linalg.svd(before[None])[2][1:]
             if back:  # and about the vertical the edge tells
                 rows = np.vstack([rows, before])

@@ -31,7 +31,7 @@ from gyro_drift_filter.errors import ParameterError
 Floats = NDArray[np.float64]
 
 # Nominal scales that are tried first: a turn by hand of a quarter tells those apart.
-SCALES = np.geomspace(0.5, 2.0, 29)
+SCALES = np.geomspace(0.5, 2.0, 15)
 ROUNDS = 12
 # A residual beyond what one in a thousand is does not fit.
 MISFIT = 0.999
@@ -39,7 +39,9 @@ MISFIT = 0.999
 UNLIKELY = 0.99
 # An entry that is known to this only is told: two degrees in a turn.
 KNOWN = 0.005
-# The turns of a sensor with its axes in order and rates in rad/s close to this.
+# No hand turns a sensor faster than this, in rad/s: 2000 deg/s are the end of the usual range.
+FASTEST = 35.0
+# The turns of a sensor with its axes in order close to this.
 OPEN = float(np.radians(10.0))
 GRAVITIES = 7.0, 13.0  # m/s^2: an accelerometer's size of gravity, its faults included
 
@@ -147,6 +149,11 @@ def _check_sessions(
             f'the acceleration at rest is {np.median(sizes):.3g} where gravity is {GRAVITY:.3g} '
             'm/s^2: is it in another unit?'
         )
+    rates = [np.linalg.norm(leg.raw, axis=1).max() for part in parts for leg in part.legs]
+    if rates and np.median(rates) > FASTEST:
+        raise CalibrationError(
+            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s?'
+        )
     if not any(part.legs for part in parts):
         raise CalibrationError(
             'the sensor was not turned: there is one rest only. Lay it down on each of its sides, '
@@ -168,11 +175,13 @@ def _solve(parts: Sequence[RestsOfOneRecording]) -> Floats:
     unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), scale
     for _ in range(ROUNDS):
         # The covariance of the residuals depends on the unknowns weakly: it is held, then renewed.
+        both = _Residuals(parts)
         found = least_squares(
-            lambda x: np.concatenate([r.values for r in _residuals(parts, x)]),
+            lambda x, both=both: both(x).values,
             unknowns,
-            jac=lambda x: np.vstack([r.jacobian for r in _residuals(parts, x)]),
+            jac=lambda x, both=both: both(x).jacobian,
             x_scale='jac',
+            ftol=1e-6,
             max_nfev=20,
         ).x
         step = np.abs(found[MATRIX] - unknowns[MATRIX]).max()
@@ -182,8 +191,20 @@ def _solve(parts: Sequence[RestsOfOneRecording]) -> Floats:
     return np.asarray(unknowns)
 
 
-def _residuals(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> list[Residuals]:
-    return [prior(unknowns), *(part.residuals(unknowns) for part in parts)]
+class _Residuals:
+    """All residuals; of the last unknowns they are kept, as values and dependence are asked for."""
+
+    def __init__(self, parts: Sequence[RestsOfOneRecording]) -> None:
+        self._parts = parts
+        self._last: tuple[bytes, Residuals] | None = None
+
+    def __call__(self, unknowns: Floats) -> Residuals:
+        key = unknowns.tobytes()
+        if self._last is None or self._last[0] != key:
+            found = [prior(unknowns), *(part.residuals(unknowns) for part in self._parts)]
+            values, jacobians = zip(*found, strict=True)
+            self._last = key, Residuals(np.concatenate(values), np.vstack(jacobians))
+        return self._last[1]
 
 
 def _trust_less(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> bool:
@@ -237,15 +258,7 @@ def _result(
         )
     before, after = closures
     matrix = unknowns[MATRIX].reshape(3, 3)
-    try:
-        Parameters(calibration_matrix=tuple(matrix.ravel().tolist()))
-    except ParameterError as error:
-        raise CalibrationError(f'{error}: are the axes swapped, or the rates in deg/s?') from error
-    if np.median(after.angles) > OPEN:
-        raise CalibrationError(
-            f'no matrix makes the turns close: {np.degrees(np.median(after.angles)):.0f} deg are '
-            'left of each. Has an axis a wrong sign, are axes swapped, or the stamps wrong?'
-        )
+    _check_matrix(matrix, after)
     deviations = np.sqrt(np.diag(covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
     accelerometer = None
@@ -271,6 +284,21 @@ def _result(
         tuple(_unknown(deviation)),
         tuple(_warnings(sessions, parts)),
     )
+
+
+def _check_matrix(matrix: Floats, after: Closures) -> None:
+    why = ''
+    try:
+        Parameters(calibration_matrix=tuple(matrix.ravel().tolist()))
+    except ParameterError as error:
+        why = str(error)
+    if len(after.angles) and np.median(after.angles) > OPEN:
+        why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
+    if why:
+        raise CalibrationError(
+            f'no calibration makes the turns close: {why}. Has an axis a wrong sign, are axes '
+            'swapped, or the stamps wrong?'
+        )
 
 
 def _with_identity(unknowns: Floats) -> Floats:

@@ -62,6 +62,14 @@ def from_matrix(matrix: Floats) -> Floats:
     return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
 
+def product(rotations: Floats) -> Floats:
+    """Return the product (4,) of all, in their order."""
+    while len(rotations) > 1:
+        last = rotations[2 * (len(rotations) // 2) :]
+        rotations = np.vstack([multiply(rotations[:-1:2], rotations[1::2]), last])
+    return np.asarray(rotations[0] / np.linalg.norm(rotations[0]))
+
+
 def running_products(rotations: Floats) -> Floats:
     """Return r[0], r[0] r[1], r[0] r[1] r[2] and so on, in about 2 n products but few calls."""
     n = len(rotations)

@@ -16,6 +16,7 @@ from gyro_drift_filter.calibrate.rests import Rest, Track
 from gyro_drift_filter.calibrate.rotations import (
     from_vectors,
     multiply,
+    product,
     running_products,
     to_matrices,
 )
@@ -36,6 +37,8 @@ class Leg:
         raw: (n + 1, 3) rates less the bias that goes from that of one rest to that of the other,
             in rad/s.
         share: (n,) of the way from the one bias to the other.
+        push: (3,) the acceleration beside one that goes straight from rest to rest, summed up, in
+            m/s: what the dependence of the bias on it has done.
     """
 
     track: int
@@ -45,6 +48,7 @@ class Leg:
     steps: Floats
     raw: Floats
     share: Floats
+    push: Floats
 
 
 @dataclass(frozen=True)
@@ -53,15 +57,24 @@ class Turn:
 
     Attributes:
         rotation: (3, 3) from the axes at its end to those at its start.
-        by_matrix: (3, 9) of its rotation vector, by the entries of the matrix row by row.
-        by_biases: Two (3, 3), by the bias of the rest before and of the one behind, in s.
         angle: By how much it was turned in all, in rad.
     """
 
     rotation: Floats
+    angle: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What the rotation vector of a leg depends on, in the axes of its start.
+
+    Attributes:
+        by_matrix: (3, 9) by the entries of the matrix row by row.
+        by_biases: Two (3, 3), by the bias of the rest before and of the one behind, in s.
+    """
+
     by_matrix: Floats
     by_biases: tuple[Floats, Floats]
-    angle: float
 
 
 def make_leg(
@@ -85,40 +98,48 @@ def make_leg(
     seconds = track.seconds[span]
     share = np.clip((seconds - before.time) / (behind.time - before.time), 0.0, 1.0)
     bias = before.rate + share[:, None] * (behind.rate - before.rate)
+    beside = np.zeros((len(seconds), 3))
     if track.accelerations is not None:
         ahead, later = before.acceleration, behind.acceleration
-        straight = ahead + share[:, None] * (later - ahead)
-        bias = bias + (track.accelerations[span] - straight) @ by_force.T
+        beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
+    bias += beside @ by_force.T
+    steps = np.diff(seconds)
     return Leg(
         number,
         rests,
         float(seconds[0]),
         float(np.ptp(seconds)),
-        np.diff(seconds),
+        steps,
         track.rates[span] - bias,
         0.5 * (share[1:] + share[:-1]),
+        steps @ beside[1:],
     )
+
+
+def step_vectors(rates: Floats, steps: Floats) -> Floats:
+    """Return the rotation vector (n, 3) of each step between rates (n + 1, 3) in rad/s.
+
+    The rate is taken to go straight from sample to sample (Magnus expansion to its second term).
+    """
+    vectors = 0.5 * steps[:, None] * (rates[1:] + rates[:-1])
+    return np.asarray(vectors + (steps**2 / 12.0)[:, None] * np.cross(rates[:-1], rates[1:]))
 
 
 def rotations(raw: Floats, steps: Floats, matrix: Floats) -> tuple[Floats, Floats]:
     """Return the rotation since the start, before (n + 1, 4) and in the middle of (n, 4) steps.
-
-    The rate is taken to go straight from sample to sample (Magnus expansion to its second term).
 
     Args:
         raw: (n + 1, 3) in rad/s, with the bias off.
         steps: (n,) in s.
         matrix: (3, 3).
     """
-    rate = raw @ matrix.T
-    vectors = 0.5 * steps[:, None] * (rate[1:] + rate[:-1])
-    vectors += (steps**2 / 12.0)[:, None] * np.cross(rate[:-1], rate[1:])
+    vectors = step_vectors(raw @ matrix.T, steps)
     before = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], running_products(from_vectors(vectors))])
     return before, multiply(before[:-1], from_vectors(0.5 * vectors))
 
 
-def turn(leg: Leg, matrix: Floats) -> Turn:
-    """Return what a leg is with a matrix (3, 3)."""
+def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Sensitivity]:
+    """Return what a leg is with a matrix (3, 3), and what that depends on."""
     before, middle = rotations(leg.raw, leg.steps, matrix)
     mean = 0.5 * (leg.raw[1:] + leg.raw[:-1]) * leg.steps[:, None]
     axes = to_matrices(middle)
@@ -127,9 +148,16 @@ def turn(leg: Leg, matrix: Floats) -> Turn:
     weighted = -leg.steps[:, None, None] * axes
     behind = np.tensordot(leg.share, weighted, 1) @ matrix
     whole = weighted.sum(axis=0) @ matrix
-    return Turn(
-        to_matrices(before[-1:])[0],
-        by_matrix,
-        (whole - behind, behind),
-        float(np.linalg.norm(mean @ matrix.T, axis=1).sum()),
-    )
+    way = Turn(to_matrices(before[-1:])[0], _angle(mean @ matrix.T))
+    return way, Sensitivity(by_matrix, (whole - behind, behind))
+
+
+def turn_alone(leg: Leg, matrix: Floats) -> Turn:
+    """Return what a leg is with a matrix (3, 3)."""
+    vectors = step_vectors(leg.raw @ matrix.T, leg.steps)
+    rotation = to_matrices(product(from_vectors(vectors))[None])[0]
+    return Turn(rotation, _angle(vectors))
+
+
+def _angle(vectors: Floats) -> float:
+    return float(np.linalg.norm(vectors, axis=1).sum())
