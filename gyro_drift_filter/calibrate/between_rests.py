@@ -67,7 +67,7 @@ class RestsOfOneRecording:
     back to the same edge.
 
     Attributes:
-        legs: Those that are unbroken.
+        legs: Those that are unbroken and tell something.
         excess: (m + l,) variances beside the noise, of the sizes of gravity at m rests and of l
             legs: what does not fit is trusted less.
     """
@@ -87,9 +87,9 @@ class RestsOfOneRecording:
             if session.track.broken[before.stop - 1 : behind.first].any():
                 self.broken.append(before.time)
             else:
-                self.legs.append(
-                    make_leg(session.track, number, (k, k + 1), (before, behind), self._by_force)
-                )
+                leg = make_leg(session.track, number, (k, k + 1), (before, behind), self._by_force)
+                if self.measured or (turns and turn_alone(leg, np.eye(3)).angle > WHOLE_TURN):
+                    self.legs.append(leg)
         self.excess = np.zeros((len(self._rests) if self.measured else 0) + len(self.legs))
         self._steps = self._bias_steps()
 
@@ -144,10 +144,10 @@ class RestsOfOneRecording:
 
     def _is_back(self, leg: Leg, way: Turn, gravity: Floats | None) -> bool:
         """Tell whether a leg was whole turns by hand, back to the same edge."""
-        if not self._turns or way.angle < WHOLE_TURN:
-            return False
         if gravity is None:
             return True
+        if not self._turns or way.angle < WHOLE_TURN:
+            return False
         before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
         return bool(np.linalg.norm(np.cross(before, behind)) < SAME_SIDE)
 
@@ -243,7 +243,7 @@ class RestsOfOneRecording:
         for k, sign in ((i, 1.0), (j, -1.0)):
             edges[:, 3 * (2 * size + k) : 3 * (2 * size + k) + 3] = sign * np.eye(3)
         if gravity is None:
-            rows = np.eye(3) if back else np.zeros((0, 3))
+            rows = np.eye(3)
             vector, noise = _vector(way.rotation), noise + edges
         else:
             before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in (i, j))

@@ -44,13 +44,15 @@ class Track:
     """A recording: n samples, all finite.
 
     Attributes:
-        seconds: (n,) since its first sample.
+        start: Stamp of its first sample in ns.
+        seconds: (n,) since then.
         rates: (n, 3) in rad/s.
         accelerations: (n, 3) in m/s^2, or None where there is no accelerometer.
         broken: (n - 1,) True where between two samples there is a gap, or the range has ended.
         even: Whether the time is that of evenly spaced samples, in place of stamps of arrival.
     """
 
+    start: int
     seconds: Floats
     rates: Floats
     accelerations: Floats | None
@@ -122,7 +124,14 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
         gaps = steps > GAP_PERIODS * period
     clipped = _at_the_end_of_the_range(rates[used])
     broken = gaps | clipped[1:] | clipped[:-1]
-    return Track(seconds, rates[used], accelerations[used] if alive else None, broken, even)
+    return Track(
+        int(stamps[used][0]),
+        seconds,
+        rates[used],
+        accelerations[used] if alive else None,
+        broken,
+        even,
+    )
 
 
 def _evenly(seconds: Floats) -> tuple[Floats, Bools]:
@@ -148,11 +157,7 @@ def _at_the_end_of_the_range(rates: Floats) -> Bools:
 
 
 def find_rests(track: Track) -> Rests:
-    """Return the rests of a track, and its noise.
-
-    Raises:
-        CalibrationError: There is none.
-    """
+    """Return the rests of a track, and its noise: without any, that of its quietest blocks."""
     period = (track.seconds[-1] - track.seconds[0]) / (len(track.seconds) - 1)
     size = max(LEAST_BLOCK, round(BLOCK_SECONDS / period))
     values = track.rates
@@ -167,10 +172,10 @@ def find_rests(track: Track) -> Rests:
     lost = np.add.reduceat(track.broken, np.arange(0, count * size, size)) > 0
     still &= ~lost[:count]
     steps = np.diff(means, axis=0)[still[1:] & still[:-1]]
-    if not len(steps):
-        raise CalibrationError(_NONE)
-    # Of the mean of a block: median of the absolute value of a normal variable times this.
-    noise = np.maximum(1.4826 * np.median(np.abs(steps), axis=0) / 2**0.5, level / size**0.5)
+    noise = level / size**0.5
+    if len(steps):
+        # Of the mean of a block: median of the absolute value of a normal variable times this.
+        noise = np.maximum(noise, 1.4826 * np.median(np.abs(steps), axis=0) / 2**0.5)
     density = noise**2 * size * period
     rests, moved = [], []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))
@@ -189,16 +194,8 @@ def find_rests(track: Track) -> Rests:
         cuts = np.linspace(first * size, stop * size, pieces + 1).astype(int)
         rests += [_rest(track, a, b) for a, b in pairwise(cuts)]
     rests, turning = _of_one_rate(rests)
-    if not rests:
-        raise CalibrationError(_NONE)
     acceleration_density = density[3:] if track.accelerations is not None else np.full(3, np.nan)
     return Rests(tuple(rests), tuple(sorted(moved + turning)), density[:3], acceleration_density)
-
-
-_NONE = (
-    'no rest found: lay the sensor down, leave it alone for 3 s, turn it onto another side, and so '
-    'on'
-)
 
 
 def _resolution(values: Floats) -> Floats:

@@ -72,3 +72,16 @@ def prior(unknowns: Floats) -> Residuals:
     values[TURNED] = unknowns[TURNED] / np.pi
     jacobian[LATE, LATE], values[LATE] = 1.0, unknowns[LATE]
     return Residuals(values, jacobian)
+
+
+def same_frame(unknowns: Floats) -> Residuals:
+    """Return that the matrix turns the sensor as a whole by nothing.
+
+    Where only a reference is compared with, whose rotation to the sensor is unknown, the sensor's
+    own axes have to say what they are: as near as can be to what they were.
+    """
+    jacobian = np.zeros((3, UNKNOWNS))
+    for row, (i, k) in enumerate(((0, 1), (0, 2), (1, 2))):
+        jacobian[row, 3 * i + k], jacobian[row, 3 * k + i] = 1.0, -1.0
+    jacobian /= 1e-3 * MISALIGNMENT
+    return Residuals(jacobian @ unknowns, jacobian)

@@ -6,7 +6,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from gyro_drift_filter.calibrate.calibration import Calibration, Samples
+from gyro_drift_filter.calibrate.calibration import Samples
+from gyro_drift_filter.calibrate.results import Calibration
 from gyro_drift_filter.core.parameters import AXES
 
 mpl.use('Agg')

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
-from gyro_drift_filter.calibrate.calibration import Calibration
+from gyro_drift_filter.calibrate.results import Calibration
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 
