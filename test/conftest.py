@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 
+# As in the command: more threads than processors wait busily for each other. Before numpy is loaded.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 import numpy as np
 import pytest
 from hypothesis import settings

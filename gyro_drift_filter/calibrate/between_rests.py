@@ -68,6 +68,7 @@ class RestsOfOneRecording:
 
     Attributes:
         legs: Those that are unbroken and tell something.
+        turns: Whether whole turns led back to the same edge.
         excess: (m + l,) variances beside the noise, of the sizes of gravity at m rests and of l
             legs: what does not fit is trusted less.
     """
@@ -76,7 +77,7 @@ class RestsOfOneRecording:
         """Take a recording by its number and itself."""
         self._rests: Sequence[Rest] = session.rests.rests
         self._found = session.rests
-        self._turns = turns
+        self.turns = turns
         self.measured = session.track.accelerations is not None
         self._by_force, self._force_known = np.zeros((2, 3, 3))
         if self.measured:
@@ -146,7 +147,7 @@ class RestsOfOneRecording:
         """Tell whether a leg was whole turns by hand, back to the same edge."""
         if gravity is None:
             return True
-        if not self._turns or way.angle < WHOLE_TURN:
+        if not self.turns or way.angle < WHOLE_TURN:
             return False
         before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
         return bool(np.linalg.norm(np.cross(before, behind)) < SAME_SIDE)

@@ -221,8 +221,11 @@ class ReferenceOfOneRecording:
         scale = self.inflation**-0.5
         return Residuals(scale * values, scale * jacobian)
 
-    def renew(self, unknowns: Floats) -> None:
-        """Take over what is known by now: biases, the reference's noise, what has slipped."""
+    def renew(self, unknowns: Floats, near: bool) -> None:
+        """Take over what is known by now: biases, the reference's noise, what has slipped.
+
+        Only near the solution it can be told whether errors belong together.
+        """
         squares, count, gradients, normal = 0.0, 0, [], np.zeros((UNKNOWNS, UNKNOWNS))
         for span in self._spans:
             self._learn_bias(span, unknowns)
@@ -232,11 +235,13 @@ class ReferenceOfOneRecording:
             gradients.append(jacobian.T @ values)
             normal += jacobian.T @ jacobian
         self._variance *= squares / count
+        if not near or len(self._spans) < 2:
+            return
         # Errors of a reference may belong together over seconds: then spans tell, not samples.
         information = np.array(gradients).T @ np.array(gradients) / (squares / count)
         told = np.diag(normal) > 0.0
         ratio = np.diag(information)[told] / np.diag(normal)[told]
-        self.inflation = max(1.0, float(np.median(ratio))) if len(self._spans) > 1 else 1.0
+        self.inflation = max(1.0, float(np.median(ratio)))
 
     @property
     def deviation(self) -> float:
@@ -304,10 +309,10 @@ class ReferenceOfOneRecording:
         """Return values (n, c), dependence (n, c, UNKNOWNS), nuisances (n, c, 3 + c), whitener."""
         vectors, jacobian, by_bias, _ = self._differences(span, unknowns)
         if self.level:
-            body = multiply(from_vectors(unknowns[TURNED][None]), self._mount.rotation[None])
-            up = to_matrices(body)[0][:, 2]
+            up = self._up()
             vectors, jacobian = vectors @ up[:, None], np.einsum('a,kan->kn', up, jacobian)[:, None]
-            by_bias = np.einsum('a,kan->kn', up, by_bias)[:, None]
+            # The bias about the other two axes is nothing that such a reference sees.
+            by_bias = np.einsum('a,kab,b->k', up, by_bias, up)[:, None, None]
         count = vectors.shape[1]
         start = np.broadcast_to(np.eye(count), (len(vectors), count, count))
         nuisances = np.concatenate([by_bias, start], axis=2)
@@ -319,6 +324,10 @@ class ReferenceOfOneRecording:
         )
         covariance[~span.used, ~span.used] += 1e6 * self._variance
         return vectors, jacobian, nuisances, np.linalg.cholesky(covariance)
+
+    def _up(self) -> Floats:
+        """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
+        return to_matrices(self._mount.rotation[None])[0][:, 2]
 
     def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
         """Return values, dependence and nuisances side by side (n c, ...), and nuisances' count."""
@@ -339,7 +348,7 @@ class ReferenceOfOneRecording:
     def _learn_bias(self, span: _Span, unknowns: Floats) -> None:
         white, nuisances = self._white(span, unknowns)
         step = np.linalg.lstsq(nuisances, -white[:, 0], rcond=None)[0]
-        span.bias = span.bias + step[:3]
+        span.bias = span.bias + (step[0] * self._up() if self.level else step[:3])
         vectors, *_ = self._differences(span, unknowns)
         off = np.linalg.norm(vectors - np.median(vectors, axis=0), axis=1)
         # Of a vector of three normal variables half are shorter than 1.54 deviations.

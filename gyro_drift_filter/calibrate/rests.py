@@ -36,7 +36,7 @@ GAP_PERIODS = 5.0
 UNEVEN = 0.05
 LONGEST_BURST = 0.6  # s
 # So many equal values in a row at the largest rate of an axis are the end of its range.
-PLATEAU = 3
+PLATEAU = 5
 
 
 @dataclass(frozen=True)

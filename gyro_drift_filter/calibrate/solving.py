@@ -23,10 +23,14 @@ from gyro_drift_filter.calibrate.unknowns import (
 
 Floats = NDArray[np.float64]
 
-# Nominal scales that are tried first: a turn by hand of a quarter tells those apart.
-SCALES = np.geomspace(0.5, 2.0, 15)
+# Nominal scales that are tried first: half a turn by hand tells those apart, and with so many more
+# between them, three whole turns.
+LARGEST_SCALE, TRIALS, FINER = 2.0, 15, 3
+# Whole turns close with several scales: by so many rad a turn may close worse with a scale that is
+# off by a factor e less.
+PLAUSIBLE = 0.3
 ROUNDS = 12
-SETTLED = 1e-6  # of entries, rad and s
+SETTLED, NEAR = 1e-6, 1e-2  # of entries, rad and s
 # A residual beyond what one in a thousand is does not fit.
 MISFIT = 0.999
 # All errors are taken as larger where the residuals are so large by chance once in a hundred.
@@ -82,8 +86,8 @@ def solve(evidence: Evidence) -> Solution:
         guesses = [reference.guess(evidence.up) for reference in evidence.references]
         mount, unknowns[LATE] = Mount(guesses[0].rotation), guesses[0].late
         if not evidence.has_turns:
-            scale = float(np.clip(guesses[0].scale, SCALES[0], SCALES[-1]))
-            unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), scale
+            scale = float(np.clip(guesses[0].scale, 1.0 / LARGEST_SCALE, LARGEST_SCALE))
+            unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
         for reference in evidence.references:
             reference.divide(mount, unknowns[LATE])
         unknowns = _settle(evidence, unknowns, mount)
@@ -93,22 +97,25 @@ def solve(evidence: Evidence) -> Solution:
 def _try_scales(rests: Sequence[RestsOfOneRecording], unknowns: Floats) -> None:
     """Set the nominal scale by which most turns close best."""
     costs = []
-    for scale in SCALES:
-        unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), scale
+    count = TRIALS * FINER if any(part.turns for part in rests) else TRIALS
+    scales = np.geomspace(1.0 / LARGEST_SCALE, LARGEST_SCALE, count)
+    for scale in scales:
+        unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
         angles = np.concatenate([part.closures(unknowns).angles for part in rests])
-        # Where nothing tells, the scale is as it should be.
-        costs.append(np.median(angles) + 1e-3 * abs(np.log(scale)))
-    scale = SCALES[int(np.argmin(costs))]
-    unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), scale
+        costs.append(np.median(angles) + PLAUSIBLE * abs(np.log(scale)))
+    scale = scales[int(np.argmin(costs))]
+    unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
 
 
 def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats:
     """Return the least squares; what does not fit is trusted less from round to round."""
+    step = np.inf
     for _ in range(ROUNDS):
+        near = step < NEAR
         if mount is not None:
             mount.take(unknowns)
             for reference in evidence.references:
-                reference.renew(unknowns)
+                reference.renew(unknowns, near)
         residuals = _Residuals(evidence)
         found = least_squares(
             lambda x, both=residuals: both(x).values,
@@ -121,7 +128,7 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
         moved = np.abs(found - unknowns)
         step, unknowns = max(moved[MATRIX].max(), moved[TURNED].max(), moved[LATE]), found
         changed = evidence.has_turns and _trust_less(evidence.rests, unknowns)
-        if not changed and step < SETTLED:
+        if not changed and step < SETTLED and (near or mount is None):
             break
     if mount is not None:
         mount.take(unknowns)

@@ -1,8 +1,8 @@
 """The unknowns of a calibration, and what is known of them beforehand.
 
 They stand in one vector: the matrix of the gyroscope row by row, bias and upper triangular
-matrix of the accelerometer, the common factor of the gyroscope's nominal scale, and what relates
-a reference to the sensor.
+matrix of the accelerometer, the logarithm of a factor that is common to the gyroscope's nominal
+scales, and what relates a reference to the sensor.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,6 @@ def start() -> Floats:
     unknowns = np.zeros(UNKNOWNS)
     unknowns[MATRIX] = np.eye(3).ravel()
     unknowns[UPPER] = np.eye(3)[UPPER_ENTRIES]
-    unknowns[SCALE] = 1.0
     return unknowns
 
 
@@ -55,19 +54,19 @@ def prior(unknowns: Floats) -> Residuals:
     """Return what is known of any sensor: it is as its data sheet says, but for a common scale."""
     jacobian = np.zeros((UNKNOWNS, UNKNOWNS))
     values = np.zeros(UNKNOWNS)
-    scale, identity = unknowns[SCALE], np.eye(3).ravel()
+    scale, identity = float(np.exp(unknowns[SCALE])), np.eye(3).ravel()
     deviations = np.where(identity > 0.0, SCALE_DEVIATION, MISALIGNMENT)
     values[MATRIX] = (unknowns[MATRIX] / scale - identity) / deviations
     jacobian[MATRIX, MATRIX] = np.diag(1.0 / (scale * deviations))
-    jacobian[MATRIX, SCALE] = -unknowns[MATRIX] / (scale**2 * deviations)
+    jacobian[MATRIX, SCALE] = -unknowns[MATRIX] / (scale * deviations)
     values[OFFSET] = unknowns[OFFSET] / OFFSET_DEVIATION
     jacobian[OFFSET, OFFSET] = np.eye(3) / OFFSET_DEVIATION
     identity = np.eye(3)[UPPER_ENTRIES]
     deviations = np.where(identity > 0.0, ACCELEROMETER_SCALE, MISALIGNMENT)
     values[UPPER] = (unknowns[UPPER] - identity) / deviations
     jacobian[UPPER, UPPER] = np.diag(1.0 / deviations)
-    values[SCALE] = np.log(scale) / NOMINAL_DEVIATION
-    jacobian[SCALE, SCALE] = 1.0 / (scale * NOMINAL_DEVIATION)
+    values[SCALE] = unknowns[SCALE] / NOMINAL_DEVIATION
+    jacobian[SCALE, SCALE] = 1.0 / NOMINAL_DEVIATION
     jacobian[TURNED, TURNED] = np.eye(3) / np.pi
     values[TURNED] = unknowns[TURNED] / np.pi
     jacobian[LATE, LATE], values[LATE] = 1.0, unknowns[LATE]

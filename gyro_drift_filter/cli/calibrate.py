@@ -48,6 +48,12 @@ def add_parser(subcommands: Any) -> None:
         action='store_true',
         help='between rests on the same side, whole turns led back to the same edge of a table',
     )
+    command.add_argument(
+        '--reference',
+        metavar='TOPIC',
+        help='orientation from elsewhere in the same bag: a pose, transform, quaternion, odometry '
+        'or the orientation of an Imu; its rotation to the sensor and its delay are found',
+    )
     command.set_defaults(run=run)
 
 
@@ -92,7 +98,9 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
     """Return the samples of a bag."""
     import numpy as np
 
+    from gyro_drift_filter.bags.orientations import read_orientations
     from gyro_drift_filter.calibrate.calibration import Samples
+    from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
 
     progress = Progress(enabled=is_terminal())
@@ -102,8 +110,13 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
         progress.finish()
     if found.clock:
         tell(f'note: {bag}: the stamps are zero: the time is that of {found.clock}')
+    reference = None
+    if options.reference:
+        seen = read_orientations(bag, options.reference)
+        reference = Reference(seen.stamps, seen.orientations)
     return Samples(
         found.stamps[:],
         np.column_stack([column[:] for column in found.rates]),
         np.column_stack([column[:] for column in found.accelerations]),
+        reference,
     )

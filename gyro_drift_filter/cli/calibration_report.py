@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
-from gyro_drift_filter.calibrate.results import Calibration
+from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 
@@ -16,9 +16,10 @@ Floats = NDArray[np.float64]
 
 def report(result: Calibration) -> str:
     """Return all tables of a calibration."""
+    sides = f' on {result.sides} sides' if result.sides else ''
     parts = [
-        f'rests: {result.rests} on {result.sides or "?"} sides, {result.rest_seconds:.0f} s in '
-        f'all; {len(result.legs)} turns between them',
+        f'rests: {result.rests}{sides}, {result.rest_seconds:.0f} s in all; {len(result.legs)} '
+        f'turns between them{" or seen by the reference" if result.reference else ""}',
         'rate = matrix (raw - bias), with standard errors',
         _matrix(result.matrix, result.deviation),
     ]
@@ -35,7 +36,23 @@ def report(result: Calibration) -> str:
                 for value, deviation in zip(found.bias, found.bias_deviation, strict=True)
             ),
         ]
+    if result.reference is not None:
+        parts.append(_reference(result.reference))
     return '\n\n'.join(parts)
+
+
+def _reference(fit: ReferenceFit) -> str:
+    lines = [
+        f'reference: {1e3 * fit.late:.1f} +- {1e3 * fit.late_deviation:.1f} ms late, noise '
+        f'{math.degrees(fit.noise):.2g} deg'
+    ]
+    if fit.level:
+        lines.append('  it never tilts: compared about the vertical alone')
+    else:
+        quaternion = ', '.join(f'{value:.5f}' for value in fit.rotation)
+        deviation = math.degrees(float(np.max(fit.rotation_deviation)))
+        lines.append(f'  rotation to the sensor: x, y, z, w {quaternion} +- {deviation:.2g} deg')
+    return '\n'.join(lines)
 
 
 def _matrix(values: Floats, deviations: Floats) -> str:

@@ -105,6 +105,7 @@ def lay_down(
     way: float = 2.5,
     rate: float = 100.0,
     turns: Sequence[Floats] | None = None,
+    wobble: float = 0.3,
 ) -> Turns:
     """Return a sensor that is laid down in poses, one after the other.
 
@@ -115,13 +116,14 @@ def lay_down(
         rest: In each pose, s.
         way: Between two, s.
         rate: Of the samples, Hz.
+        wobble: Of the hand on the way, rad.
         turns: Of each way its rotation vector in rad, in the axes of the pose before; else the
             shortest.
     """
     period = rest + way
     count = round((len(poses) * period - way) * rate)
     times = np.arange(count) / rate
-    wobbles = random.normal(0.0, 0.3, (len(poses), 3))
+    wobbles = random.normal(0.0, 1.0, (len(poses), 3)) * wobble
     if turns is None:
         turns = [(a.inv() * b).as_rotvec() for a, b in pairwise(poses)]
     vectors = np.vstack([np.reshape(turns, (-1, 3)), np.zeros(3)])
