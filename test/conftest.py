@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-# As in the command: more threads than processors wait busily for each other. Before numpy is loaded.
+# As in the command, before numpy is loaded: threads beside those of other workers wait busily.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np

@@ -125,6 +125,12 @@ class RestsOfOneRecording:
             steps.append(step**2 - noise)
         return np.asarray(np.maximum(np.mean(steps[1:] or steps, axis=0), 0.0))
 
+    @property
+    def bias_walk(self) -> float:
+        """The variance by which the bias walks in a second, on the worst axis, in (rad/s)^2 / s."""
+        times = [rest.time for rest in self._rests]
+        return float(self._steps.max() / np.mean(np.diff(times)))
+
     def gravity(self, unknowns: Floats) -> Floats:
         """Return the acceleration at each rest by the unknowns, (m, 3) in m/s^2."""
         means = np.array([rest.acceleration for rest in self._rests])

@@ -327,7 +327,7 @@ class ReferenceOfOneRecording:
 
     def _up(self) -> Floats:
         """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
-        return to_matrices(self._mount.rotation[None])[0][:, 2]
+        return np.asarray(to_matrices(self._mount.rotation[None])[0][:, 2])
 
     def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
         """Return values, dependence and nuisances side by side (n c, ...), and nuisances' count."""

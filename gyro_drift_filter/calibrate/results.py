@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording, Session
 from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.calibrate.solving import Evidence, Solution
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, OFFSET, TURNED, UPPER, upper
 from gyro_drift_filter.core.parameters import AXES, Parameters
@@ -78,6 +79,7 @@ class Calibration:
         unknown: In words what was not excited, and how far it is known.
         warnings: What else to know.
         reference: How the reference relates to the sensor; None without one.
+        noise: Of the sensor at rest.
     """
 
     matrix: Floats
@@ -93,6 +95,7 @@ class Calibration:
     unknown: tuple[str, ...]
     warnings: tuple[str, ...]
     reference: ReferenceFit | None
+    noise: Noise
 
 
 def make_result(sessions: Sequence[Session], evidence: Evidence, solution: Solution) -> Calibration:
@@ -132,6 +135,7 @@ def make_result(sessions: Sequence[Session], evidence: Evidence, solution: Solut
         tuple(_unknown(deviation)),
         tuple(_warnings(sessions, parts)),
         _fit(evidence, solution, deviations),
+        _noise(sessions, parts),
     )
 
 
@@ -154,6 +158,20 @@ def _fit(evidence: Evidence, solution: Solution, deviations: Floats) -> Referenc
         float(deviations[LATE]),
         float(np.mean([reference.deviation for reference in evidence.references])),
         any(reference.level for reference in evidence.references),
+    )
+
+
+def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> Noise:
+    """Return the noise of the noisiest axes; the walk of the bias is rough, as rests are few."""
+    rate = np.mean([session.rests.rate_density for session in sessions], axis=0).max()
+    acceleration = np.mean([session.rests.acceleration_density for session in sessions], axis=0)
+    walks = [part.bias_walk for part in parts if part.legs]
+    track = sessions[0].track
+    return Noise(
+        float(rate**0.5),
+        float(np.mean(walks)) ** 0.5 if walks else None,
+        float(acceleration.max() ** 0.5) if np.isfinite(acceleration).all() else None,
+        (len(track.seconds) - 1) / float(np.ptp(track.seconds)),
     )
 
 

@@ -33,12 +33,16 @@ def add_parser(subcommands: Any) -> None:
         type=Path,
         nargs='+',
         metavar='BAG',
-        help='of one sensor: rosbag2 folder, or a bare .mcap or .db3 file',
+        help="of one sensor: rosbag2 folder, or a bare .mcap or .db3 file; or a file of Kalibr's "
+        "(.yaml) or of imu_tk's (.calib), to be written as a parameter file",
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(
         '--plot', type=Path, metavar='FOLDER', help='draw rates, rests and closures as PNG files'
+    )
+    command.add_argument(
+        '--kalibr', type=Path, metavar='FILE', help='write it for Kalibr and OpenVINS, too'
     )
     command.add_argument('--topic', help='Imu topic, needed where a bag has several')
     command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
@@ -64,6 +68,7 @@ def run(options: argparse.Namespace) -> None:
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
         from gyro_drift_filter.calibrate.calibration import calibrate
+        from gyro_drift_filter.calibrate.exchange import to_kalibr
         from gyro_drift_filter.cli.calibration_report import parameter_file, report
     except ImportError as error:
         raise GyroDriftFilterError(_NEEDED.format(error)) from error
@@ -75,7 +80,12 @@ def run(options: argparse.Namespace) -> None:
                 f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
                 "install matplotlib'"
             ) from error
-    check_targets({'-o': options.output, '--json': options.json}, options.plot)
+    check_targets(
+        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
+    )
+    if options.bags[0].suffix in ('.yaml', '.yml', '.calib') and options.bags[0].is_file():
+        _convert(options)
+        return
     recordings = [_read(bag, options) for bag in options.bags]
     result = calibrate(recordings, turns=options.turns)
     texts, written = [report(result)], [options.output]
@@ -85,6 +95,12 @@ def run(options: argparse.Namespace) -> None:
         if options.json:
             write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
             written.append(options.json)
+        if options.kalibr:
+            of = result.accelerometer
+            upper = of.matrix if of is not None else None
+            topic = options.topic or '/imu/data_raw'
+            write_whole(options.kalibr, to_kalibr(result.noise, topic, result.matrix, upper))
+            written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, recordings)
         texts.append('\nwrote ' + '\n      '.join(map(str, written)))
@@ -92,6 +108,32 @@ def run(options: argparse.Namespace) -> None:
         say('\n'.join(texts))
     for warning in (*result.warnings, *result.unknown):
         tell(f'warning: {warning}')
+
+
+def _convert(options: argparse.Namespace) -> None:
+    """Write the calibration of another program as a parameter file.
+
+    Raises:
+        GyroDriftFilterError: It can't be read, or is no calibration of a gyroscope.
+    """
+    import yaml
+
+    from gyro_drift_filter.calibrate.exchange import from_imu_tk, from_kalibr
+    from gyro_drift_filter.cli.calibration_report import foreign_file
+    from gyro_drift_filter.core import Parameters
+
+    path = options.bags[0]
+    if len(options.bags) > 1:
+        raise GyroDriftFilterError(f'{path} is a calibration: name it alone')
+    try:
+        text = path.read_text(encoding='utf-8')
+        kalibr = path.suffix != '.calib'
+        found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise GyroDriftFilterError(f'{path} is no YAML: {" ".join(str(error).split())}') from error
+    Parameters(calibration_matrix=tuple(found.matrix.ravel().tolist()))
+    write_whole(options.output, foreign_file(found, printable(path.name)))
+    say(f'wrote {options.output}')
 
 
 def _read(bag: Path, options: argparse.Namespace) -> 'Samples':

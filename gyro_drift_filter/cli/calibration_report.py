@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
+from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
@@ -94,11 +95,6 @@ def parameter_file(result: Calibration, source: str) -> str:
         result: To be written.
         source: Names of the recordings, for a comment.
     """
-
-    def row(values: Floats) -> str:
-        # rcl takes a list of one type only, so every number has a point or an exponent.
-        return '[' + ', '.join(f'{value:.9e}' for value in values.ravel()) + ']'
-
     day = datetime.now(UTC).strftime('%Y-%m-%d')
     name = ''.join(c if c.isprintable() else '?' for c in source)
     lines = [
@@ -109,15 +105,39 @@ def parameter_file(result: Calibration, source: str) -> str:
     if (found := result.accelerometer) is not None:
         lines += [
             '# The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
-            f'#   matrix: {row(found.matrix)}',
-            f'#   bias: {row(found.bias)}',
+            f'#   matrix: {_listed(found.matrix)}',
+            f'#   bias: {_listed(found.bias)}',
         ]
     lines += [
         '/**:',
         '  ros__parameters:',
         '    calibration:',
         '      # rate = matrix (filtered - bias), row by row; standard errors:',
-        f'      # {row(result.deviation)}',
-        f'      matrix: {row(result.matrix)}',
+        f'      # {_listed(result.deviation)}',
+        f'      matrix: {_listed(result.matrix)}',
     ]
     return '\n'.join(lines) + '\n'
+
+
+def foreign_file(found: Foreign, source: str) -> str:
+    """Return the text of a ROS 2 parameter file with the calibration of another program.
+
+    Args:
+        found: To be written.
+        source: Name of the file, for a comment.
+    """
+    lines = [
+        f'# Scale and misalignment of a gyroscope, from {source}.',
+        '/**:',
+        '  ros__parameters:',
+        '    calibration:',
+        f'      matrix: {_listed(found.matrix)}',
+    ]
+    if found.bias is not None:
+        lines += ['    bias:', f'      initial: {_listed(found.bias)}']
+    return '\n'.join(lines) + '\n'
+
+
+def _listed(values: Floats) -> str:
+    # rcl takes a list of one type only, so every number has a point or an exponent.
+    return '[' + ', '.join(f'{value:.9e}' for value in values.ravel()) + ']'
