@@ -82,8 +82,8 @@ def main() -> int:
     if len(others):
         entry, turned, late = others.max(axis=0)
         print(
-            f'\nwith a reference, the worst of {len(others)}: entries {100 * entry:.3f} %, rotation '
-            f'{np.degrees(turned):.3f} deg, delay {1e3 * late:.2f} ms'
+            f'\nwith a reference, the worst of {len(others)}: entries {100 * entry:.3f} %, '
+            f'rotation {np.degrees(turned):.3f} deg, delay {1e3 * late:.2f} ms'
         )
         holds &= entry < LARGEST_ERROR and turned < LARGEST_TURN and late < LARGEST_DELAY
     print('holds' if holds else 'FALLS SHORT')

@@ -123,9 +123,8 @@ def to_kalibr(
     if matrix is None:
         return '\n'.join(lines) + '\n'
     # The axes are those in which the accelerometer's matrix is lower triangular.
-    acceleration, turned = _lower(
-        np.linalg.inv(np.eye(3) if accelerometer is None else accelerometer)
-    )
+    inverse = np.linalg.inv(np.eye(3) if accelerometer is None else accelerometer)
+    acceleration, turned = _lower(np.asarray(inverse, np.float64))
     rate, gyroscope = _lower(np.asarray(np.linalg.inv(matrix) @ turned.T, np.float64))
     lines += [
         '  model: scale-misalignment',
