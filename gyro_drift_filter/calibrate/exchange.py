@@ -109,7 +109,7 @@ def to_kalibr(
         return f'  # {name}: not known' if value is None else f'  {name}: {value:.9e}'
 
     lines = [
-        '# For Kalibr. OpenVINS reads it with the line %YAML:1.0 put in front, and the model kalibr.',
+        '# For Kalibr. For OpenVINS put the line %YAML:1.0 in front, and name the model kalibr.',
         'imu0:',
         *_rows('T_i_b', np.eye(4)),
         known('accelerometer_noise_density', noise.acceleration_density),
