@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 
+# As in the command, before numpy is loaded: threads beside those of other workers wait busily.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 import numpy as np
 import pytest
 from hypothesis import settings

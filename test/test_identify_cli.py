@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib import image
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
@@ -68,7 +69,13 @@ def test_the_rests_of_a_day_are_no_screenful():
 
 def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):
     source = bag(tmp_path / 'in')
-    assert identify(tmp_path, source, '--json', str(tmp_path / 'model.json')) == 0
+    paths = {name: str(tmp_path / name) for name in ('model.json', 'kalibr.yaml')}
+    options = ['--json', paths['model.json'], '--kalibr', paths['kalibr.yaml']]
+    assert identify(tmp_path, source, *options) == 0
+    kalibr = yaml.safe_load((tmp_path / 'kalibr.yaml').read_text())['imu0']
+    # Driving noise of 4e-3 with phi 0.218 at 100 Hz.
+    assert kalibr['gyroscope_noise_density'] == pytest.approx(4e-4 / 0.782, rel=0.15)
+    assert kalibr['rostopic'] == TOPIC
     printed = capsys.readouterr().out
     assert 'bias (deg/s)' in printed
     assert 'ARMA(1, 0) *' in printed

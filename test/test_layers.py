@@ -15,10 +15,21 @@ ALLOWED = {
     'mcap': {'accelerate'},
     'bags': {'accelerate', 'core', 'mcap', 'messages'},
     'identify': {'core'},
+    'calibrate': {'core'},
     'doctor': {'core', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
     'ros': {'accelerate', 'core', 'messages'},
-    'cli': {'accelerate', 'bags', 'core', 'doctor', 'identify', 'mcap', 'messages', 'simulation'},
+    'cli': {
+        'accelerate',
+        'bags',
+        'calibrate',
+        'core',
+        'doctor',
+        'identify',
+        'mcap',
+        'messages',
+        'simulation',
+    },
 }
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
 

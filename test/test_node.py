@@ -61,6 +61,20 @@ def test_publishes_the_same_bits_as_replay(fresh, method):
     assert fresh.play(data) == offline(data, method=method)
 
 
+def test_a_calibration_gives_the_same_bits_as_replay(fresh):
+    matrix = [1.02, 0.01, -0.02, 0.03, 0.97, 0.005, -0.01, 0.02, 1.31]
+    data = simulated(1000)
+    plain = offline(data)
+    assert fresh.play(data[:500]) == plain[:500]
+    assert set_parameters(fresh, calibration__matrix=matrix)[0].successful
+    mapped = fresh.play(data[500:])
+    assert mapped == offline(data, calibration_matrix=tuple(matrix))[500:]
+    assert mapped != plain[500:]
+    result = set_parameters(fresh, calibration__matrix=[0.0] * 9)[0]
+    assert not result.successful
+    assert 'is singular' in result.reason
+
+
 def test_real_recordings_give_the_same_bits_as_replay(fresh, recording):
     with open_bag(recording) as reader:
         data = [d for c, _, d in messages(reader) if c.msgtype == 'sensor_msgs/msg/Imu'][:5000]

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Reading
@@ -218,3 +219,22 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
       # Standard deviation of the noise at rest, for adaptive, rad/s
       noise_deviation: {per_axis(lambda axis: axis.deviation, default.model_noise_deviation)}
 """
+
+
+def noise_of(result: Identification) -> Noise:
+    """Return the noise of the noisiest axis, as Kalibr has it."""
+    alive = [axis for _, axis in _alive(result)]
+    walks = [
+        axis.allan.rate_random_walk.value
+        for axis in alive
+        if axis.allan.rate_random_walk is not None
+    ]
+    # Where the Allan deviation has no such slope, the noise as if it were white.
+    densities = [
+        axis.deviation * math.sqrt(result.timing.period)
+        if axis.allan.angle_random_walk is None
+        else axis.allan.angle_random_walk.value
+        for axis in alive
+    ]
+    walk = max(walks, default=None)
+    return Noise(max(densities), walk, None, 1.0 / result.timing.period)

@@ -1,4 +1,4 @@
-"""The samples of a bag for `gyro_drift identify`: in temporary files, as there may be many."""
+"""The samples of a bag for `identify` and `calibrate`: in temporary files, as there may be many."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -39,6 +39,9 @@ def add_parser(subcommands: Any) -> None:
         metavar='FOLDER',
         help='draw recording, Allan deviation, autocorrelation and spectrum as PNG files',
     )
+    command.add_argument(
+        '--kalibr', type=Path, metavar='FILE', help='write the noise for Kalibr and OpenVINS, too'
+    )
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
     command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
     command.add_argument('--end', type=float, help='s from the first sample on')
@@ -90,7 +93,8 @@ def run(options: argparse.Namespace) -> None:
         # A name that the terminal's alphabet does not have must not end the work.
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
-        from gyro_drift_filter.cli.identification_report import parameter_file, report
+        from gyro_drift_filter.calibrate.exchange import to_kalibr
+        from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
@@ -104,7 +108,9 @@ def run(options: argparse.Namespace) -> None:
                 f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
                 "install matplotlib'"
             ) from error
-    check_targets({'-o': options.output, '--json': options.json}, options.plot)
+    check_targets(
+        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
+    )
     progress = Progress(enabled=is_terminal())
     try:
         samples = read_samples(
@@ -130,6 +136,9 @@ def run(options: argparse.Namespace) -> None:
         if options.json:
             write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
             written.append(options.json)
+        if options.kalibr:
+            write_whole(options.kalibr, to_kalibr(noise_of(result), samples.topic))
+            written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, samples.stamps, samples.rates)
         texts.append('\nwrote ' + '\n      '.join(map(str, written)))

@@ -48,7 +48,7 @@ def take_over(filter_: NDArray[np.void]) -> None:
     result, tracking = state['result'], state['methods']['tracking']
     derive(filter_[0], state['clock']['period'])
     for axis in range(3):
-        rate = result['angular_velocity'][axis] + result['bias'][axis]
+        rate = state['filtered'][axis]
         distance = abs(state['checks']['measured'][axis] - rate)
         near = distance <= NEAR * math.sqrt(result['innovation_variance'][axis])
         was_tracking = tracking[axis] == 1 and result['status'] != SampleStatus.REFUSED

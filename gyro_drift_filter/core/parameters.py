@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import ParameterError
 
@@ -25,9 +27,16 @@ GROUPS = {
     'input': 'What the driver delivers.',
     'outlier': 'What becomes of samples far from their prediction.',
     'bias': 'The bias is learned whenever the sensor stands still.',
+    'calibration': 'Scale and misalignment of the axes; `gyro_drift calibrate` finds those of a '
+    'sensor.',
     'model': 'The drift model of the paper, and the noise at rest; one value per axis x, y, z. '
     '`gyro_drift identify` finds those of a sensor.',
 }
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+# What is beyond these is no calibration but another unit, a swapped axis, or how it is mounted.
+SCALES = 0.5, 2.0
+LARGEST_TURN = 20.0  # deg
 
 _KINDS = {str: 'string', bool: 'bool', int: 'integer', float: 'double', tuple: 'double_array'}
 
@@ -38,12 +47,13 @@ class Description:
 
     Attributes:
         name: ROS 2 name, with a dot between group and name.
-        kind: 'string', 'bool', 'integer', 'double' or 'double_array' (one value per axis x, y, z).
+        kind: 'string', 'bool', 'integer', 'double' or 'double_array'.
         text: What it does.
         unit: The unit of its value, empty for a plain number.
         low: Smallest value, itself allowed unless `low_excluded`.
         high: Largest value, itself allowed unless `high_excluded`.
         choices: The allowed strings.
+        size: Of an array: one value per axis x, y, z, or 9 of a matrix, row by row.
     """
 
     name: str
@@ -55,6 +65,7 @@ class Description:
     low_excluded: bool = False
     high_excluded: bool = False
     choices: tuple[str, ...] = ()
+    size: int = len(AXES)
 
     @property
     def meaning(self) -> str:
@@ -95,14 +106,18 @@ class Description:
             return int(self._check_number(value, ''))
         if self.kind == 'double':
             return self._check_number(value, '')
-        if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != len(AXES):
+        if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != self.size:
             shown = value if isinstance(value, str) or not hasattr(value, '__len__') else [*value]
+            each = 'three numbers, one per axis x, y, z'
             raise ParameterError(
-                f"parameter '{self.name}' must be a list of three numbers, one per axis x, y, z, "
-                f'not {shown!r}'
+                f"parameter '{self.name}' must be a list of "
+                f'{each if self.size == len(AXES) else "nine numbers, row by row"}, not {shown!r}'
             )
+        names = [f'axis {axis}' for axis in AXES]
+        if self.size > len(AXES):
+            names = [f'row {row}, column {column}' for row in AXES for column in AXES]
         return tuple(
-            self._check_number(v, f' (axis {axis})') for v, axis in zip(value, AXES, strict=True)
+            self._check_number(v, f' ({name})') for v, name in zip(value, names, strict=True)
         )
 
     def _check_choice(self, value: Any) -> str:
@@ -310,6 +325,16 @@ class Parameters:
         low=0.0,
         high=0.1,
     )
+    calibration_matrix: tuple[float, ...] = _parameter(
+        IDENTITY,
+        'calibration.matrix',
+        'Applied last, to the filtered rates with the bias off: nine numbers, row by row. Refused '
+        'where a scale lies outside of 0.5 to 2 or an axis is turned by more than 20 deg. Bias, '
+        "noise and outliers stay those of the sensor's own axes.",
+        low=-2.5,
+        high=2.5,
+        size=len(IDENTITY),
+    )
     model_phi: tuple[float, float, float] = _parameter(
         (0.218, 0.218, 0.218),
         'model.phi',
@@ -353,6 +378,13 @@ class Parameters:
         """Check all values and bring them into their own types."""
         for field, description in FIELDS.items():
             object.__setattr__(self, field, description.check(getattr(self, field)))
+        if self.is_calibrated:
+            _check_matrix(self.calibration_matrix)
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether there is a matrix to be applied."""
+        return self.calibration_matrix != IDENTITY
 
     @classmethod
     def from_names(cls, values: Mapping[str, Any]) -> 'Parameters':
@@ -378,6 +410,35 @@ class Parameters:
     def names(self) -> dict[str, Any]:
         """Return the values by ROS 2 name."""
         return {description.name: getattr(self, field) for field, description in FIELDS.items()}
+
+
+def _check_matrix(values: tuple[float, ...]) -> None:
+    """Check what a matrix says of the sensor: a row of its inverse is what one axis measures.
+
+    Raises:
+        ParameterError: It is singular, or no calibration of a gyroscope.
+    """
+    matrix = np.reshape(values, (3, 3))
+    try:
+        measured = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        measured = np.zeros((3, 3))
+    lengths = np.linalg.norm(measured, axis=1)
+    if not (np.isfinite(measured).all() and lengths.all()):
+        raise ParameterError("parameter 'calibration.matrix' is singular")
+    for axis, name in enumerate(AXES):
+        scale = 1.0 / lengths[axis]
+        if not SCALES[0] <= scale <= SCALES[1]:
+            raise ParameterError(
+                f"parameter 'calibration.matrix' scales axis {name} by {scale:.3g}: a calibration "
+                f'lies between {SCALES[0]:g} and {SCALES[1]:g}; is the unit rad/s?'
+            )
+        turn = math.degrees(math.acos(min(1.0, max(-1.0, measured[axis, axis] * scale))))
+        if turn > LARGEST_TURN:
+            raise ParameterError(
+                f"parameter 'calibration.matrix' turns axis {name} by {turn:.3g} deg: a "
+                f'calibration turns by {LARGEST_TURN:g} at most; tf says how the sensor is mounted'
+            )
 
 
 # By the names of the fields of `Parameters`.

@@ -47,6 +47,7 @@ class State(TypedDict):
     quantisation: Quantisation
     methods: MethodStates
     coasted: CountPerAxis  # samples in a row without a usable rate
+    filtered: PerAxis  # by the method, of the last sample: with the bias in, rad/s
     bias: Bias
     result: Result  # of the last sample
 

@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
+from gyro_drift_filter.core.parameters import FIELDS, Description, Parameters
 
 # A record of SETTINGS. It has the fields of `Parameters`; a choice of several strings stands there
 # as its index among them.
@@ -16,11 +16,22 @@ _TYPES: dict[str, Any] = {
     'bool': np.bool_,
     'integer': np.int64,
     'double': np.float64,
-    'double_array': (np.float64, (len(AXES),)),
 }
 
+
+def _type(description: Description) -> Any:
+    if description.kind == 'double_array':
+        return np.float64, (description.size,)
+    return _TYPES[description.kind]
+
+
+# `is_calibrated` is what decides in each step whether `calibration_matrix` is applied.
 SETTINGS = np.dtype(
-    [(name, _TYPES[description.kind]) for name, description in FIELDS.items()], align=True
+    [
+        *((name, _type(description)) for name, description in FIELDS.items()),
+        ('is_calibrated', np.bool_),
+    ],
+    align=True,
 )
 
 
@@ -31,4 +42,5 @@ def settings_of(parameters: Parameters) -> NDArray[Any]:
         value = getattr(parameters, name)
         chosen = description.kind == 'string'
         settings[0][name] = description.choices.index(value) if chosen else value
+    settings[0]['is_calibrated'] = parameters.is_calibrated
     return settings

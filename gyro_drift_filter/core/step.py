@@ -22,8 +22,16 @@ from gyro_drift_filter.core.quantisation import (
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord
 from gyro_drift_filter.core.rest import derive_lengths, random_walk_of
-from gyro_drift_filter.core.sample import RESULT, SAMPLE, Sample, SampleStatus, is_usable
+from gyro_drift_filter.core.sample import (
+    RESULT,
+    SAMPLE,
+    Result,
+    Sample,
+    SampleStatus,
+    is_usable,
+)
 from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
+from gyro_drift_filter.core.settings import Settings
 
 # Of a sample in the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
@@ -53,6 +61,7 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, filter_)
     _take_bias_off(sample, elapsed, missing, filter_)
+    _calibrate(settings, result)
     if undone:
         # The sample is the caller's.
         for axis in range(3):
@@ -117,6 +126,7 @@ def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
 def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     """Predict all axes, then take in what the sample is on all of them."""
     rate, result = sample['angular_velocity'], filter_['state']['result']
+    filtered = filter_['state']['filtered']
     starting = filter_['workspace']['methods']['starting']
     tracking = filter_['state']['methods']['tracking']
     for axis in range(3):
@@ -147,7 +157,7 @@ def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         result['outlier'][axis] = outlier
         sample_or_none = rate[axis] if usable else np.nan
         estimate, variance, process, measurement = methods.estimate(filter_, axis, sample_or_none)
-        result['angular_velocity'][axis] = estimate
+        filtered[axis] = result['angular_velocity'][axis] = estimate
         result['angular_velocity_variance'][axis] = variance
         result['process_noise'][axis] = process
         result['measurement_noise'][axis] = measurement
@@ -205,6 +215,28 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     seconds *= 1 + max(missing, 0)
     at_rest = state['bias']['rest']['at_rest']
     track_motion(motion, workspace, sample, seconds, at_rest, lengths['value'])
+
+
+@kernel
+def _calibrate(settings: Settings, result: Result) -> None:
+    """Turn the rate into M rate, and its covariance, which is diagonal so far, into M C M'."""
+    rate, variance = result['angular_velocity'], result['angular_velocity_variance']
+    covariance, matrix = result['angular_velocity_covariance'], settings['calibration_matrix']
+    if not settings['is_calibrated'] or result['status'] == SampleStatus.REFUSED:
+        for pair in range(3):
+            covariance[pair] = 0.0
+        return
+    x, y, z = rate[0], rate[1], rate[2]
+    u, v, w = variance[0], variance[1], variance[2]
+    pair = 0
+    for i in range(3):
+        a, b, c = matrix[3 * i], matrix[3 * i + 1], matrix[3 * i + 2]
+        rate[i] = a * x + b * y + c * z
+        variance[i] = a * a * u + b * b * v + c * c * w
+        for k in range(i + 1, 3):
+            other = a * u * matrix[3 * k] + b * v * matrix[3 * k + 1] + c * w * matrix[3 * k + 2]
+            covariance[pair] = other
+            pair += 1
 
 
 @kernel

@@ -146,6 +146,9 @@ def _filter_values(span: Span) -> dict[str, Any]:
     return {
         'Method': span.now.parameters.method,
         'Version': package_version(),
+        'Calibration matrix': ' '.join(f'{v:g}' for v in span.now.parameters.calibration_matrix)
+        if span.now.parameters.is_calibrated
+        else 'none',
         'Outliers': state.outliers,
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
         'Normalised innovation squared': span.nis,

@@ -153,16 +153,18 @@ def rate_variance(data: NDArray[np.uint8], imu: Imu, axis: int) -> float:
 
 @kernel
 def patch_imu(data: NDArray[np.uint8], start: int, imu: Imu) -> None:
-    """Write rate and diagonal covariance of the result into the message that starts there."""
+    """Write rate and covariance of the result into the message that starts there."""
     result, big_endian = imu['result'], imu['big_endian']
     offset = start + imu['doubles'] + 8 * _RATE
     for axis in range(3):
         offset = put_double(data, offset, result['angular_velocity'][axis], big_endian)
-    for element in range(9):
-        value = 0.0
-        if element % 4 == 0:
-            value = result['angular_velocity_variance'][element // 4]
-        offset = put_double(data, offset, value, big_endian)
+    for row in range(3):
+        for column in range(3):
+            if row == column:
+                value = result['angular_velocity_variance'][row]
+            else:  # of the pairs xy, xz, yz that of two axes has the index of their sum less one
+                value = result['angular_velocity_covariance'][row + column - 1]
+            offset = put_double(data, offset, value, big_endian)
 
 
 @entry_kernel(read_only(np.uint8), IMU)

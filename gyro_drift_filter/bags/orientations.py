@@ -1,0 +1,80 @@
+"""A topic of a bag that says how a body is oriented, as arrays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.recording import BagError, Recording, messages
+from gyro_drift_filter.messages.imu import IMU_TYPE
+
+# Where the quaternion stands in a message, by its type.
+_PLACES = {
+    'geometry_msgs/msg/PoseStamped': 'pose.orientation',
+    'geometry_msgs/msg/PoseWithCovarianceStamped': 'pose.pose.orientation',
+    'geometry_msgs/msg/TransformStamped': 'transform.rotation',
+    'geometry_msgs/msg/QuaternionStamped': 'quaternion',
+    'nav_msgs/msg/Odometry': 'pose.pose.orientation',
+    IMU_TYPE: 'orientation',
+}
+
+
+@dataclass(frozen=True)
+class OrientationArrays:
+    """A topic, n messages in the order of their log times.
+
+    Attributes:
+        stamps: (n,) in ns.
+        orientations: (n, 4) quaternions x, y, z, w from the body's axes to the world's, as stated.
+    """
+
+    stamps: NDArray[np.int64]
+    orientations: NDArray[np.float64]
+
+
+def read_orientations(bag: Path, topic: str) -> OrientationArrays:
+    """Read the orientations of a topic.
+
+    Args:
+        bag: rosbag2 folder or bare .mcap or .db3 file.
+        topic: Of PoseStamped, PoseWithCovarianceStamped, TransformStamped, QuaternionStamped,
+            Odometry or Imu messages.
+
+    Raises:
+        BagError: The bag can't be read, or holds no such topic or no orientations on it.
+    """
+    stamps, rows = [], []
+    with open_bag(bag) as recording:
+        name, kind = _chosen(recording, topic)
+        for connection, _, data in messages(recording):
+            if connection.topic != name:
+                continue
+            message: Any = recording.typestore.deserialize_cdr(data, kind)
+            if kind == IMU_TYPE and message.orientation_covariance[0] == -1.0:
+                continue  # not reported (REP-145)
+            stamp, value = message.header.stamp, message
+            for part in _PLACES[kind].split('.'):
+                value = getattr(value, part)
+            stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+            rows.append((value.x, value.y, value.z, value.w))
+    if not rows:
+        raise BagError(f'topic {name} has no message with an orientation')
+    return OrientationArrays(np.array(stamps, np.int64), np.array(rows))
+
+
+def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
+    """Return name and type of a topic."""
+    types = {connection.topic: connection.msgtype for connection in recording.connections}
+    for topic, kind in types.items():
+        if topic.strip('/') == wanted.strip('/'):
+            if kind in _PLACES:
+                return topic, kind
+            listed = ', '.join(name.rpartition('/')[2] for name in _PLACES)
+            raise BagError(f'topic {topic} is of type {kind}, not one of {listed}')
+    having = [topic for topic, kind in sorted(types.items()) if kind in _PLACES]
+    raise BagError(
+        f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
+    )

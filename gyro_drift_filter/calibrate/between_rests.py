@@ -1,0 +1,309 @@
+"""What the rests of a recording and the turns between them say of a sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from gyro_drift_filter.calibrate.rests import GRAVITY, Rest, Rests, Track
+from gyro_drift_filter.calibrate.rotations import from_matrix, to_vectors
+from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
+from gyro_drift_filter.calibrate.unknowns import (
+    MATRIX,
+    OFFSET,
+    UNKNOWNS,
+    UPPER,
+    UPPER_ENTRIES,
+    Residuals,
+    upper,
+)
+
+Floats = NDArray[np.float64]
+
+# A case of ten centimetres, set against an edge by hand, lies there to half a millimetre.
+EDGE_DEVIATION = float(np.radians(0.3))
+# What comes back to the same side of a table, in rad, after a turn of more than this, in rad.
+SAME_SIDE, WHOLE_TURN = float(np.radians(5.0)), float(np.radians(180.0))
+
+
+@dataclass(frozen=True)
+class Session:
+    """A recording with its rests: one sensor, one time after power-on."""
+
+    track: Track
+    rests: Rests
+
+
+@dataclass(frozen=True)
+class Closures:
+    """How well legs close with a matrix, n legs.
+
+    Attributes:
+        angles: (n,) between gravity as it was carried and as it is, in rad; for a turn back to
+            the same place that between the two orientations.
+        turned: (n,) by how much in all, in rad.
+    """
+
+    angles: Floats
+    turned: Floats
+
+
+def cross(vector: Floats) -> Floats:
+    """Return the matrix (3, 3) that a vector product with a vector (3,) from the left is."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+class RestsOfOneRecording:
+    """The rests of a recording, and the ways between them.
+
+    At rest the acceleration has the size of gravity, and a leg's rotation carries gravity from one
+    rest to the next. Errors: the noise of both sensors at the rests, which the legs beside a rest
+    have in common; the noise of the gyroscope on the way; a bias that has moved, no one knows when
+    on the way, by more than the acceleration moves it. With `turns`, whole turns by hand have led
+    back to the same edge.
+
+    Attributes:
+        legs: Those that are unbroken and tell something.
+        turns: Whether whole turns led back to the same edge.
+        excess: (m + l,) variances beside the noise, of the sizes of gravity at m rests and of l
+            legs: what does not fit is trusted less.
+    """
+
+    def __init__(self, number: int, session: Session, turns: bool) -> None:
+        """Take a recording by its number and itself."""
+        self._rests: Sequence[Rest] = session.rests.rests
+        self._found = session.rests
+        self.turns = turns
+        self.measured = session.track.accelerations is not None
+        self._by_force, self._force_known = np.zeros((2, 3, 3))
+        if self.measured:
+            self._by_force, self._force_known = self._bias_by_force()
+        self.legs: list[Leg] = []
+        self.broken: list[float] = []
+        for k, (before, behind) in enumerate(pairwise(self._rests)):
+            if session.track.broken[before.stop - 1 : behind.first].any():
+                self.broken.append(before.time)
+            else:
+                leg = make_leg(session.track, number, (k, k + 1), (before, behind), self._by_force)
+                if self.measured or (turns and turn_alone(leg, np.eye(3)).angle > WHOLE_TURN):
+                    self.legs.append(leg)
+        self.excess = np.zeros((len(self._rests) if self.measured else 0) + len(self.legs))
+        self._steps = self._bias_steps()
+
+    def _bias_by_force(self) -> tuple[Floats, Floats]:
+        """Return how the bias depends on the acceleration, (3, 3) in rad/s for each m/s^2.
+
+        Beside it stands the covariance (3, 3) of each of its rows, for rates of variance one.
+
+        From the rates at rest, on a bias that goes straight with time besides. What the rests do
+        not tell stays near zero, as far as data sheets have it.
+        """
+        rates = np.array([rest.rate for rest in self._rests])
+        forces = np.array([rest.acceleration for rest in self._rests])
+        times = np.array([rest.time for rest in self._rests])
+        trend = np.column_stack([np.ones(len(times)), times - times.mean()])
+        # A bias wanders from rest to rest by a tenth of what gravity does to it.
+        weight = (0.1 * GRAVITY) ** 2
+        fit = np.linalg.lstsq(trend, np.hstack([rates, forces]), rcond=None)[0]
+        rates, forces = rates - trend @ fit[:, :3], forces - trend @ fit[:, 3:]
+        normal = forces.T @ forces + weight * np.eye(3)
+        inverse = np.linalg.inv(normal)
+        return rates.T @ forces @ inverse, inverse @ forces.T @ forces @ inverse
+
+    def _bias_steps(self) -> Floats:
+        """Return the mean square (3,) by which the bias moves from rest to rest, without noise."""
+        density, steps = self._found.rate_density, [np.zeros(3)]
+        for before, behind in pairwise(self._rests):
+            noise = density * (1.0 / before.seconds + 1.0 / behind.seconds)
+            step = behind.rate - before.rate
+            if self.measured:
+                step = step - self._by_force @ (behind.acceleration - before.acceleration)
+            steps.append(step**2 - noise)
+        return np.asarray(np.maximum(np.mean(steps[1:] or steps, axis=0), 0.0))
+
+    @property
+    def bias_walk(self) -> float:
+        """The variance by which the bias walks in a second, on the worst axis, in (rad/s)^2 / s."""
+        times = [rest.time for rest in self._rests]
+        return float(self._steps.max() / np.mean(np.diff(times)))
+
+    def gravity(self, unknowns: Floats) -> Floats:
+        """Return the acceleration at each rest by the unknowns, (m, 3) in m/s^2."""
+        means = np.array([rest.acceleration for rest in self._rests])
+        return np.asarray((means - unknowns[OFFSET]) @ upper(unknowns).T)
+
+    def closures(self, unknowns: Floats) -> Closures:
+        """Return how well the legs close."""
+        gravity = self.gravity(unknowns) if self.measured else None
+        turns = [turn_alone(leg, unknowns[MATRIX].reshape(3, 3)) for leg in self.legs]
+        angles = []
+        for leg, way in zip(self.legs, turns, strict=True):
+            if gravity is None or self._is_back(leg, way, gravity):
+                angles.append(float(np.linalg.norm(_vector(way.rotation))))
+            else:
+                before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
+                angles.append(float(np.linalg.norm(_between(before, way.rotation @ behind))))
+        return Closures(np.array(angles), np.array([way.angle for way in turns]))
+
+    def _is_back(self, leg: Leg, way: Turn, gravity: Floats | None) -> bool:
+        """Tell whether a leg was whole turns by hand, back to the same edge."""
+        if gravity is None:
+            return True
+        if not self.turns or way.angle < WHOLE_TURN:
+            return False
+        before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
+        return bool(np.linalg.norm(np.cross(before, behind)) < SAME_SIDE)
+
+    def residuals(self, unknowns: Floats) -> Residuals:
+        """Return all residuals at the unknowns."""
+        blocks = self._blocks(unknowns)
+        covariance, values, jacobian = blocks.covariance, blocks.values, blocks.jacobian
+        for rows, excess in zip(blocks.rows, self.excess, strict=True):
+            covariance[rows, rows] += excess
+        if not len(values):
+            return Residuals(values, jacobian)
+        factor = np.linalg.cholesky(covariance)
+        whitened = solve_triangular(factor, np.column_stack([values, jacobian]), lower=True)
+        return Residuals(whitened[:, 0], whitened[:, 1:])
+
+    def misfits(self, unknowns: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return of each rest and leg its squared residual by its own variance, that, and how many.
+
+        The variance is that without any excess; all are (m + l,).
+        """
+        blocks = self._blocks(unknowns)
+        squares, variances, counts = np.zeros((3, len(self.excess)))
+        for k, rows in enumerate(blocks.rows):
+            values, covariance = blocks.values[rows], blocks.covariance[np.ix_(rows, rows)]
+            counts[k] = len(rows)
+            if len(rows):
+                squares[k] = values @ np.linalg.solve(covariance, values)
+                variances[k] = float(values @ values) / len(rows)
+        return squares, variances, counts
+
+    def _blocks(self, unknowns: Floats) -> '_Blocks':
+        rests, size = self._rests, len(self._rests)
+        # Of each source of errors at a rest: bias, acceleration, how it lies against the edge.
+        sources = np.concatenate(
+            [
+                [self._found.rate_density / rest.seconds for rest in rests],
+                [self._found.acceleration_density / rest.seconds for rest in rests],
+                np.full((size, 3), EDGE_DEVIATION**2),
+            ]
+        ).ravel()
+        sources = np.nan_to_num(sources)
+        blocks = _Blocks(3 * 3 * size)
+        by_unknowns, gravity = np.zeros((size, 3, UNKNOWNS)), None
+        if self.measured:
+            gravity = self.gravity(unknowns)
+            by_unknowns = self._directions(unknowns, gravity, blocks)
+        for leg in self.legs:
+            self._add_leg(leg, unknowns, gravity, by_unknowns, blocks)
+        return blocks.finished(sources)
+
+    def _directions(self, unknowns: Floats, gravity: Floats, blocks: '_Blocks') -> Floats:
+        """Add the sizes of gravity; return how its directions depend on the unknowns."""
+        size, matrix = len(gravity), upper(unknowns)
+        out = np.zeros((size, 3, UNKNOWNS))
+        for k, vector in enumerate(gravity):
+            by = np.zeros((3, UNKNOWNS))
+            by[:, OFFSET] = -matrix
+            raw = self._rests[k].acceleration - unknowns[OFFSET]
+            for entry, (i, j) in enumerate(zip(*UPPER_ENTRIES, strict=True)):
+                by[i, UPPER.start + entry] = raw[j]
+            length = np.linalg.norm(vector)
+            direction = vector / length
+            noise = np.zeros((1, blocks.sources))
+            noise[0, 3 * (size + k) : 3 * (size + k) + 3] = direction @ matrix / GRAVITY
+            value = np.array([length / GRAVITY - 1.0])
+            blocks.add(value, (direction @ by / GRAVITY)[None], noise, np.zeros((1, 1)))
+            out[k] = (by - np.outer(direction, direction @ by)) / length
+        return out
+
+    def _add_leg(
+        self,
+        leg: Leg,
+        unknowns: Floats,
+        gravity: Floats | None,
+        by_unknowns: Floats,
+        blocks: '_Blocks',
+    ) -> None:
+        matrix = unknowns[MATRIX].reshape(3, 3)
+        way, sensitivity = turn(leg, matrix)
+        size, (i, j) = len(self._rests), leg.rests
+        back = self._is_back(leg, way, gravity)
+        # All as a rotation vector in the axes of the start: by unknowns, by sources.
+        jacobian, noise = np.zeros((3, UNKNOWNS)), np.zeros((3, blocks.sources))
+        jacobian[:, MATRIX] = sensitivity.by_matrix
+        for k, by_bias in zip((i, j), sensitivity.by_biases, strict=True):
+            noise[:, 3 * k : 3 * k + 3] = by_bias
+        on_the_way = self._found.rate_density * leg.seconds
+        on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0
+        at_rest = self._found.rate_density / np.mean([rest.seconds for rest in self._rests])
+        on_the_way = on_the_way + (leg.push @ self._force_known @ leg.push) * at_rest
+        variance = float(on_the_way.mean() * np.abs(np.linalg.det(matrix)) ** (2.0 / 3.0))
+        edges = np.zeros_like(noise)
+        for k, sign in ((i, 1.0), (j, -1.0)):
+            edges[:, 3 * (2 * size + k) : 3 * (2 * size + k) + 3] = sign * np.eye(3)
+        if gravity is None:
+            rows = np.eye(3)
+            vector, noise = _vector(way.rotation), noise + edges
+        else:
+            before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in (i, j))
+            vector = _between(before, way.rotation @ behind)
+            by_before, by_behind = -cross(before), cross(before) @ way.rotation
+            jacobian += by_before @ by_unknowns[i] + by_behind @ by_unknowns[j]
+            for k, by in ((i, by_before), (j, by_behind)):
+                length = np.linalg.norm(gravity[k])
+                direction = gravity[k] / length
+                across = (np.eye(3) - np.outer(direction, direction)) / length
+                noise[:, 3 * (size + k) : 3 * (size + k) + 3] = by @ across @ upper(unknowns)
+            rows = np.linalg.svd(before[None])[2][1:]
+            if back:  # and about the vertical the edge tells
+                rows = np.vstack([rows, before])
+                vector = vector + before * float(before @ _vector(way.rotation))
+                noise = noise + np.outer(before, before) @ edges
+        blocks.add(rows @ vector, rows @ jacobian, rows @ noise, variance * np.eye(len(rows)))
+
+
+class _Blocks:
+    """Residuals as they are gathered: values, what they depend on, their covariance."""
+
+    def __init__(self, sources: int) -> None:
+        self.sources = sources
+        self.rows: list[NDArray[np.int64]] = []
+        self._parts: list[tuple[Floats, Floats, Floats, Floats]] = []
+        self._count = 0
+
+    def add(self, values: Floats, jacobian: Floats, noise: Floats, own: Floats) -> None:
+        """Add r residuals with their dependence on unknowns and sources, and own covariance."""
+        self.rows.append(np.arange(self._count, self._count + len(values)))
+        self._count += len(values)
+        self._parts.append((values, jacobian, noise, own))
+
+    def finished(self, variances: Floats) -> '_Blocks':
+        """Put all together, by the variances of the sources."""
+        self.values, self.jacobian = np.zeros(self._count), np.zeros((self._count, UNKNOWNS))
+        noise = np.zeros((self._count, self.sources))
+        for rows, (values, jacobian, by_source, _) in zip(self.rows, self._parts, strict=True):
+            self.values[rows], self.jacobian[rows], noise[rows] = values, jacobian, by_source
+        self.covariance = (noise * variances) @ noise.T
+        for rows, (_, _, _, own) in zip(self.rows, self._parts, strict=True):
+            self.covariance[np.ix_(rows, rows)] += own
+        return self
+
+
+def _vector(rotation: Floats) -> Floats:
+    """Return the rotation vector (3,) of a matrix."""
+    return np.asarray(to_vectors(from_matrix(rotation)[None])[0])
+
+
+def _between(a: Floats, b: Floats) -> Floats:
+    """Return the shortest rotation vector (3,) from a direction to another."""
+    axis = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    return axis * (np.arctan2(sine, cosine) / sine) if sine > 1e-12 else axis

@@ -1,0 +1,111 @@
+"""Scale and misalignment of a gyroscope from recordings in which it was turned and laid down.
+
+Weighted least squares over all that the recordings say, with the figures of data sheets where they
+say nothing. What does not fit is trusted less, and told.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording, Session
+from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
+from gyro_drift_filter.calibrate.rests import GRAVITY, find_rests, make_track
+from gyro_drift_filter.calibrate.results import Calibration, make_result
+from gyro_drift_filter.calibrate.solving import Evidence, solve
+
+Floats = NDArray[np.float64]
+
+# No hand turns a sensor faster than this, in rad/s: 2000 deg/s are the end of the usual range.
+FASTEST = 35.0
+GRAVITIES = 7.0, 13.0  # m/s^2: an accelerometer's size of gravity, its faults included
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A recording of n samples.
+
+    Attributes:
+        stamps: (n,) in ns.
+        rates: (n, 3) in rad/s.
+        accelerations: (n, 3) in m/s^2; NaN where unknown.
+        reference: Orientations from elsewhere, where there are any.
+    """
+
+    stamps: NDArray[np.int64]
+    rates: Floats
+    accelerations: Floats
+    reference: Reference | None = None
+
+
+def calibrate(recordings: Sequence[Samples], *, turns: bool = False) -> Calibration:
+    """Find the matrix of a gyroscope from recordings of it, each with its own bias.
+
+    Args:
+        recordings: One or more.
+        turns: Whether full turns by hand led back to the same edge.
+
+    Raises:
+        CalibrationError: They tell nothing of it; the text says what to do.
+    """
+    sessions, rests, references = [], [], []
+    for number, samples in enumerate(recordings):
+        track = make_track(samples.stamps, samples.rates, samples.accelerations)
+        session = Session(track, find_rests(track))
+        sessions.append(session)
+        if session.rests.rests:
+            rests.append(RestsOfOneRecording(number, session, turns))
+        if samples.reference is not None:
+            density = session.rests.rate_density
+            reference = samples.reference
+            references.append(ReferenceOfOneRecording(number, track, reference, density))
+    evidence = Evidence(rests, references, _up(sessions))
+    _check(sessions, evidence, turns)
+    return make_result(sessions, evidence, solve(evidence))
+
+
+def _up(sessions: Sequence[Session]) -> Floats | None:
+    """Return the mean direction (3,) of gravity at rest."""
+    means = [rest.acceleration for session in sessions for rest in session.rests.rests]
+    up = np.mean(means, axis=0) if means else np.full(3, np.nan)
+    return np.asarray(up / np.linalg.norm(up)) if np.isfinite(up).all() else None
+
+
+def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None:
+    """Look whether there is anything to be found.
+
+    Raises:
+        CalibrationError: There is not.
+    """
+    measured = [session for session in sessions if session.track.accelerations is not None]
+    if not (measured or turns or evidence.references):
+        raise CalibrationError(
+            'no acceleration in the recording: turns are measured by gravity. Without it, turn the '
+            'sensor by whole turns against an edge (--turns), or name a reference (--reference)'
+        )
+    sizes = [
+        np.linalg.norm(rest.acceleration) for session in measured for rest in session.rests.rests
+    ]
+    if sizes and not GRAVITIES[0] < np.median(sizes) < GRAVITIES[1]:
+        raise CalibrationError(
+            f'the acceleration at rest is {np.median(sizes):.3g} where gravity is {GRAVITY:.3g} '
+            'm/s^2: is it in another unit?'
+        )
+    rates = [np.linalg.norm(leg.raw, axis=1).max() for part in evidence.rests for leg in part.legs]
+    if rates and np.median(rates) > FASTEST:
+        raise CalibrationError(
+            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s?'
+        )
+    if not (evidence.rests or evidence.references):
+        raise CalibrationError(
+            'no rest found: lay the sensor down, leave it alone for 3 s, turn it onto another '
+            'side, and so on'
+        )
+    if not (evidence.has_turns or evidence.references):
+        raise CalibrationError(
+            'the sensor was not turned: there is one rest only. Lay it down on each of its sides, '
+            'with a rest of 3 s on each'
+        )

@@ -1,0 +1,155 @@
+"""Calibrations of other programs: Kalibr's file of an IMU, which OpenVINS reads too, and imu_tk's.
+
+Kalibr (`scale-misalignment`): measured = M C_gyro_i rate + bias, M lower triangular, in the axes of
+the accelerometer, whose own M is lower triangular, too. imu_tk: rate = T K (raw - B), the three
+matrices one after the other in a text file.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+
+class Foreign(NamedTuple):
+    """What a file of another program says: rate = matrix (raw - bias).
+
+    Attributes:
+        matrix: (3, 3).
+        bias: (3,) in rad/s; None where the file holds none.
+    """
+
+    matrix: Floats
+    bias: Floats | None
+
+
+class Noise(NamedTuple):
+    """Noise as Kalibr has it; None where it is not known.
+
+    Attributes:
+        rate_density: In rad/s per root of Hz.
+        rate_walk: Random walk of the bias in rad/s^2 per root of Hz.
+        acceleration_density: In m/s^2 per root of Hz.
+        sample_rate: In Hz.
+    """
+
+    rate_density: float
+    rate_walk: float | None
+    acceleration_density: float | None
+    sample_rate: float
+
+
+def from_kalibr(document: Any) -> Foreign:
+    """Return what a Kalibr file says, as PyYAML has loaded it.
+
+    Raises:
+        CalibrationError: It is none, or holds no intrinsics.
+    """
+    imus = (
+        [value for value in document.values() if isinstance(value, dict)]
+        if (isinstance(document, dict))
+        else []
+    )
+    for imu in (document, *imus):
+        if isinstance(imu, dict) and isinstance(imu.get('gyroscopes'), dict):
+            gyroscopes = imu['gyroscopes']
+            turned = _matrix(gyroscopes.get('C_gyro_i', np.eye(3)), 'C_gyro_i')
+            measured = _matrix(gyroscopes.get('M'), 'M') @ turned
+            return Foreign(np.asarray(np.linalg.inv(measured), np.float64), None)
+    raise CalibrationError(
+        "no gyroscopes' M in the file: Kalibr writes it with --imu-models scale-misalignment"
+    )
+
+
+def _matrix(value: Any, name: str) -> Floats:
+    try:
+        matrix = np.asarray(value, np.float64).reshape(3, 3)
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f'{name} in the file is no matrix of 3 by 3') from error
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+        raise CalibrationError(f'{name} in the file can not be inverted')
+    return matrix
+
+
+def from_imu_tk(text: str) -> Foreign:
+    """Return what a .calib file of imu_tk says.
+
+    Raises:
+        CalibrationError: It is none.
+    """
+    try:
+        numbers = np.array(text.split(), np.float64)
+    except ValueError as error:
+        raise CalibrationError('the .calib file holds something else than numbers') from error
+    if len(numbers) != 21:
+        raise CalibrationError(
+            f'a .calib file has 21 numbers, misalignment, scale and bias, not {len(numbers)}'
+        )
+    matrix = numbers[:9].reshape(3, 3) @ numbers[9:18].reshape(3, 3)
+    return Foreign(matrix, numbers[18:])
+
+
+def to_kalibr(
+    noise: Noise, topic: str, matrix: Floats | None = None, accelerometer: Floats | None = None
+) -> str:
+    """Return the text of a Kalibr file, with the keys of OpenVINS beside those of Kalibr.
+
+    Args:
+        noise: For its noise densities.
+        topic: Of the Imu messages.
+        matrix: (3, 3) of rate = matrix (raw - bias); None where only noise is known.
+        accelerometer: (3, 3) the same of the accelerometer.
+    """
+
+    def known(name: str, value: float | None) -> str:
+        return f'  # {name}: not known' if value is None else f'  {name}: {value:.9e}'
+
+    lines = [
+        '# For Kalibr. For OpenVINS put the line %YAML:1.0 in front, and name the model kalibr.',
+        'imu0:',
+        *_rows('T_i_b', np.eye(4)),
+        known('accelerometer_noise_density', noise.acceleration_density),
+        known('accelerometer_random_walk', None),
+        known('gyroscope_noise_density', noise.rate_density),
+        known('gyroscope_random_walk', noise.rate_walk),
+        f'  rostopic: {topic}',
+        '  time_offset: 0.0',
+        f'  update_rate: {noise.sample_rate:.6g}',
+    ]
+    if matrix is None:
+        return '\n'.join(lines) + '\n'
+    # The axes are those in which the accelerometer's matrix is lower triangular.
+    inverse = np.linalg.inv(np.eye(3) if accelerometer is None else accelerometer)
+    acceleration, turned = _lower(np.asarray(inverse, np.float64))
+    rate, gyroscope = _lower(np.asarray(np.linalg.inv(matrix) @ turned.T, np.float64))
+    lines += [
+        '  model: scale-misalignment',
+        '  accelerometers:',
+        *_rows('M', acceleration, '    '),
+        '  gyroscopes:',
+        *_rows('M', rate, '    '),
+        *_rows('C_gyro_i', gyroscope, '    '),
+        *_rows('A', np.zeros((3, 3)), '    '),
+        *_rows('Tw', rate),
+        *_rows('R_IMUtoGYRO', gyroscope),
+        *_rows('Ta', acceleration),
+        *_rows('R_IMUtoACC', np.eye(3)),
+        *_rows('Tg', np.zeros((3, 3))),
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _lower(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return a lower triangular matrix and a rotation whose product a matrix is."""
+    q, r = np.linalg.qr(matrix.T)
+    signs = np.where(np.diag(r) < 0.0, -1.0, 1.0)
+    return (signs[:, None] * r).T, (q * signs).T
+
+
+def _rows(name: str, matrix: Floats, indent: str = '  ') -> list[str]:
+    listed = ('[' + ', '.join(f'{value:.9e}' for value in row) + ']' for row in matrix)
+    return [f'{indent}{name}:', *(f'{indent}  - {row}' for row in listed)]

@@ -1,0 +1,362 @@
+"""What an orientation from elsewhere says of a sensor: motion capture, odometry, another filter.
+
+Within a few seconds the reference and the integrated rates turn alike, but for a constant rotation
+between the two bodies, a delay of the reference's stamps, and where each started. The latter, and
+the bias, are unknown in each span anew, so that neither a drift of the reference nor one of the
+bias counts; both are eliminated from the residuals.
+
+A reference that never tilts, as wheel odometry, is compared about the vertical alone.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.spatial.transform import Rotation
+
+from gyro_drift_filter.calibrate.between_rests import Closures
+from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate.rests import Track
+from gyro_drift_filter.calibrate.rotations import (
+    from_vectors,
+    inverse,
+    multiply,
+    to_matrices,
+    to_vectors,
+)
+from gyro_drift_filter.calibrate.turning import rotations
+from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# A span is short enough for the gyroscope's noise to stay below that of any reference, and holds so
+# many orientations at the most.
+SPAN_SECONDS, SPAN_SIZE = 5.0, 400
+LEAST_SIZE = 20
+# The delay is looked for up to this, in s, and may come out up to the margin beyond that.
+LARGEST_DELAY, MARGIN = 1.0, 0.2
+# Rates for a first guess, in Hz: a hand's motion is slower.
+GUESS_RATE = 100.0
+# A robot on wheels tilts by less in its odometry.
+LEVEL = float(np.radians(0.1))
+# An orientation that is off by so many deviations is a slip.
+SLIP = 6.0
+LEAST_MOTION = float(np.radians(20.0))  # in all, to tell anything
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Orientations (k,): of a body in a world, as topics give them.
+
+    Attributes:
+        stamps: (k,) in ns, on the clock of the gyroscope but for a delay.
+        orientations: (k, 4) unit quaternions x, y, z, w, from the body's axes to the world's.
+    """
+
+    stamps: NDArray[np.int64]
+    orientations: Floats
+
+
+class Guess(NamedTuple):
+    """What relates a reference to the rates, about.
+
+    Attributes:
+        rotation: (4,) from the reference's body to the sensor.
+        late: By how much the reference's stamps are late, in s.
+        scale: Of the rates.
+    """
+
+    rotation: Floats
+    late: float
+    scale: float
+
+
+class Mount:
+    """How the reference's body is fixed to the sensor, for all recordings.
+
+    Attributes:
+        rotation: (4,) from the body's axes to the sensor's. The unknowns hold what is to be added.
+    """
+
+    def __init__(self, rotation: Floats) -> None:
+        self.rotation = rotation
+
+    def take(self, unknowns: Floats) -> None:
+        """Take what the unknowns hold of it over, so that they hold no rotation any more."""
+        step = from_vectors(unknowns[TURNED][None])
+        self.rotation = multiply(step, self.rotation[None])[0]
+        unknowns[TURNED] = 0.0
+
+
+@dataclass
+class _Span:
+    """Orientations [first, stop) of the reference, and the samples about them."""
+
+    first: int
+    stop: int
+    samples: slice
+    bias: Floats
+    used: Bools
+
+
+class ReferenceOfOneRecording:
+    """A recording's reference beside its rates."""
+
+    def __init__(self, number: int, track: Track, reference: Reference, density: Floats) -> None:
+        """Take a recording by its number and track, and the noise of its rates."""
+        self.number = number
+        order = np.argsort(reference.stamps, kind='stable')
+        fresh = np.append(True, np.diff(reference.stamps[order]) > 0)
+        usable = np.isfinite(reference.orientations).all(axis=1)
+        usable &= np.abs(np.linalg.norm(reference.orientations, axis=1) - 1.0) < 0.1
+        kept = order[fresh & usable[order]]
+        if len(kept) < LEAST_SIZE:
+            raise CalibrationError(f'the reference has only {len(kept)} orientations')
+        self._seconds = (reference.stamps[kept] - track.start) * 1e-9
+        quaternions = reference.orientations[kept]
+        self._rotations = quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
+        self._track, self._density = track, float(density.mean())
+        self._variance = np.radians(0.5) ** 2
+        up = to_matrices(self._rotations)[:, 2, 2]
+        self.level = bool(np.quantile(np.arccos(np.clip(up, -1.0, 1.0)), 0.9) < LEVEL)
+        self._spans: list[_Span] = []
+        self.inflation = 1.0
+
+    def guess(self, up: Floats | None) -> Guess:
+        """Return what relates it to the rates, about.
+
+        Args:
+            up: (3,) the vertical in the sensor's axes, for a reference that never tilts.
+
+        Raises:
+            CalibrationError: The two do not turn alike, or hardly at all.
+        """
+        track, lag = self._track, 2 * round(0.05 * GUESS_RATE) + 1
+        begin = max(track.seconds[0], self._seconds[0]) + LARGEST_DELAY
+        end = min(track.seconds[-1], self._seconds[-1]) - LARGEST_DELAY
+        if end - begin < 2.0 * LARGEST_DELAY:
+            raise CalibrationError(
+                'reference and rates overlap by too little: are their stamps of one clock?'
+            )
+        grid = np.arange(begin - LARGEST_DELAY, end + LARGEST_DELAY, 1.0 / GUESS_RATE)
+        rates = np.column_stack([np.interp(grid, track.seconds, axis) for axis in track.rates.T])
+        smooth = np.ones(lag) / lag
+        rates = np.column_stack([np.convolve(axis, smooth, 'same') for axis in rates.T])
+        near = np.clip(np.searchsorted(self._seconds, grid), 1, len(self._seconds) - 1)
+        near -= (grid - self._seconds[near - 1]) < (self._seconds[near] - grid)
+        at = self._rotations[near]
+        half = lag // 2
+        turned = np.zeros_like(rates)
+        steps = multiply(inverse(at[: -2 * half]), at[2 * half :])
+        turned[half:-half] = to_vectors(steps) * (GUESS_RATE / (2 * half))
+        if np.abs(turned).sum() / GUESS_RATE < LEAST_MOTION:
+            raise CalibrationError('the reference hardly turns: turn the sensor while it is seen')
+        # Whatever the bias and the rotation between the two, they are fast at the same time.
+        speeds = [np.linalg.norm(x - np.median(x, axis=0), axis=1) for x in (rates, turned)]
+        speeds = [x - x.mean() for x in speeds]
+        reach = round(LARGEST_DELAY * GUESS_RATE)
+        inner = speeds[0][reach:-reach]
+        shifts = np.arange(-reach, reach + 1)
+        fits = [inner @ speeds[1][reach + k : len(grid) - reach + k] for k in shifts]
+        shift = int(shifts[np.argmax(fits)])
+        a = rates[reach:-reach]
+        b = turned[reach + shift : len(grid) - reach + shift]
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        if up is not None and self.level:
+            rotation = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
+        else:
+            rotation = Rotation.align_vectors(a, b)[0]
+        product = float((a * rotation.apply(b)).sum())
+        alike = product / np.sqrt((a**2).sum() * (b**2).sum())
+        if alike < 0.5:
+            raise CalibrationError(
+                f'reference and rates do not turn alike (correlation {alike:.2f}): is it the same '
+                'body, and are axes and stamps right?'
+            )
+        return Guess(rotation.as_quat(), shift / GUESS_RATE, product / (a**2).sum())
+
+    def divide(self, mount: Mount, late: float) -> None:
+        """Cut the recording into spans, with the delay in s about known."""
+        self._mount = mount
+        track, at = self._track, self._seconds - late
+        inside = (at > track.seconds[0] + MARGIN) & (at < track.seconds[-1] - MARGIN)
+        lost = np.concatenate([[0], np.cumsum(track.broken)])
+        edges = np.flatnonzero(inside)
+        if not len(edges):
+            raise CalibrationError('no orientation of the reference lies within the recording')
+        first, last = int(edges[0]), int(edges[-1]) + 1
+        while first < last:
+            reach = np.searchsorted(at, at[first] + SPAN_SECONDS)
+            stop = int(min(reach, last, first + SPAN_SIZE))
+            low = int(np.searchsorted(track.seconds, at[first] - MARGIN)) - 1
+            high = int(np.searchsorted(track.seconds, at[stop - 1] + MARGIN)) + 1
+            samples = slice(max(low, 0), min(high, len(track.seconds)))
+            whole = lost[samples.stop - 1] == lost[samples.start]
+            if stop - first >= LEAST_SIZE and whole:
+                bias = self._first_bias(first, stop, at)
+                used = np.ones(stop - first, bool)
+                self._spans.append(_Span(first, stop, samples, bias, used))
+            first = stop
+        if not self._spans:
+            raise CalibrationError('the reference is never there for long enough')
+
+    def _first_bias(self, first: int, stop: int, at: Floats) -> Floats:
+        """Return the bias (3,) in a span: what the rates have more than the reference."""
+        track = self._track
+        ends = np.searchsorted(track.seconds, at[[first, stop - 1]])
+        steps = multiply(
+            inverse(self._rotations[first : stop - 1]), self._rotations[first + 1 : stop]
+        )
+        turned = to_vectors(steps).sum(axis=0) / (at[stop - 1] - at[first])
+        body = to_matrices(self._mount.rotation[None])[0] @ turned
+        return np.asarray(track.rates[ends[0] : ends[1] + 1].mean(axis=0) - body)
+
+    def residuals(self, unknowns: Floats) -> Residuals:
+        """Return all residuals at the unknowns, without what a span's start and bias explain."""
+        found = [self._free(span, unknowns) for span in self._spans]
+        values, jacobian = (np.concatenate(part) for part in zip(*found, strict=True))
+        scale = self.inflation**-0.5
+        return Residuals(scale * values, scale * jacobian)
+
+    def renew(self, unknowns: Floats, near: bool) -> None:
+        """Take over what is known by now: biases, the reference's noise, what has slipped.
+
+        Only near the solution it can be told whether errors belong together.
+        """
+        squares, count, gradients, normal = 0.0, 0, [], np.zeros((UNKNOWNS, UNKNOWNS))
+        for span in self._spans:
+            self._learn_bias(span, unknowns)
+            values, jacobian = self._free(span, unknowns)
+            squares += float(values @ values)
+            count += max(len(values) - 6, 1)
+            gradients.append(jacobian.T @ values)
+            normal += jacobian.T @ jacobian
+        self._variance *= squares / count
+        if not near or len(self._spans) < 2:
+            return
+        # Errors of a reference may belong together over seconds: then spans tell, not samples.
+        information = np.array(gradients).T @ np.array(gradients) / (squares / count)
+        told = np.diag(normal) > 0.0
+        ratio = np.diag(information)[told] / np.diag(normal)[told]
+        self.inflation = max(1.0, float(np.median(ratio)))
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of an orientation in rad."""
+        return float(self._variance**0.5)
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and length of each span in s."""
+        ends = [self._seconds[[span.first, span.stop - 1]] for span in self._spans]
+        return [(float(first), float(last - first)) for first, last in ends]
+
+    def closures(self, unknowns: Floats) -> Closures:
+        """Return by how much the ends of spans are off, and by how much each turned."""
+        out = []
+        for span in self._spans:
+            vectors, _, _, turned = self._differences(span, unknowns)
+            count = max(len(vectors) // 10, 1)
+            # A start is a mean of some, as the reference is noisy, and so is an end.
+            step = vectors[-count:].mean(axis=0) - vectors[:count].mean(axis=0)
+            out.append((float(np.linalg.norm(step)), turned))
+        return Closures(*np.array(out).T)
+
+    def _differences(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats, float]:
+        """Return by how much the reference is ahead, as rotation vectors in the span's first axes.
+
+        Beside them (n, 3) stand their dependence on the unknowns (n, 3, UNKNOWNS) and on the bias
+        (n, 3, 3), and by how much the sensor has turned in all.
+        """
+        matrix = unknowns[MATRIX].reshape(3, 3)
+        seconds = self._track.seconds[span.samples]
+        raw = self._track.rates[span.samples] - span.bias
+        steps = np.diff(seconds)
+        before, middle = rotations(raw, steps, matrix)
+        mean = 0.5 * (raw[1:] + raw[:-1])
+        axes = to_matrices(middle)
+        by_matrix = np.einsum('kai,kj,k->kaij', axes, mean, steps).reshape(-1, 3, 9)
+        by_bias = -np.einsum('kai,ij,k->kaj', axes, matrix, steps)
+        at = self._seconds[span.first : span.stop] - unknowns[LATE]
+        low = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(steps) - 1)
+        share = (at - seconds[low]) / steps[low]
+        part = 0.5 * share * steps[low]
+        rate = raw @ matrix.T
+        now = rate[low] + share[:, None] * (rate[low + 1] - rate[low])
+        turned = multiply(before[low], from_vectors(part[:, None] * (rate[low] + now)))
+
+        def until(each: Floats) -> Floats:
+            total = np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
+            return np.asarray(total[low] + share[:, None, None] * each[low])
+
+        body = multiply(from_vectors(unknowns[TURNED][None]), self._mount.rotation[None])
+        ahead = multiply(self._rotations[span.first : span.stop], inverse(body))
+        ahead = multiply(ahead, inverse(turned))
+        center = _mean(ahead)
+        vectors = to_vectors(multiply(inverse(center[None]), ahead))
+        jacobian = np.zeros((len(at), 3, UNKNOWNS))
+        jacobian[:, :, MATRIX] = -until(by_matrix)
+        if not self.level:
+            jacobian[:, :, TURNED] = -to_matrices(turned)
+        jacobian[:, :, LATE] = np.einsum('kai,ki->ka', to_matrices(turned), now)
+        angle = float(np.linalg.norm(rate[:-1] * steps[:, None], axis=1).sum())
+        return vectors, jacobian, -until(by_bias), angle
+
+    def _rows(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return values (n, c), dependence (n, c, UNKNOWNS), nuisances (n, c, 3 + c), whitener."""
+        vectors, jacobian, by_bias, _ = self._differences(span, unknowns)
+        if self.level:
+            up = self._up()
+            vectors, jacobian = vectors @ up[:, None], np.einsum('a,kan->kn', up, jacobian)[:, None]
+            # The bias about the other two axes is nothing that such a reference sees.
+            by_bias = np.einsum('a,kab,b->k', up, by_bias, up)[:, None, None]
+        count = vectors.shape[1]
+        start = np.broadcast_to(np.eye(count), (len(vectors), count, count))
+        nuisances = np.concatenate([by_bias, start], axis=2)
+        at = self._seconds[span.first : span.stop]
+        # White noise of the reference, and the gyroscope's summed up.
+        ahead = at - at[0]
+        covariance = self._variance * np.eye(len(at)) + self._density * np.minimum.outer(
+            ahead, ahead
+        )
+        covariance[~span.used, ~span.used] += 1e6 * self._variance
+        return vectors, jacobian, nuisances, np.linalg.cholesky(covariance)
+
+    def _up(self) -> Floats:
+        """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
+        return np.asarray(to_matrices(self._mount.rotation[None])[0][:, 2])
+
+    def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
+        """Return values, dependence and nuisances side by side (n c, ...), and nuisances' count."""
+        vectors, jacobian, nuisances, factor = self._rows(span, unknowns)
+        n = len(vectors)
+        both = np.concatenate([vectors[:, :, None], jacobian, nuisances], axis=2).reshape(n, -1)
+        white = solve_triangular(factor, both, lower=True, check_finite=False)
+        white = white.reshape(-1, 1 + UNKNOWNS + nuisances.shape[2])
+        return white[:, : 1 + UNKNOWNS], white[:, 1 + UNKNOWNS :]
+
+    def _free(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
+        """Return values and dependence of a span with its nuisances projected out."""
+        white, nuisances = self._white(span, unknowns)
+        basis = np.linalg.qr(nuisances)[0]
+        white = white - basis @ (basis.T @ white)
+        return white[:, 0], white[:, 1:]
+
+    def _learn_bias(self, span: _Span, unknowns: Floats) -> None:
+        white, nuisances = self._white(span, unknowns)
+        step = np.linalg.lstsq(nuisances, -white[:, 0], rcond=None)[0]
+        span.bias = span.bias + (step[0] * self._up() if self.level else step[:3])
+        vectors, *_ = self._differences(span, unknowns)
+        off = np.linalg.norm(vectors - np.median(vectors, axis=0), axis=1)
+        # Of a vector of three normal variables half are shorter than 1.54 deviations.
+        used = off < SLIP * max(float(np.median(off)) / 1.54, self._variance**0.5)
+        if used.sum() >= LEAST_SIZE:
+            span.used = used
+
+
+def _mean(rotations_: Floats) -> Floats:
+    """Return the mean (4,) of rotations that are near each other."""
+    return np.asarray(np.linalg.eigh(rotations_.T @ rotations_)[1][:, -1])

@@ -1,0 +1,239 @@
+"""Where a sensor that is turned by hand lies still, and how the recording lies in time.
+
+At rest there is nothing but noise, so a quarter of a second of rest varies as the quietest quarters
+of the recording do, on every axis of gyroscope and accelerometer. The first and the last quarter
+are left out, as a hand lets go gently. What moves too evenly to be seen by that is told by its
+mean: gravity that does not stay, a rate that is another than in all other rests.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BLOCK_SECONDS = 0.25
+LEAST_BLOCK = 5  # samples, to know how they vary
+SHORTEST_SECONDS = 1.0
+# A bias wanders while the sensor warms up: longer rests are taken as several.
+LONGEST_SECONDS = 20.0
+# The share of a recording that is at rest at the least: the noise is that of its quietest blocks.
+QUIETEST = 0.1
+# How far the deviation within blocks of some ten samples scatters, and how far means do.
+DEVIATIONS, MEANS = 3.0, 6.0
+# A table bends and a sensor settles by this.
+LARGEST_TILT = np.radians(0.1)
+# Beyond what gravity (0.1 deg/s for each g) and warming do to a bias: this is a slow turn.
+LARGEST_BIAS_STEP = np.radians(0.5)
+GRAVITY = 9.80665  # m/s^2
+GAP_PERIODS = 5.0
+# Stamps of which more steps than this share are off by half a period are those of arrival.
+UNEVEN = 0.05
+LONGEST_BURST = 0.6  # s
+# So many equal values in a row at the largest rate of an axis are the end of its range.
+PLATEAU = 5
+
+
+@dataclass(frozen=True)
+class Track:
+    """A recording: n samples, all finite.
+
+    Attributes:
+        start: Stamp of its first sample in ns.
+        seconds: (n,) since then.
+        rates: (n, 3) in rad/s.
+        accelerations: (n, 3) in m/s^2, or None where there is no accelerometer.
+        broken: (n - 1,) True where between two samples there is a gap, or the range has ended.
+        even: Whether the time is that of evenly spaced samples, in place of stamps of arrival.
+    """
+
+    start: int
+    seconds: Floats
+    rates: Floats
+    accelerations: Floats | None
+    broken: Bools
+    even: bool
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The sensor lies still: samples `first` up to, and without, `stop` of a track.
+
+    Attributes:
+        first: Index of a sample.
+        stop: Index of a sample.
+        time: Of its middle in s.
+        seconds: Its length.
+        rate: (3,) mean in rad/s.
+        acceleration: (3,) mean in m/s^2; NaN where there is no accelerometer.
+    """
+
+    first: int
+    stop: int
+    time: float
+    seconds: float
+    rate: Floats
+    acceleration: Floats
+
+
+@dataclass(frozen=True)
+class Rests:
+    """The rests of a track.
+
+    Attributes:
+        rests: In order.
+        moved: Time in s of stretches that looked like rest but moved evenly.
+        rate_density: (3,) of the gyroscope's noise, (rad/s)^2 s: the variance of a mean over a
+            second.
+        acceleration_density: (3,) of the accelerometer's noise, (m/s^2)^2 s.
+    """
+
+    rests: tuple[Rest, ...]
+    moved: tuple[float, ...]
+    rate_density: Floats
+    acceleration_density: Floats
+
+
+def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) -> Track:
+    """Return a track of samples (n,), (n, 3) and (n, 3); stamps in ns, NaN where unknown.
+
+    Raises:
+        CalibrationError: There are too few samples, or their stamps do not advance.
+    """
+    measured = np.isfinite(accelerations).all(axis=1)
+    alive = np.mean(measured) > 0.5 and np.ptp(accelerations[measured], axis=0).any()
+    used = np.isfinite(rates).all(axis=1) & (measured | (not alive))
+    # Of what is repeated or late, the first and the latest.
+    used &= np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
+    if used.sum() < 2 * LEAST_BLOCK:
+        raise CalibrationError(
+            f'only {used.sum()} of {len(stamps)} samples can be used: are the stamps zero?'
+        )
+    seconds = (stamps[used] - stamps[used][0]) * 1e-9
+    steps = np.diff(seconds)
+    period = float(np.median(steps))
+    even = bool(np.mean(np.abs(steps - period) > 0.5 * period) > UNEVEN)
+    if even:
+        seconds, gaps = _evenly(seconds)
+    else:
+        gaps = steps > GAP_PERIODS * period
+    clipped = _at_the_end_of_the_range(rates[used])
+    broken = gaps | clipped[1:] | clipped[:-1]
+    return Track(
+        int(stamps[used][0]),
+        seconds,
+        rates[used],
+        accelerations[used] if alive else None,
+        broken,
+        even,
+    )
+
+
+def _evenly(seconds: Floats) -> tuple[Floats, Bools]:
+    """Return evenly spaced times between gaps, and where these are."""
+    gaps = np.diff(seconds) > LONGEST_BURST
+    out = seconds.copy()
+    edges = [0, *(np.flatnonzero(gaps) + 1).tolist(), len(seconds)]
+    for first, stop in pairwise(edges):
+        out[first:stop] = np.linspace(seconds[first], seconds[stop - 1], stop - first)
+    return out, gaps
+
+
+def _at_the_end_of_the_range(rates: Floats) -> Bools:
+    """Tell which samples (n,) lie on a plateau of the largest rate of an axis."""
+    clipped = np.zeros(len(rates), bool)
+    for axis in rates.T:
+        for end in (axis.max(), axis.min()):
+            run = axis == end
+            long = np.convolve(run, np.ones(PLATEAU), 'valid') > PLATEAU - 0.5
+            for k in range(PLATEAU):
+                clipped[k : len(long) + k] |= long & (abs(end) > 0.5)
+    return clipped
+
+
+def find_rests(track: Track) -> Rests:
+    """Return the rests of a track, and its noise: without any, that of its quietest blocks."""
+    period = (track.seconds[-1] - track.seconds[0]) / (len(track.seconds) - 1)
+    size = max(LEAST_BLOCK, round(BLOCK_SECONDS / period))
+    values = track.rates
+    if track.accelerations is not None:
+        values = np.hstack([values, track.accelerations])
+    count = len(values) // size
+    blocks = values[: count * size].reshape(count, size, -1)
+    means, deviations = blocks.mean(axis=1), blocks.std(axis=1)
+    # Of a sensor that is coarser than its noise, that of its counts.
+    level = np.maximum(np.quantile(deviations, QUIETEST, axis=0), _resolution(values) / 12**0.5)
+    still = (deviations <= DEVIATIONS * level).all(axis=1)
+    lost = np.add.reduceat(track.broken, np.arange(0, count * size, size)) > 0
+    still &= ~lost[:count]
+    steps = np.diff(means, axis=0)[still[1:] & still[:-1]]
+    noise = level / size**0.5
+    if len(steps):
+        # Of the mean of a block: median of the absolute value of a normal variable times this.
+        noise = np.maximum(noise, 1.4826 * np.median(np.abs(steps), axis=0) / 2**0.5)
+    density = noise**2 * size * period
+    rests, moved = [], []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))
+    for first, stop in edges.reshape(-1, 2):
+        near = np.abs(means[first:stop] - np.median(means[first:stop], axis=0)) < MEANS * noise
+        inside = np.flatnonzero(near[:, :3].all(axis=1))
+        if not len(inside):
+            continue
+        first, stop = first + inside[0] + 1, first + inside[-1]
+        if (stop - first) * size * period < SHORTEST_SECONDS:
+            continue
+        if _tilts(means[first:stop, 3:], noise[3:]):
+            moved.append(float(track.seconds[first * size]))
+            continue
+        pieces = int(np.ceil((stop - first) * size * period / LONGEST_SECONDS))
+        cuts = np.linspace(first * size, stop * size, pieces + 1).astype(int)
+        rests += [_rest(track, a, b) for a, b in pairwise(cuts)]
+    rests, turning = _of_one_rate(rests)
+    acceleration_density = density[3:] if track.accelerations is not None else np.full(3, np.nan)
+    return Rests(tuple(rests), tuple(sorted(moved + turning)), density[:3], acceleration_density)
+
+
+def _resolution(values: Floats) -> Floats:
+    """Return the smallest step of each column."""
+    out = np.zeros(values.shape[1])
+    for k, column in enumerate(values.T):
+        steps = np.diff(np.unique(column[:20_000]))
+        out[k] = steps.min() if len(steps) else 0.0
+    return out
+
+
+def _tilts(means: Floats, noise: Floats) -> bool:
+    """Tell whether gravity is another one in the second half of a rest, from means of blocks."""
+    half = len(means) // 2
+    if not (half and means.shape[1]):
+        return False
+    step = np.abs(means[:half].mean(axis=0) - means[-half:].mean(axis=0))
+    return bool(
+        (step > np.maximum(MEANS * noise * (2 / half) ** 0.5, LARGEST_TILT * GRAVITY)).any()
+    )
+
+
+def _rest(track: Track, first: int, stop: int) -> Rest:
+    seconds = track.seconds[[first, stop - 1]]
+    gravity = np.full(3, np.nan)
+    if track.accelerations is not None:
+        gravity = track.accelerations[first:stop].mean(axis=0)
+    rate = track.rates[first:stop].mean(axis=0)
+    return Rest(first, stop, float(seconds.mean()), float(np.ptp(seconds)), rate, gravity)
+
+
+def _of_one_rate(rests: list[Rest]) -> tuple[list[Rest], list[float]]:
+    """Return the rests without those that turn about the vertical, and the times of these."""
+    if not rests:
+        return [], []
+    rates = np.array([rest.rate for rest in rests])
+    off = np.abs(rates - np.median(rates, axis=0))
+    limit = np.maximum(LARGEST_BIAS_STEP, 10.0 * np.median(off, axis=0))
+    turning = (off > limit).any(axis=1)
+    kept = [rest for rest, turns in zip(rests, turning, strict=True) if not turns]
+    return kept, [rest.time for rest, turns in zip(rests, turning, strict=True) if turns]

@@ -1,0 +1,249 @@
+"""What a calibration has found, and in words what to know of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording, Session
+from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate.exchange import Noise
+from gyro_drift_filter.calibrate.solving import Evidence, Solution
+from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, OFFSET, TURNED, UPPER, upper
+from gyro_drift_filter.core.parameters import AXES, Parameters
+from gyro_drift_filter.errors import ParameterError
+
+Floats = NDArray[np.float64]
+
+# An entry that is known to this only is told: two degrees in a turn.
+KNOWN = 0.005
+# The turns of a sensor with its axes in order close to this.
+OPEN = float(np.radians(10.0))
+
+
+@dataclass(frozen=True)
+class Accelerometer:
+    """What was found of the accelerometer on the way: acceleration = matrix (raw - bias).
+
+    Attributes:
+        bias: (3,) in m/s^2.
+        bias_deviation: (3,) its standard error.
+        matrix: (3, 3) upper triangular.
+        matrix_deviation: (3, 3) its standard error.
+    """
+
+    bias: Floats
+    bias_deviation: Floats
+    matrix: Floats
+    matrix_deviation: Floats
+
+
+@dataclass(frozen=True)
+class ReferenceFit:
+    """How the reference relates to the sensor.
+
+    Attributes:
+        rotation: (4,) from the axes of the reference's body to those of the sensor, x, y, z, w.
+        rotation_deviation: (3,) its standard error about the sensor's axes, in rad.
+        late: By how much its stamps are late, in s.
+        late_deviation: Its standard error in s.
+        noise: Deviation of an orientation in rad.
+        level: Whether it never tilts, and was compared about the vertical alone.
+    """
+
+    rotation: Floats
+    rotation_deviation: Floats
+    late: float
+    late_deviation: float
+    noise: float
+    level: bool
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was found.
+
+    Attributes:
+        matrix: (3, 3) for rate = matrix (raw - bias).
+        deviation: (3, 3) its standard error.
+        covariance: (9, 9) of its entries row by row.
+        accelerometer: Its nine numbers; None where there is no acceleration.
+        before: How the legs close with the raw rates, the bias off.
+        after: How they close with the matrix.
+        legs: (n, 3) of each turn between rests, and each span of a reference: index of the
+            recording, start and length in s.
+        rests: Number of rests.
+        sides: Number of orientations of the rests that differ by 20 deg and more.
+        rest_seconds: Time at rest in all.
+        unknown: In words what was not excited, and how far it is known.
+        warnings: What else to know.
+        reference: How the reference relates to the sensor; None without one.
+        noise: Of the sensor at rest.
+    """
+
+    matrix: Floats
+    deviation: Floats
+    covariance: Floats
+    accelerometer: Accelerometer | None
+    before: Closures
+    after: Closures
+    legs: Floats
+    rests: int
+    sides: int
+    rest_seconds: float
+    unknown: tuple[str, ...]
+    warnings: tuple[str, ...]
+    reference: ReferenceFit | None
+    noise: Noise
+
+
+def make_result(sessions: Sequence[Session], evidence: Evidence, solution: Solution) -> Calibration:
+    """Return the result of a solution.
+
+    Raises:
+        CalibrationError: It is no calibration of a gyroscope.
+    """
+    parts, unknowns = evidence.rests, solution.unknowns
+    before, after = (_closures(evidence, x) for x in (_with_identity(unknowns), unknowns))
+    matrix = unknowns[MATRIX].reshape(3, 3)
+    _check_matrix(matrix, after)
+    deviations = np.sqrt(np.diag(solution.covariance))
+    deviation = deviations[MATRIX].reshape(3, 3)
+    accelerometer = None
+    if any(part.measured for part in parts):
+        entries = np.zeros((3, 3))
+        entries[np.triu_indices(3)] = deviations[UPPER]
+        accelerometer = Accelerometer(
+            unknowns[OFFSET], deviations[OFFSET], upper(unknowns), entries
+        )
+    legs = [(leg.track, leg.time, leg.seconds) for part in parts for leg in part.legs]
+    for reference in evidence.references:
+        legs += [(reference.number, *span) for span in reference.spans]
+    rests = [rest for session in sessions for rest in session.rests.rests]
+    return Calibration(
+        matrix,
+        deviation,
+        solution.covariance[MATRIX, MATRIX],
+        accelerometer,
+        before,
+        after,
+        np.array(legs),
+        len(rests),
+        _sides(parts, unknowns),
+        float(sum(rest.seconds for rest in rests)),
+        tuple(_unknown(deviation)),
+        tuple(_warnings(sessions, parts)),
+        _fit(evidence, solution, deviations),
+        _noise(sessions, parts),
+    )
+
+
+def _closures(evidence: Evidence, unknowns: Floats) -> Closures:
+    found = [part.closures(unknowns) for part in evidence.rests]
+    found += [reference.closures(unknowns) for reference in evidence.references]
+    return Closures(
+        np.concatenate([closures.angles for closures in found]),
+        np.concatenate([closures.turned for closures in found]),
+    )
+
+
+def _fit(evidence: Evidence, solution: Solution, deviations: Floats) -> ReferenceFit | None:
+    if solution.mount is None:
+        return None
+    return ReferenceFit(
+        solution.mount.rotation,
+        deviations[TURNED],
+        float(solution.unknowns[LATE]),
+        float(deviations[LATE]),
+        float(np.mean([reference.deviation for reference in evidence.references])),
+        any(reference.level for reference in evidence.references),
+    )
+
+
+def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> Noise:
+    """Return the noise of the noisiest axes; the walk of the bias is rough, as rests are few."""
+    rate = np.mean([session.rests.rate_density for session in sessions], axis=0).max()
+    acceleration = np.mean([session.rests.acceleration_density for session in sessions], axis=0)
+    walks = [part.bias_walk for part in parts if part.legs]
+    track = sessions[0].track
+    return Noise(
+        float(rate**0.5),
+        float(np.mean(walks)) ** 0.5 if walks else None,
+        float(acceleration.max() ** 0.5) if np.isfinite(acceleration).all() else None,
+        (len(track.seconds) - 1) / float(np.ptp(track.seconds)),
+    )
+
+
+def _check_matrix(matrix: Floats, after: Closures) -> None:
+    why = ''
+    try:
+        Parameters(calibration_matrix=tuple(matrix.ravel().tolist()))
+    except ParameterError as error:
+        why = str(error)
+    if len(after.angles) and np.median(after.angles) > OPEN:
+        why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
+    if why:
+        raise CalibrationError(
+            f'no calibration makes the turns close: {why}. Has an axis a wrong sign, are axes '
+            'swapped, or the stamps wrong?'
+        )
+
+
+def _with_identity(unknowns: Floats) -> Floats:
+    out = unknowns.copy()
+    out[MATRIX] = np.eye(3).ravel()
+    return out
+
+
+def _sides(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> int:
+    """Return how many orientations are there, that gravity tells apart by 20 deg."""
+    sides: list[Floats] = []
+    for part in parts:
+        for vector in part.gravity(unknowns) if part.measured else ():
+            direction = vector / np.linalg.norm(vector)
+            if all(direction @ side < np.cos(np.radians(20.0)) for side in sides):
+                sides.append(direction)
+    return len(sides)
+
+
+def _unknown(deviation: Floats) -> list[str]:
+    """Return in words what was not excited: by the axis that it has to be turned about."""
+    out = []
+    for column, turned in enumerate(AXES):
+        parts = [
+            f'{"the scale of " + turned if row == column else f"{AXES[row]} against {turned}"} is '
+            f'known to {100.0 * deviation[row, column]:.1g} % only'
+            for row in range(3)
+            if deviation[row, column] > KNOWN
+        ]
+        if parts:
+            out.append(f'turn it about {turned}, too: {", ".join(parts)}')
+    return out
+
+
+def _warnings(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:
+    out = []
+    for session in sessions:
+        if session.rests.moved:
+            out.append(
+                'the sensor moved in what looked like rest, which is left out: '
+                + _times(session.rests.moved)
+            )
+        if session.track.even:
+            out.append('the stamps are those of arrival: samples are taken as evenly spaced')
+    for part in parts:
+        if part.broken:
+            out.append(
+                'turns with a gap or a rate at the end of its range are left out: '
+                + _times(part.broken)
+            )
+        legs = zip(part.legs, part.excess[len(part.excess) - len(part.legs) :], strict=True)
+        if bad := [leg.time for leg, excess in legs if excess > 0.0]:
+            out.append(f'turns that do not fit the others, and count for less: {_times(bad)}')
+    return out
+
+
+def _times(times: Sequence[float]) -> str:
+    listed = ', '.join(f'{time:.1f}' for time in times[:6])
+    return f'at {listed} s' + (f' and {len(times) - 6} more' if len(times) > 6 else '')

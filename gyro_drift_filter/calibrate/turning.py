@@ -1,0 +1,163 @@
+"""How a sensor turned between two rests, by its rates and a matrix, and what that depends on.
+
+With the rate M x, x = raw - bias, the rotation R from the first rest to the second changes by
+
+    dR = [dphi] R,   dphi = sum R(t) dM x(t) dt
+
+in the axes of the first rest, so one pass over the samples gives rotation and sensitivities.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.rests import Rest, Track
+from gyro_drift_filter.calibrate.rotations import (
+    from_vectors,
+    multiply,
+    product,
+    running_products,
+    to_matrices,
+)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The way from a rest to the next one.
+
+    Attributes:
+        track: Index of its recording.
+        rests: Indexes of the two rests among all.
+        time: Of its start in s.
+        seconds: Its length.
+        steps: (n,) times between samples in s.
+        raw: (n + 1, 3) rates less the bias that goes from that of one rest to that of the other,
+            in rad/s.
+        share: (n,) of the way from the one bias to the other.
+        push: (3,) the acceleration beside one that goes straight from rest to rest, summed up, in
+            m/s: what the dependence of the bias on it has done.
+    """
+
+    track: int
+    rests: tuple[int, int]
+    time: float
+    seconds: float
+    steps: Floats
+    raw: Floats
+    share: Floats
+    push: Floats
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What a leg is with a matrix.
+
+    Attributes:
+        rotation: (3, 3) from the axes at its end to those at its start.
+        angle: By how much it was turned in all, in rad.
+    """
+
+    rotation: Floats
+    angle: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What the rotation vector of a leg depends on, in the axes of its start.
+
+    Attributes:
+        by_matrix: (3, 9) by the entries of the matrix row by row.
+        by_biases: Two (3, 3), by the bias of the rest before and of the one behind, in s.
+    """
+
+    by_matrix: Floats
+    by_biases: tuple[Floats, Floats]
+
+
+def make_leg(
+    track: Track,
+    number: int,
+    rests: tuple[int, int],
+    ends: tuple[Rest, Rest],
+    by_force: Floats,
+) -> Leg:
+    """Return the leg between two rests of a track.
+
+    Args:
+        track: Of the recording.
+        number: Index of the recording.
+        rests: Indexes of the two rests.
+        ends: The rests themselves.
+        by_force: (3, 3) how the bias depends on the acceleration, in rad/s for each m/s^2.
+    """
+    before, behind = ends
+    span = slice(before.stop - 1, behind.first + 1)
+    seconds = track.seconds[span]
+    share = np.clip((seconds - before.time) / (behind.time - before.time), 0.0, 1.0)
+    bias = before.rate + share[:, None] * (behind.rate - before.rate)
+    beside = np.zeros((len(seconds), 3))
+    if track.accelerations is not None:
+        ahead, later = before.acceleration, behind.acceleration
+        beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
+    bias += beside @ by_force.T
+    steps = np.diff(seconds)
+    return Leg(
+        number,
+        rests,
+        float(seconds[0]),
+        float(np.ptp(seconds)),
+        steps,
+        track.rates[span] - bias,
+        0.5 * (share[1:] + share[:-1]),
+        steps @ beside[1:],
+    )
+
+
+def step_vectors(rates: Floats, steps: Floats) -> Floats:
+    """Return the rotation vector (n, 3) of each step between rates (n + 1, 3) in rad/s.
+
+    The rate is taken to go straight from sample to sample (Magnus expansion to its second term).
+    """
+    vectors = 0.5 * steps[:, None] * (rates[1:] + rates[:-1])
+    return np.asarray(vectors + (steps**2 / 12.0)[:, None] * np.cross(rates[:-1], rates[1:]))
+
+
+def rotations(raw: Floats, steps: Floats, matrix: Floats) -> tuple[Floats, Floats]:
+    """Return the rotation since the start, before (n + 1, 4) and in the middle of (n, 4) steps.
+
+    Args:
+        raw: (n + 1, 3) in rad/s, with the bias off.
+        steps: (n,) in s.
+        matrix: (3, 3).
+    """
+    vectors = step_vectors(raw @ matrix.T, steps)
+    before = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], running_products(from_vectors(vectors))])
+    return before, multiply(before[:-1], from_vectors(0.5 * vectors))
+
+
+def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Sensitivity]:
+    """Return what a leg is with a matrix (3, 3), and what that depends on."""
+    before, middle = rotations(leg.raw, leg.steps, matrix)
+    mean = 0.5 * (leg.raw[1:] + leg.raw[:-1]) * leg.steps[:, None]
+    axes = to_matrices(middle)
+    # Of the axis i of the turned sensor, times the raw rate j, in the axes of the start.
+    by_matrix = (axes.reshape(-1, 9).T @ mean).reshape(3, 9)
+    weighted = -leg.steps[:, None, None] * axes
+    behind = np.tensordot(leg.share, weighted, 1) @ matrix
+    whole = weighted.sum(axis=0) @ matrix
+    way = Turn(to_matrices(before[-1:])[0], _angle(mean @ matrix.T))
+    return way, Sensitivity(by_matrix, (whole - behind, behind))
+
+
+def turn_alone(leg: Leg, matrix: Floats) -> Turn:
+    """Return what a leg is with a matrix (3, 3)."""
+    vectors = step_vectors(leg.raw @ matrix.T, leg.steps)
+    rotation = to_matrices(product(from_vectors(vectors))[None])[0]
+    return Turn(rotation, _angle(vectors))
+
+
+def _angle(vectors: Floats) -> float:
+    return float(np.linalg.norm(vectors, axis=1).sum())

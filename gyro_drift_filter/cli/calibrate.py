@@ -1,0 +1,164 @@
+"""`gyro_drift calibrate`: scale and misalignment from a recording of turns by hand."""
+
+import argparse
+import io
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyro_drift_filter.cli.printing import is_terminal, say, tell
+from gyro_drift_filter.cli.progress import Progress
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.errors import printable
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.calibrate.calibration import Samples
+
+_NEEDED = "calibration needs the Python package scipy ({}): install it with 'pip install scipy'"
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'calibrate',
+        help='find scale and misalignment of a gyroscope that was turned by hand',
+        description='Find the rests of recordings in which the sensor was laid down on its sides '
+        'by hand, and the matrix by which its rates carry gravity from rest to rest; write a '
+        'parameter file that the node and replay read. docs/calibration.md says how to record.',
+    )
+    command.add_argument(
+        'bags',
+        type=Path,
+        nargs='+',
+        metavar='BAG',
+        help="of one sensor: rosbag2 folder, or a bare .mcap or .db3 file; or a file of Kalibr's "
+        "(.yaml) or of imu_tk's (.calib), to be written as a parameter file",
+    )
+    command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
+    command.add_argument('--json', type=Path, help='write all results, for programs')
+    command.add_argument(
+        '--plot', type=Path, metavar='FOLDER', help='draw rates, rests and closures as PNG files'
+    )
+    command.add_argument(
+        '--kalibr', type=Path, metavar='FILE', help='write it for Kalibr and OpenVINS, too'
+    )
+    command.add_argument('--topic', help='Imu topic, needed where a bag has several')
+    command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
+    command.add_argument('--end', type=float, help='s from the first sample on')
+    command.add_argument(
+        '--turns',
+        action='store_true',
+        help='between rests on the same side, whole turns led back to the same edge of a table',
+    )
+    command.add_argument(
+        '--reference',
+        metavar='TOPIC',
+        help='orientation from elsewhere in the same bag: a pose, transform, quaternion, odometry '
+        'or the orientation of an Imu; its rotation to the sensor and its delay are found',
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A name that the terminal's alphabet does not have must not end the work.
+        sys.stdout.reconfigure(errors='backslashreplace')
+    try:
+        from gyro_drift_filter.calibrate.calibration import calibrate
+        from gyro_drift_filter.calibrate.exchange import to_kalibr
+        from gyro_drift_filter.cli.calibration_report import parameter_file, report
+    except ImportError as error:
+        raise GyroDriftFilterError(_NEEDED.format(error)) from error
+    if options.plot:
+        try:
+            from gyro_drift_filter.cli.calibration_figures import draw
+        except ImportError as error:
+            raise GyroDriftFilterError(
+                f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
+                "install matplotlib'"
+            ) from error
+    check_targets(
+        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
+    )
+    if options.bags[0].suffix in ('.yaml', '.yml', '.calib') and options.bags[0].is_file():
+        _convert(options)
+        return
+    recordings = [_read(bag, options) for bag in options.bags]
+    result = calibrate(recordings, turns=options.turns)
+    texts, written = [report(result)], [options.output]
+    try:
+        source = printable(', '.join(bag.absolute().name for bag in options.bags))
+        write_whole(options.output, parameter_file(result, source))
+        if options.json:
+            write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
+            written.append(options.json)
+        if options.kalibr:
+            of = result.accelerometer
+            upper = of.matrix if of is not None else None
+            topic = options.topic or '/imu/data_raw'
+            write_whole(options.kalibr, to_kalibr(result.noise, topic, result.matrix, upper))
+            written.append(options.kalibr)
+        if options.plot:
+            written += draw(options.plot, result, recordings)
+        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
+    finally:  # also where the disk is full, as it took long to find
+        say('\n'.join(texts))
+    for warning in (*result.warnings, *result.unknown):
+        tell(f'warning: {warning}')
+
+
+def _convert(options: argparse.Namespace) -> None:
+    """Write the calibration of another program as a parameter file.
+
+    Raises:
+        GyroDriftFilterError: It can't be read, or is no calibration of a gyroscope.
+    """
+    import yaml
+
+    from gyro_drift_filter.calibrate.exchange import from_imu_tk, from_kalibr
+    from gyro_drift_filter.cli.calibration_report import foreign_file
+    from gyro_drift_filter.core import Parameters
+
+    path = options.bags[0]
+    if len(options.bags) > 1:
+        raise GyroDriftFilterError(f'{path} is a calibration: name it alone')
+    try:
+        text = path.read_text(encoding='utf-8')
+        kalibr = path.suffix != '.calib'
+        found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise GyroDriftFilterError(f'{path} is no YAML: {" ".join(str(error).split())}') from error
+    Parameters(calibration_matrix=tuple(found.matrix.ravel().tolist()))
+    write_whole(options.output, foreign_file(found, printable(path.name)))
+    say(f'wrote {options.output}')
+
+
+def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
+    """Return the samples of a bag."""
+    import numpy as np
+
+    from gyro_drift_filter.bags.orientations import read_orientations
+    from gyro_drift_filter.calibrate.calibration import Samples
+    from gyro_drift_filter.calibrate.reference import Reference
+    from gyro_drift_filter.cli.identification_samples import read_samples
+
+    progress = Progress(enabled=is_terminal())
+    try:
+        found = read_samples(bag, options.topic, (options.start, options.end), None, progress)
+    finally:
+        progress.finish()
+    if found.clock:
+        tell(f'note: {bag}: the stamps are zero: the time is that of {found.clock}')
+    reference = None
+    if options.reference:
+        seen = read_orientations(bag, options.reference)
+        reference = Reference(seen.stamps, seen.orientations)
+    return Samples(
+        found.stamps[:],
+        np.column_stack([column[:] for column in found.rates]),
+        np.column_stack([column[:] for column in found.accelerations]),
+        reference,
+    )

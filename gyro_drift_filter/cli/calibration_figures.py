@@ -1,0 +1,67 @@
+"""Figures of a calibration as PNG files; needs matplotlib."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from gyro_drift_filter.calibrate.calibration import Samples
+from gyro_drift_filter.calibrate.results import Calibration
+from gyro_drift_filter.core.parameters import AXES
+
+mpl.use('Agg')
+from matplotlib import pyplot as plt
+
+_COLOURS = '#d1722b', '#2a8a57', '#1f5fa8'
+_BEFORE, _AFTER = '#8a94a6', '#1f5fa8'
+
+
+def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> list[Path]:
+    """Draw the rates with the turns shaded, and how the turns close before and after.
+
+    Args:
+        folder: Made if it is missing; files of the same names in it are replaced.
+        result: Of the recordings.
+        recordings: What it was found from.
+
+    Returns:
+        The files written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    figure, panels = plt.subplots(
+        len(recordings), 1, figsize=(9, 3.5 * len(recordings)), layout='constrained', squeeze=False
+    )
+    for number, (panel, samples) in enumerate(zip(panels[:, 0], recordings, strict=True)):
+        seconds = (samples.stamps - samples.stamps[0]) * 1e-9
+        for axis, (name, colour) in enumerate(zip(AXES, _COLOURS, strict=True)):
+            rate = np.degrees(samples.rates[:, axis])
+            panel.plot(seconds, rate, linewidth=0.5, color=colour, label=name)
+        for _, begin, length in result.legs[result.legs[:, 0] == number]:
+            panel.axvspan(begin, begin + length, color=_BEFORE, alpha=0.2, linewidth=0)
+        panel.set_xlabel('time (s)')
+        panel.set_ylabel('raw rate (deg/s)')
+        panel.legend(loc='best', fontsize=8)
+    figure.suptitle('Turns, shaded, between rests')
+    written.append(folder / 'turns.png')
+    figure.savefig(written[-1], dpi=110)
+    plt.close(figure)
+    figure, closures = plt.subplots(figsize=(9, 4), layout='constrained')
+    place = np.arange(len(result.legs))
+    for closed, colour, label, shift in (
+        (result.before, _BEFORE, 'before', -0.2),
+        (result.after, _AFTER, 'after', 0.2),
+    ):
+        angles = np.maximum(np.degrees(closed.angles), 1e-3)
+        closures.bar(place + shift, angles, 0.4, color=colour, label=label)
+    closures.set_yscale('log')
+    closures.set_xlabel('turn')
+    closures.set_ylabel('left open (deg)')
+    closures.legend()
+    closures.grid(alpha=0.3, axis='y')
+    figure.suptitle('How the turns close')
+    written.append(folder / 'closures.png')
+    figure.savefig(written[-1], dpi=110)
+    plt.close(figure)
+    return written

@@ -1,0 +1,143 @@
+"""What `gyro_drift calibrate` prints and writes: tables and the parameter file."""
+
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.calibrate.between_rests import Closures
+from gyro_drift_filter.calibrate.exchange import Foreign
+from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core.parameters import AXES
+
+Floats = NDArray[np.float64]
+
+
+def report(result: Calibration) -> str:
+    """Return all tables of a calibration."""
+    sides = f' on {result.sides} sides' if result.sides else ''
+    parts = [
+        f'rests: {result.rests}{sides}, {result.rest_seconds:.0f} s in all; {len(result.legs)} '
+        f'turns between them{" or seen by the reference" if result.reference else ""}',
+        'rate = matrix (raw - bias), with standard errors',
+        _matrix(result.matrix, result.deviation),
+    ]
+    if len(result.legs):
+        parts.append(_closures(result))
+    if result.accelerometer is not None:
+        found = result.accelerometer
+        parts += [
+            'on the way: acceleration = matrix (raw - bias)',
+            _matrix(found.matrix, found.matrix_deviation),
+            'bias (m/s^2): '
+            + ', '.join(
+                f'{value:.4f} +- {deviation:.4f}'
+                for value, deviation in zip(found.bias, found.bias_deviation, strict=True)
+            ),
+        ]
+    if result.reference is not None:
+        parts.append(_reference(result.reference))
+    return '\n\n'.join(parts)
+
+
+def _reference(fit: ReferenceFit) -> str:
+    lines = [
+        f'reference: {1e3 * fit.late:.1f} +- {1e3 * fit.late_deviation:.1f} ms late, noise '
+        f'{math.degrees(fit.noise):.2g} deg'
+    ]
+    if fit.level:
+        lines.append('  it never tilts: compared about the vertical alone')
+    else:
+        quaternion = ', '.join(f'{value:.5f}' for value in fit.rotation)
+        deviation = math.degrees(float(np.max(fit.rotation_deviation)))
+        lines.append(f'  rotation to the sensor: x, y, z, w {quaternion} +- {deviation:.2g} deg')
+    return '\n'.join(lines)
+
+
+def _matrix(values: Floats, deviations: Floats) -> str:
+    rows = [['', *AXES]]
+    for name, row, errors in zip(AXES, values, deviations, strict=True):
+        cells = (f'{v:.5f} +- {d:.5f}' for v, d in zip(row, errors, strict=True))
+        rows.append([f'  {name}', *cells])
+    return table(rows)
+
+
+def _closures(result: Calibration) -> str:
+    """Return the table of what the turns leave open, before and after."""
+    rows = [['what the turns leave open', 'before', 'after']]
+    both = result.before, result.after
+    seconds = float(result.legs[:, 2].sum())
+
+    def row(title: str, values: list[float]) -> None:
+        rows.append([title, *(f'{value:.2f}' for value in values)])
+
+    def degrees(of: Closures) -> Floats:
+        return np.degrees(of.angles)
+
+    row('root mean square (deg)', [float(np.sqrt(np.mean(degrees(of) ** 2))) for of in both])
+    row('median (deg)', [float(np.median(degrees(of))) for of in both])
+    row('worst (deg)', [float(degrees(of).max()) for of in both])
+    # The same turns by both.
+    turned = float(result.after.turned.sum()) / (2.0 * math.pi)
+    row('for each whole turn (deg)', [float(degrees(of).sum()) / turned for of in both])
+    row(
+        'for each minute of turning (deg)', [60 * float(degrees(of).sum()) / seconds for of in both]
+    )
+    return table(rows)
+
+
+def parameter_file(result: Calibration, source: str) -> str:
+    """Return the text of a ROS 2 parameter file.
+
+    Args:
+        result: To be written.
+        source: Names of the recordings, for a comment.
+    """
+    day = datetime.now(UTC).strftime('%Y-%m-%d')
+    name = ''.join(c if c.isprintable() else '?' for c in source)
+    lines = [
+        '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
+        f'# Found from {name}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
+    ]
+    lines += [f'# Not known well: {text}' for text in result.unknown]
+    if (found := result.accelerometer) is not None:
+        lines += [
+            '# The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
+            f'#   matrix: {_listed(found.matrix)}',
+            f'#   bias: {_listed(found.bias)}',
+        ]
+    lines += [
+        '/**:',
+        '  ros__parameters:',
+        '    calibration:',
+        '      # rate = matrix (filtered - bias), row by row; standard errors:',
+        f'      # {_listed(result.deviation)}',
+        f'      matrix: {_listed(result.matrix)}',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def foreign_file(found: Foreign, source: str) -> str:
+    """Return the text of a ROS 2 parameter file with the calibration of another program.
+
+    Args:
+        found: To be written.
+        source: Name of the file, for a comment.
+    """
+    lines = [
+        f'# Scale and misalignment of a gyroscope, from {source}.',
+        '/**:',
+        '  ros__parameters:',
+        '    calibration:',
+        f'      matrix: {_listed(found.matrix)}',
+    ]
+    if found.bias is not None:
+        lines += ['    bias:', f'      initial: {_listed(found.bias)}']
+    return '\n'.join(lines) + '\n'
+
+
+def _listed(values: Floats) -> str:
+    # rcl takes a list of one type only, so every number has a point or an exponent.
+    return '[' + ', '.join(f'{value:.9e}' for value in values.ravel()) + ']'
