@@ -6,14 +6,16 @@ import pytest
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.memory_file import recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from support.bags import read, write
 from support.messages import START, STORE
-from support.sensor import DEGREE, at_rest
+from support.sensor import DEGREE, at_rest, by_hand
 
 
 def imus(rates, accelerations):
@@ -115,3 +117,48 @@ def test_the_temperature_beside_the_imu_widens_the_bias(tmp_path, random):
         filtered = STORE.deserialize_cdr(message, IMU_TYPE)
         variance[folder] = filtered.angular_velocity_covariance[0]
     assert variance['warm'] > variance['cold'] + 0.5 * (40 * 5e-4) ** 2
+
+
+def test_a_chain_of_recordings_keeps_the_bias(tmp_path, random):
+    """As the node does from one run to the next: the same bits."""
+    truth = (0.01, -0.02, 0.005)
+    first = write(tmp_path / 'first', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20, truth))})
+    rates, accelerations = at_rest(random, 5, truth)
+    turn, push = by_hand(random, 5)
+    moved = rates + turn, accelerations + push
+    second = write(tmp_path / 'second', {(TOPIC, IMU_TYPE): imus(*moved)})
+    memory = tmp_path / 'bias.json'
+    (learned,) = replay(first, tmp_path / 'a', parameters=Parameters(), memory=memory)
+    recalled = recall(memory, None, FRAME, 1.0, START * 1e-9)
+    replay(second, tmp_path / 'b', parameters=Parameters(), memory=memory, diagnostics=True)
+    written, _ = read(tmp_path / 'b')
+    topic = '/gyro_drift_filter/bias'
+    found = [STORE.deserialize_cdr(data, VECTOR_TYPE).vector for _, data in written[topic]]
+    np.testing.assert_allclose((found[0].x, found[0].y, found[0].z), learned.bias, atol=1e-9)
+    filter_ = Filter()
+    recalled.give(filter_)
+    for k, (rate, acceleration) in enumerate(zip(*moved, strict=True)):
+        result = filter_.step(START + 10_000_000 * k, rate, acceleration)
+        assert (found[k].x, found[k].y, found[k].z) == tuple(result['bias'])
+
+
+def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplog):
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20))})
+    memory = tmp_path / 'bias.json'
+    memory.write_text('{')
+    replay(source, tmp_path / 'out', parameters=Parameters(), memory=memory)
+    assert 'the bias of the last recording is not used' in caplog.text
+    assert recall(memory, None, FRAME, 1.0, START * 1e-9) is not None
+
+
+def test_a_memory_is_of_one_gyroscope(tmp_path, random):
+    messages = imus(*at_rest(random, 1))
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages, ('/b', IMU_TYPE): messages})
+    with pytest.raises(BagError, match='name one Imu topic'):
+        replay(
+            source,
+            tmp_path / 'out',
+            parameters=Parameters(),
+            selection=Selection(all_imu=True),
+            memory=tmp_path / 'bias.json',
+        )

@@ -40,6 +40,7 @@ def replay(
     selection: Selection = Selection(),  # noqa: B008  # frozen
     diagnostics: bool = False,
     hint: str | None = None,
+    memory: Path | None = None,
     force: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> list[Summary]:
@@ -56,6 +57,7 @@ def replay(
         selection: Which topics, and which time.
         diagnostics: Whether the per-sample topics are written, too.
         hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
+        memory: File of the bias that the recording before has left; it is written at the end.
         force: Whether a bag at the destination is replaced.
         progress: Called with the number of messages done and their total.
 
@@ -65,6 +67,7 @@ def replay(
     Raises:
         BagError: The source can't be read, holds no Imu or none that can be filtered, or the
             destination can't be written.
+        MemoryFileError: `memory` can't be written.
     """
     if destination.exists() and not force:
         raise BagError(
@@ -74,10 +77,14 @@ def replay(
         raise BagError(f'{destination} is the bag to be read: choose another name')
     with open_bag(source) as recording:
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
+        if memory is not None and len(inputs) > 1:
+            raise BagError('a file of the bias is of one gyroscope: name one Imu topic')
         hinted = None if hint is None else choose_hint(recording, hint)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
             run = ReplayRun(recording, output, parameters, inputs, hinted)
+            if memory is not None:
+                run.use_memory(memory)
             done = 0
             for piece, read in selection.pieces(recording):
                 run.take(piece)
@@ -86,6 +93,7 @@ def replay(
             summaries = run.finish()
             if not any(summary.written for summary in summaries):
                 raise BagError(_why_nothing(summaries[0], selection))
+        run.save_memory()
     return summaries
 
 

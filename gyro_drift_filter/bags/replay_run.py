@@ -4,11 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.bias_memory import BiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
@@ -99,6 +101,21 @@ class ReplayRun:
             for topic, names in inputs.items()
         ]
 
+    def use_memory(self, path: Path) -> None:
+        """Have the filters start with the bias of the recording before."""
+        for filter_ in self._filters:
+            filter_.use_memory(path)
+
+    def save_memory(self) -> None:
+        """Write the bias for the next recording.
+
+        Raises:
+            MemoryFileError: The disk does not take it.
+        """
+        for filter_ in self._filters:
+            if filter_.memory is not None:
+                filter_.memory.save()
+
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
 
@@ -153,6 +170,7 @@ class TopicFilter:
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
+        self.memory: BiasMemory | None = None
         self._health = Health(names.node)
         self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
@@ -165,6 +183,8 @@ class TopicFilter:
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
+        if self.memory is not None:
+            self.memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
         notes: Any = np.zeros(len(reports), NOTE)
@@ -185,6 +205,10 @@ class TopicFilter:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
         self._statistics.add(imus, piece.rows['log_time'][imus['row']])
         return self.messages.reports(notes)
+
+    def use_memory(self, path: Path) -> None:
+        """Start with the bias of the recording before."""
+        self.memory = BiasMemory(path, self._names.node, self.messages.filter)
 
     def judge(
         self, of_filter: Sequence[MessageReport], reports: Any

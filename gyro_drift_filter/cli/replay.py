@@ -65,6 +65,13 @@ def add_parser(subcommands: Any) -> None:
         metavar='TOPIC',
         help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
     )
+    command.add_argument(
+        '--bias-memory',
+        type=Path,
+        metavar='FILE',
+        help='start with the bias that the recording before has left in this file, as a node does '
+        'with its own, and write it for the next one',
+    )
     command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
     command.add_argument(
         '--quiet', action='store_true', help='no progress, no table; warnings are told'
@@ -106,6 +113,7 @@ def run(options: argparse.Namespace) -> None:
             ),
             diagnostics=options.diagnostics,
             hint=options.motion_hint,
+            memory=options.bias_memory,
             force=options.force,
             progress=progress,
         )

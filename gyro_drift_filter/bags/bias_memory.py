@@ -1,0 +1,64 @@
+"""The bias from one recording of a robot to the next, in a file like that of the node."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from gyro_drift_filter.bags.recording import Piece
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
+from gyro_drift_filter.messages.memory_file import (
+    MemoryFileError,
+    RememberedBias,
+    recall,
+    remember,
+)
+
+_log = logging.getLogger(__name__)
+
+
+class BiasMemory:
+    """Recall the bias at the first good message of a recording, and remember it at its end.
+
+    Its times are the log times of the recordings.
+    """
+
+    def __init__(self, path: Path, node: str, filter_: Filter) -> None:
+        self._path, self._node, self._filter = path, node, filter_
+        self._frame: str | None = None
+        self._time = 0.0
+
+    def note(self, piece: Piece, imus: Any) -> None:
+        """Recall the bias before the Imu messages of a piece go through the filter."""
+        rows = imus['row'].tolist()
+        for row in rows if self._frame is None else ():
+            data = piece.message(row)
+            imu = read_message(data)
+            if imu['kind'] == ImuKind.MALFORMED:
+                continue
+            self._frame = frame_id(data, imu)
+            self._recall(int(piece.rows[row]['log_time']) * 1e-9)
+            break
+        if rows:
+            self._time = int(piece.rows[rows[-1]]['log_time']) * 1e-9
+
+    def _recall(self, now: float) -> None:
+        largest = self._filter.parameters.bias_max
+        try:
+            found = recall(self._path, None, self._frame or '', largest, now)
+        except MemoryFileError as error:
+            _log.warning('the bias of the last recording is not used: %s', error)
+            return
+        if found is not None:
+            found.give(self._filter)
+
+    def save(self) -> None:
+        """Write what was learned, if anything was.
+
+        Raises:
+            MemoryFileError: The disk does not take it.
+        """
+        if self._frame is None or self._filter.state['bias']['segments'] == 0:
+            return
+        bias = RememberedBias.of(self._filter)
+        remember(self._path, self._node, self._frame, bias, self._time)
