@@ -67,7 +67,14 @@ def test_a_hint_in_the_bag_is_taken_as_the_node_takes_it(kind, tmp_path, random)
     source = write(
         tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*data), ('/odom', HINT_TYPES[kind]): hints}
     )
-    replay(source, tmp_path / 'out', parameters=Parameters(), diagnostics=True, hint='odom')
+    selection = Selection(hint='odom')
+    replay(
+        source,
+        tmp_path / 'out',
+        parameters=Parameters(),
+        selection=selection,
+        diagnostics=True,
+    )
     filter_ = Filter()
     biases, rests = [], []
     for k, (rate, acceleration) in enumerate(zip(*data, strict=True)):
@@ -95,9 +102,9 @@ def test_a_hint_in_the_bag_is_taken_as_the_node_takes_it(kind, tmp_path, random)
 def test_hints_that_do_not_fit_are_refused(tmp_path, random):
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 1))})
     with pytest.raises(BagError, match='no topic odom in the bag'):
-        replay(source, tmp_path / 'out', parameters=Parameters(), hint='odom')
+        replay(source, tmp_path / 'out', parameters=Parameters(), selection=Selection(hint='odom'))
     with pytest.raises(BagError, match='is of type sensor_msgs/msg/Imu, not one of geometry_msgs'):
-        replay(source, tmp_path / 'out', parameters=Parameters(), hint=TOPIC)
+        replay(source, tmp_path / 'out', parameters=Parameters(), selection=Selection(hint=TOPIC))
 
 
 def test_the_temperature_beside_the_imu_widens_the_bias(tmp_path, random):

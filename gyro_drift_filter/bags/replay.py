@@ -39,7 +39,6 @@ def replay(
     parameters: Parameters,
     selection: Selection = Selection(),  # noqa: B008  # frozen
     diagnostics: bool = False,
-    hint: str | None = None,
     memory: Path | None = None,
     force: bool = False,
     progress: Progress = lambda done, total: None,
@@ -56,7 +55,6 @@ def replay(
         parameters: Of the filters.
         selection: Which topics, and which time.
         diagnostics: Whether the per-sample topics are written, too.
-        hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
         memory: File of the bias that the recording before has left; it is written at the end.
         force: Whether a bag at the destination is replaced.
         progress: Called with the number of messages done and their total.
@@ -79,6 +77,7 @@ def replay(
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
         if memory is not None and len(inputs) > 1:
             raise BagError('a file of the bias is of one gyroscope: name one Imu topic')
+        hint = selection.hint
         hinted = None if hint is None else choose_hint(recording, hint)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)

@@ -23,6 +23,7 @@ class Selection:
         kept: Topics that are copied; None for all.
         start: In s of log time since the first message of the recording.
         end: The same; messages at that time are the last.
+        hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
     """
 
     imu_topics: tuple[str, ...] = ()
@@ -31,6 +32,7 @@ class Selection:
     kept: tuple[str, ...] | None = None
     start: float = 0.0
     end: float = math.inf
+    hint: str | None = None
 
     def inputs(self, recording: Recording) -> dict[str, Topics]:
         """Return the names of the outputs by the Imu topic that they belong to.

@@ -26,7 +26,7 @@ what is learned in motion is not learned of the bias at rest, and the landing do
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
+from typing import Annotated, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,6 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
 from gyro_drift_filter.core.sample import Sample
-
-if TYPE_CHECKING:
-    from gyro_drift_filter.core.settings import Settings
 
 STATES = 12
 DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
@@ -89,7 +86,6 @@ class BiasShift(NamedTuple):
 
 NO_SHIFT = BiasShift((0.0, 0.0, 0.0), (math.inf, math.inf, math.inf))
 
-RowByRow = Annotated[NDArray[np.float64], np.float64, (9,)]
 Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
 Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
 
@@ -292,7 +288,6 @@ def track_motion(
     seconds: float,
     at_rest: bool,
     value_samples: int,
-    settings: 'Settings',
 ) -> None:
     """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`.
 
@@ -312,7 +307,7 @@ def track_motion(
     if not finite:
         lose_direction(state)
     elif state['samples'] >= value_samples:
-        _take_value(state, workspace, at_rest, settings)
+        _take_value(state, workspace, at_rest)
         _start_value(state)
 
 
@@ -325,9 +320,7 @@ def _start_value(state: MotionBias) -> None:
 
 
 @kernel
-def _take_value(
-    state: MotionBias, workspace: MotionWorkspace, at_rest: bool, settings: 'Settings'
-) -> None:
+def _take_value(state: MotionBias, workspace: MotionWorkspace, at_rest: bool) -> None:
     values, seconds, speed = state['values'], state['seconds'], state['speed']
     size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
     if not state['directed']:
@@ -338,7 +331,7 @@ def _take_value(
             state['moving'] = False
             _start_motion(state, START_DIRECTION)
         return
-    _turn_by_value(state, workspace, settings)
+    _turn_by_value(state, workspace)
     if at_rest:
         state['moving'] = False
         if size > 0.0:
@@ -425,14 +418,12 @@ def _start_block(state: MotionBias) -> None:
 
 
 @kernel
-def _turn_by_value(state: MotionBias, workspace: MotionWorkspace, settings: 'Settings') -> None:
+def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Turn what is in the body frame against the body (Rodrigues)."""
     values, seconds, turn = state['values'], state['seconds'], workspace['turn']
     x = state['angle'][0] - values[BIAS] * seconds
     y = state['angle'][1] - values[BIAS + 1] * seconds
     z = state['angle'][2] - values[BIAS + 2] * seconds
-    if settings['is_calibrated']:
-        x, y, z = _calibrated(settings['calibration_matrix'], x, y, z)
     square = x * x + y * y + z * z
     across, within = rotation_terms(square)
     turn[0, 0] = 1.0 - within * (square - x * x)
@@ -447,15 +438,6 @@ def _turn_by_value(state: MotionBias, workspace: MotionWorkspace, settings: 'Set
     _turn_matrix(turn, state['turn_integral'], workspace['turned'])
     for axis in range(3):
         state['turn_integral'][axis, axis] += seconds
-
-
-@kernel
-def _calibrated(matrix: RowByRow, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return (
-        matrix[0] * x + matrix[1] * y + matrix[2] * z,
-        matrix[3] * x + matrix[4] * y + matrix[5] * z,
-        matrix[6] * x + matrix[7] * y + matrix[8] * z,
-    )
 
 
 @kernel

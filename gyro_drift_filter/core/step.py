@@ -214,7 +214,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             lose_direction(motion)
     seconds *= 1 + max(missing, 0)
     at_rest = state['bias']['rest']['at_rest']
-    track_motion(motion, workspace, sample, seconds, at_rest, lengths['value'], filter_['settings'])
+    track_motion(motion, workspace, sample, seconds, at_rest, lengths['value'])
 
 
 @kernel
