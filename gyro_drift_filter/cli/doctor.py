@@ -96,10 +96,8 @@ def _wrapped(head: str, text: str) -> list[str]:
 
 def as_json(bag: Path, topic: str, findings: Sequence['Finding']) -> str:
     """Return the same for programs."""
-    listed = [
-        as_plain(finding) | {'values': {k: as_plain(v) for k, v in finding.values.items()}}
-        for finding in findings
-    ]
-    sound = all(finding.verdict != 'fault' for finding in findings)
-    plain = {'bag': str(bag), 'topic': topic, 'sound': sound, 'findings': listed}
+    from gyro_drift_filter.doctor.findings import is_sound
+
+    found = {'sound': is_sound(findings), 'findings': as_plain(findings)}
+    plain = {'bag': str(bag), 'topic': topic} | found
     return json.dumps(plain, indent=1, allow_nan=False) + '\n'

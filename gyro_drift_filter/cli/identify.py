@@ -1,15 +1,18 @@
 """`gyro_drift identify`: a parameter file from a motionless recording."""
 
 import argparse
-import io
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import is_terminal, say, tell
+from gyro_drift_filter.cli.printing import is_terminal, say, take_any_name, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.result_files import (
+    as_plain,
+    check_targets,
+    without_matplotlib,
+    write_whole,
+)
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 
@@ -89,9 +92,7 @@ def _order(text: str) -> tuple[int, int]:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A name that the terminal's alphabet does not have must not end the work.
-        sys.stdout.reconfigure(errors='backslashreplace')
+    take_any_name()
     try:
         from gyro_drift_filter.calibrate.exchange import to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
@@ -104,10 +105,7 @@ def run(options: argparse.Namespace) -> None:
         try:
             from gyro_drift_filter.cli.identification_figures import draw
         except ImportError as error:
-            raise GyroDriftFilterError(
-                f"--plot needs the Python package matplotlib ({error}): install it with 'pip "
-                "install matplotlib'"
-            ) from error
+            raise without_matplotlib(error) from error
     check_targets(
         {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
     )

@@ -1,5 +1,6 @@
 """Print results and remarks; a stream that takes nothing does not undo what was done."""
 
+import io
 import os
 import sys
 from contextlib import suppress
@@ -24,6 +25,12 @@ def say(text: str) -> None:
         raise GyroDriftFilterError(
             f'all is written, but the standard output can not be: {error.strerror}'
         ) from error
+
+
+def take_any_name() -> None:
+    """Have the standard output escape what its alphabet lacks: a name must not end the work."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='backslashreplace')
 
 
 def tell(text: str, end: str = '\n') -> None:

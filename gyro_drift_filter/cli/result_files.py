@@ -55,6 +55,14 @@ def check_targets(options: dict[str, Path | None], folder: Path | None) -> None:
     _check_writable(above)
 
 
+def without_matplotlib(error: ImportError) -> GyroDriftFilterError:
+    """Return what to say where `--plot` lacks its library."""
+    return GyroDriftFilterError(
+        f"--plot needs the Python package matplotlib ({error}): install it with 'pip install "
+        "matplotlib'"
+    )
+
+
 def _check_writable(folder: Path) -> None:
     try:
         tempfile.TemporaryFile(dir=folder).close()
@@ -87,6 +95,8 @@ def as_plain(value: Any) -> Any:
             for field in dataclasses.fields(value)
             if field.name not in _LONG
         }
+    if isinstance(value, dict):
+        return {key: as_plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [as_plain(item) for item in value]
     if isinstance(value, np.ndarray):

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
+from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of
 from gyro_drift_filter.core.sample import Sample
 
 STATES = 12
@@ -145,7 +146,6 @@ class MotionWorkspace(TypedDict):
     turn: Matrix
     turned: Matrix
     rate: PerAxis  # rad/s, of the sample or, where that is an outlier, of the filter
-    random_walk: PerAxis  # rad^2/s, of the angle by the noise at rest
     sound: bool  # the sample is no outlier on any axis, so that its acceleration is believed
 
 
@@ -286,13 +286,10 @@ def track_motion(
     workspace: MotionWorkspace,
     sample: Sample,
     seconds: float,
-    at_rest: bool,
-    value_samples: int,
+    rest: Rest,
+    lengths: RestLengths,
 ) -> None:
-    """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`.
-
-    `value_samples` are averaged to a value.
-    """
+    """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`."""
     rate, acceleration = workspace['rate'], sample['linear_acceleration']
     finite = seconds <= LONGEST_GAP
     for axis in range(3):
@@ -306,8 +303,8 @@ def track_motion(
     state['samples'] += 1
     if not finite:
         lose_direction(state)
-    elif state['samples'] >= value_samples:
-        _take_value(state, workspace, at_rest)
+    elif state['samples'] >= lengths['value']:
+        _take_value(state, workspace, rest, lengths)
         _start_value(state)
 
 
@@ -320,7 +317,9 @@ def _start_value(state: MotionBias) -> None:
 
 
 @kernel
-def _take_value(state: MotionBias, workspace: MotionWorkspace, at_rest: bool) -> None:
+def _take_value(
+    state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
+) -> None:
     values, seconds, speed = state['values'], state['seconds'], state['speed']
     size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
     if not state['directed']:
@@ -328,11 +327,10 @@ def _take_value(state: MotionBias, workspace: MotionWorkspace, at_rest: bool) ->
             for axis in range(3):
                 values[DIRECTION + axis] = speed[axis] / size
             state['directed'] = True
-            state['moving'] = False
             _start_motion(state, START_DIRECTION)
         return
     _turn_by_value(state, workspace)
-    if at_rest:
+    if rest['at_rest']:
         state['moving'] = False
         if size > 0.0:
             for axis in range(3):
@@ -354,7 +352,7 @@ def _take_value(state: MotionBias, workspace: MotionWorkspace, at_rest: bool) ->
         state['moving_seconds'] += state['block_seconds']
         if before < UNKNOWN_SECONDS <= state['moving_seconds']:
             _limit_prior(state)
-        _predict_covariance(state, workspace)
+        _predict_covariance(state, workspace, rest, lengths)
         _expect_no_velocity(state, workspace)
         _expect_length(state, workspace)
         _start_block(state)
@@ -465,7 +463,9 @@ def _cross(values: Values, first: int, matrix: Matrix, i: int, k: int) -> float:
 
 
 @kernel
-def _predict_covariance(state: MotionBias, workspace: MotionWorkspace) -> None:
+def _predict_covariance(
+    state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
+) -> None:
     """Carry the covariance over the block, (8)."""
     values, turn, integral = state['values'], state['turn'], state['turn_integral']
     covariance, forward = state['covariance'], workspace['transition']
@@ -501,7 +501,7 @@ def _predict_covariance(state: MotionBias, workspace: MotionWorkspace) -> None:
     # 2 (1 - cos(angle)) of what the body has turned
     turned = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
     for axis in range(3):
-        walk = DIRECTION_WALK * DIRECTION_WALK + workspace['random_walk'][axis]
+        walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths)
         covariance[axis, axis] += walk * seconds
         covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * turned
         i = VELOCITY + axis

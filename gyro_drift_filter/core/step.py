@@ -21,7 +21,7 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord
-from gyro_drift_filter.core.rest import derive_lengths, random_walk_of
+from gyro_drift_filter.core.rest import derive_lengths
 from gyro_drift_filter.core.sample import (
     RESULT,
     SAMPLE,
@@ -201,10 +201,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     if says_nothing(state['checks']):
         lose_direction(motion)
     workspace['sound'] = True
-    lengths = filter_['coefficients']['rest']
     for axis in range(3):
-        walk = random_walk_of(state['bias']['rest'], axis, lengths)
-        workspace['random_walk'][axis] = walk
         rate = sample['angular_velocity'][axis]
         if result['outlier'][axis] > 0.0:
             rate = result['angular_velocity'][axis]
@@ -213,8 +210,8 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         if state['checks']['at_limit'][axis]:
             lose_direction(motion)
     seconds *= 1 + max(missing, 0)
-    at_rest = state['bias']['rest']['at_rest']
-    track_motion(motion, workspace, sample, seconds, at_rest, lengths['value'])
+    rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
+    track_motion(motion, workspace, sample, seconds, rest, lengths)
 
 
 @kernel

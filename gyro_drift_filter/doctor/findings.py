@@ -1,5 +1,6 @@
 """What an examination says: one line each, with a verdict."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -32,6 +33,6 @@ class Finding:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def is_sound(findings: list[Finding]) -> bool:
+def is_sound(findings: Sequence[Finding]) -> bool:
     """Tell whether there is no fault among the findings."""
     return all(finding.verdict != Verdict.FAULT for finding in findings)
