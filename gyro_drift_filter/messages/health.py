@@ -138,13 +138,22 @@ def _input_values(span: Span) -> dict[str, Any]:
     }
 
 
+def _row_by_row(values: Sequence[float]) -> str:
+    return ' '.join(f'{value:g}' for value in values)
+
+
 def _filter_values(span: Span) -> dict[str, Any]:
     state = span.now.telemetry
     return {
         'Method': span.now.parameters.method,
         'Version': package_version(),
-        'Calibration matrix': ' '.join(f'{v:g}' for v in span.now.parameters.calibration_matrix)
+        'Calibration matrix': _row_by_row(span.now.parameters.calibration_matrix)
         if span.now.parameters.is_calibrated
+        else 'none',
+        'Acceleration sensitivity (rad/s per m/s^2)': _row_by_row(
+            span.now.parameters.calibration_acceleration_sensitivity
+        )
+        if span.now.parameters.is_sensitive
         else 'none',
         'Outliers': state.outliers,
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
