@@ -45,6 +45,8 @@ setup(
             'scipy>=1.11',
             'statsmodels>=0.14',
         ],
+        # The report: a page that needs no network, with long signals reduced.
+        'report': ['plotly>=6', 'tsdownsample>=0.1.3'],
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',
@@ -65,6 +67,7 @@ setup(
             'pytest>=8',
             'pytest-xdist>=3.7',
             'ruff>=0.14',
+            'selenium>=4.20',
             'scipy>=1.11',
             'types-PyYAML',
             'types-setuptools',
