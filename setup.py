@@ -21,7 +21,7 @@ setup(
     description=package.findtext('description', ''),
     license=package.findtext('license', ''),
     packages=find_packages(include=[name, f'{name}.*']),
-    package_data={name: ['py.typed']},
+    package_data={name: ['py.typed', 'report/page.css', 'report/page.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),

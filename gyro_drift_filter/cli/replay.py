@@ -143,7 +143,7 @@ def run(options: argparse.Namespace) -> None:
         tell(f'note: left out {printable(topic)}: {reason}')
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
     if options.json:
-        write_whole(options.json, as_json(options.bag, verdicts))
+        write_whole(options.json, as_json([(options.bag, verdicts)]))
     if not options.quiet:
         pages = [describe(verdict) for verdict in verdicts]
         say('\n\n'.join(pages) + f'\nwrote {options.output}')

@@ -1,7 +1,7 @@
 """Verdicts for programs, as JSON in SI units; `report/verdict.py` says what each figure is."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from gyro_drift_filter.report.verdict import Verdict
 
 
-def as_json(bag: Path, verdicts: Sequence['Verdict']) -> str:
-    """Return the verdicts on the Imu topics of a bag; what is not known is null."""
-    plain = {'bag': str(bag), 'verdicts': as_plain(verdicts)}
-    return json.dumps(plain, indent=1, allow_nan=False) + '\n'
+def as_json(bags: Iterable[tuple[Path, Iterable['Verdict']]]) -> str:
+    """Return the verdicts on the Imu topics of bags; what is not known is null."""
+    plain = [
+        {'bag': str(bag), **as_plain(verdict)} for bag, verdicts in bags for verdict in verdicts
+    ]
+    return json.dumps({'verdicts': plain}, indent=1, allow_nan=False) + '\n'
