@@ -4,8 +4,8 @@
 (() => {
   const PARTS = 900, SHADES = 300;
   const OKABE_ITO = {
-    light: { raw: '#8a8a8a', methods: ['#0072b2', '#cc79a7', '#009e73'], recorded: '#b87900', outlier: '#d55e00', rest: '#009e73', q: '#d55e00', r: '#0072b2', band: '#0072b2', deviation: '#0072b2', expected: '#1a1a1a', text: '#1a1a1a', grid: '#dcdcdc', back: '#ffffff' },
-    dark: { raw: '#8d949c', methods: ['#56b4e9', '#cc79a7', '#009e73'], recorded: '#e69f00', outlier: '#ff8a3d', rest: '#009e73', q: '#ff8a3d', r: '#56b4e9', band: '#56b4e9', deviation: '#56b4e9', expected: '#f0e442', text: '#e8e8e8', grid: '#333a42', back: '#15181c' },
+    light: { raw: '#8a8a8a', methods: ['#0072b2', '#cc79a7', '#e69f00'], recorded: '#56b4e9', outlier: '#d55e00', rest: '#009e73', q: '#d55e00', r: '#0072b2', band: '#0072b2', deviation: '#0072b2', expected: '#1a1a1a', text: '#1a1a1a', grid: '#dcdcdc', back: '#ffffff' },
+    dark: { raw: '#8d949c', methods: ['#56b4e9', '#cc79a7', '#e69f00'], recorded: '#f0e442', outlier: '#ff8a3d', rest: '#009e73', q: '#ff8a3d', r: '#56b4e9', band: '#56b4e9', deviation: '#56b4e9', expected: '#f0e442', text: '#e8e8e8', grid: '#333a42', back: '#15181c' },
   };
   const element = (name) => document.getElementById(name);
   const root = document.documentElement;
@@ -131,7 +131,7 @@
       paper_bgcolor: colours.back, plot_bgcolor: colours.back, font: { color: colours.text, family: 'system-ui, Liberation Sans, Arial, sans-serif' },
       hovermode: 'closest', bargap: 0.05, dragmode: 'zoom', uirevision: figure.name,
       modebar: { bgcolor: 'rgba(0,0,0,0)', color: colours.text, activecolor: colours.text },
-      xaxis: { ...line, title: { text: figure.x, font: { size: 13 } }, anchor: count > 1 ? `y${count}` : 'y', ...(figure.logarithmic.includes('x') ? { type: 'log', dtick: 1, exponentformat: 'power' } : {}) },
+      xaxis: { ...line, title: { text: figure.x, font: { size: 13 } }, anchor: count > 1 ? `y${count}` : 'y', ...(figure.logarithmic.includes('x') ? { type: 'log', dtick: 1, exponentformat: 'power' } : { exponentformat: 'none' }) },
       shapes: figure.inTime ? shades(data) : [],
     };
     if (figure.inTime) out.xaxis.range = [...data.window];

@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 # The palette of Okabe and Ito, which the colour-blind can tell apart.
 _COLOURS = {
     'raw': '#9a9a9a',
-    'recorded': '#e69f00',
+    'recorded': '#56b4e9',
     'outlier': '#d55e00',
     'q': '#d55e00',
     'r': '#0072b2',
@@ -22,7 +22,7 @@ _COLOURS = {
     'deviation': '#0072b2',
     'expected': '#1a1a1a',
 }
-_METHODS = ('#0072b2', '#cc79a7', '#009e73')
+_METHODS = ('#0072b2', '#cc79a7', '#e69f00')
 _REST = '#009e73'
 
 

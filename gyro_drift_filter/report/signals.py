@@ -58,10 +58,8 @@ class Signals:
             return
         sample, result = imus['sample'][kept], imus['result'][kept]
         matrix = np.reshape(self.filter.parameters.calibration_matrix, (3, 3))
-        raw = sample['angular_velocity']
-        raw = np.where(np.abs(raw) <= LARGEST_RATE, raw, np.nan)
         values = {
-            'raw': raw @ matrix.T,
+            'raw': _calibrated(sample['angular_velocity'], matrix),
             'filtered': result['angular_velocity'],
             'innovation': result['innovation'],
             'innovation_deviation': np.sqrt(result['innovation_variance']),
@@ -95,3 +93,10 @@ class Signals:
         self._stamp = int(stamps[-1])
         told = (steps > 0.0) & (steps <= self.filter.parameters.gap_limit) & (stamps != 0)
         return np.where(told, steps, float(self.filter.state['clock']['period']))
+
+
+def _calibrated(rates: Floats, matrix: Floats) -> Floats:
+    """Return raw rates (n, 3) by a matrix (3, 3), NaN where one that counts is no usable number."""
+    bad = ~(np.abs(rates) <= LARGEST_RATE)
+    product = np.where(bad, 0.0, rates) @ matrix.T
+    return np.where(bad @ (matrix != 0.0).T, np.nan, product)

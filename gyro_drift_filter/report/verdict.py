@@ -12,6 +12,7 @@ from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
+from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
 from gyro_drift_filter.doctor.live_rules import RuleLog
 from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.health_rules import Rule, Span
@@ -244,7 +245,10 @@ class RunWatch:
             outcome = Outcome.HARMED
         moving = int(total['moving'])
         not_cut = float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
-        faults = [f for f in self._rules.findings(not_cut, set()) if f.verdict == 'fault']
+        # Of a filter that lags, what it takes for outliers says nothing of the recording.
+        following = {'outliers', 'diverged'} if outcome == Outcome.HARMED else set()
+        found = self._rules.findings(not_cut, following)
+        faults = [finding for finding in found if finding.verdict == FindingVerdict.FAULT]
         return Verdict(
             topic=run.topic,
             output_topic=run.output_topic,
