@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import is_terminal, say, tell
+from gyro_drift_filter.cli.printing import in_colour, say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_whole
 from gyro_drift_filter.cli.table import table
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> None:
         )
     if not options.quiet:
         compile_first()
-    progress = Progress(enabled=not options.quiet and is_terminal())
+    progress = Progress(enabled=not options.quiet)
     watches: dict[str, RunWatch] = {}
 
     def watched(topic: str, filter_: 'Filter') -> RunWatch:
@@ -159,7 +159,7 @@ def describe(verdict: 'Verdict') -> str:
         f'{verdict.received} messages, '
         f'{verdict.written} written{passed_on}, {1.0 / verdict.period:.4g} Hz'
     )
-    return f'{head}\n\n{as_text(verdict)}\n\n{_table(verdict)}'
+    return f'{head}\n\n{as_text(verdict, in_colour)}\n\n{_table(verdict)}'
 
 
 def _table(verdict: 'Verdict') -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import is_terminal, say
+from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
     check_targets,
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
     write_whole(options.output, page(recordings))
     if not options.quiet:
         texts = [
-            f'{name}, {verdict.method}\n\n{as_text(verdict)}'
+            f'{name}, {verdict.method}\n\n{as_text(verdict, in_colour)}'
             for name, of_methods in verdicts.items()
             for verdict in of_methods
         ]
@@ -132,7 +132,7 @@ def _recording(
     from gyro_drift_filter.report.figures import Drawer, roles
     from gyro_drift_filter.report.page import Recording, points_for
 
-    progress = Progress(enabled=not options.quiet and is_terminal())
+    progress = Progress(enabled=not options.quiet)
     try:
         filtered = filter_recording(bag, parameters, selection, progress)
     finally:

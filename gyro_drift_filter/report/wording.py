@@ -1,7 +1,7 @@
 """The verdict in words that somebody understands who has never seen the filter."""
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -77,9 +77,9 @@ def statements(verdict: Verdict) -> list[Statement]:
     return [Statement(about, printable(text)) for about, text in found]
 
 
-def as_text(verdict: Verdict) -> str:
-    """Return the verdict for a terminal."""
-    lines = textwrap.wrap(headline(verdict), _WIDTH)
+def as_text(verdict: Verdict, painted: Callable[[str, str], str] = lambda text, _: text) -> str:
+    """Return the verdict for a terminal; `painted` gives lines the colour of an outcome."""
+    lines = [painted(line, verdict.outcome) for line in textwrap.wrap(headline(verdict), _WIDTH)]
     for about, text in statements(verdict):
         lines += textwrap.wrap(
             text,
