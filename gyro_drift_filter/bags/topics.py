@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 from gyro_drift_filter.bags.recording import BagError, Recording
-from gyro_drift_filter.messages.health import NODE_NAME
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
+from gyro_drift_filter.messages.names import NODE_NAME
 
 DIAGNOSTICS = '/diagnostics'
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE
-from gyro_drift_filter.messages.health import NODE_NAME
+from gyro_drift_filter.messages.names import NODE_NAME
 from gyro_drift_filter.messages.parameter_sections import note_unknown, read_sections
 
 _log = logging.getLogger(__name__)

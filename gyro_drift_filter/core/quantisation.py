@@ -49,6 +49,7 @@ class Quantisation(TypedDict):
     votes: CountPerAxis
     change: PerAxis  # of the rates with the last sample, rad/s
     changes: CountPerAxis  # that have been looked at for it
+    absent: bool  # the search has ended on all axes, and found none
     # logarithms of likelihood ratios
     wide_zero: float
     whole_neighbours: float
@@ -62,6 +63,8 @@ QUANTISATION = record(Quantisation)
 def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
     """Take rates (3,) in rad/s in, and those before; return whether they are newly known as cut."""
     landed = False
+    if state['absent']:
+        return False
     for axis in range(3):
         change, count = rate[axis] - before[axis], state['count'][axis]
         if state['votes'][axis] < CERTAIN_VOTES:
@@ -94,6 +97,17 @@ def _look_for_count(state: Quantisation, axis: int, change: float) -> None:
         if state['votes'][axis] <= 0:
             state['count'][axis] = change
             state['votes'][axis] = 1
+    if state['changes'][axis] == LONGEST_SEARCH:
+        _end_search(state)
+
+
+@kernel
+def _end_search(state: Quantisation) -> None:
+    state['absent'] = True
+    for axis in range(3):
+        searching = state['changes'][axis] < LONGEST_SEARCH
+        if searching or state['votes'][axis] >= CERTAIN_VOTES:
+            state['absent'] = False
 
 
 @kernel

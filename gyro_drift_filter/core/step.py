@@ -198,6 +198,9 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     """Follow the bias in motion with the rates of the sample, or the filter's where it is none."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     motion, result, seconds = state['bias']['motion'], state['result'], state['clock']['period']
+    force = sample['linear_acceleration']
+    if not motion['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
+        return  # there is no accelerometer
     if says_nothing(state['checks']):
         lose_direction(motion)
     workspace['sound'] = True

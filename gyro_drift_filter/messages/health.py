@@ -22,11 +22,8 @@ from gyro_drift_filter.messages.health_rules import (
     applying,
     span_of,
 )
+from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
-
-NODE_NAME = 'gyro_drift_filter'
-# The names of the statuses, behind the full one of the node.
-INPUT, FILTER = ': input', ': filter'
 
 # Reports, one a second, that shares and rates are taken over.
 _WINDOW = 10

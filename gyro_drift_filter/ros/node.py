@@ -33,9 +33,10 @@ from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.health import INPUT, NODE_NAME, Health
+from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import EXAMPLE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.losses import Losses

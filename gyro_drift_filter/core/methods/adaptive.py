@@ -21,12 +21,12 @@ from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
 from gyro_drift_filter.core.matrices import rotation_terms
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import (
-    DOWN,
     LANES,
     MODES,
     Derivation,
     ModeSet,
     PerMode,
+    Terms,
     derive_mode_set,
 )
 from gyro_drift_filter.core.methods.noise import (
@@ -91,7 +91,6 @@ STILL_BLOCKS = 3
 # so may a robot at rest.
 DROPOUT = 3.0
 
-Terms = Annotated[NDArray[np.float64], np.float64, (4, LANES)]
 Three = Annotated[NDArray[np.float64], np.float64, (3,)]
 
 
@@ -152,12 +151,11 @@ class AdaptiveAxisWorkspace(TypedDict):
     density: PerMode
     error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
     of_noise: Three  # variance, roughness and correlation that these four belong to
-    # The shares of probability, and by it of rate, acceleration and jerk: what leaves a mode
-    # upwards or downwards and ends one mode further, and all that arrives in it.
-    leaving_up: Terms
-    leaving_down: Terms
-    arriving_up: Terms
-    arriving_down: Terms
+    # What the mixing moves: probability, and by it rate, acceleration and jerk. What each mode
+    # holds before, and what arrives in it.
+    held: Terms
+    from_below: Terms
+    from_above: Terms
     # terms of sums over the modes
     means: PerMode
     squares: PerMode
@@ -519,6 +517,9 @@ def _compensate(
     if verdict == Verdict.ACCEPT and not circumstances['still']:
         missed += (sample - rate) * period
     angle = state['compensation'] + missed
+    if angle == 0.0:
+        state['compensation'] = 0.0
+        return 0.0
     angle = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
     if abs(angle) < LEAST_COMPENSATION:
         angle = 0.0
@@ -671,61 +672,46 @@ def _mix(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) 
     probability, prior = state['probability'], workspace['prior']
     rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
     mixed_rate, mixed_acceleration = workspace['rate'], workspace['acceleration']
-    mixed_jerk = workspace['jerk']
-    leaving_up, leaving_down = workspace['leaving_up'], workspace['leaving_down']
-    arriving_up, arriving_down = workspace['arriving_up'], workspace['arriving_down']
+    mixed_jerk, held = workspace['jerk'], workspace['held']
+    from_below, from_above = workspace['from_below'], workspace['from_above']
     stay, up_first, up_further = modes['stay'], modes['up_first'], modes['up_further']
-    down_first = modes['down_first']
-    down_first_acceleration = modes['down_first_acceleration']
-    down_first_jerk = modes['down_first_jerk']
-    down_further_acceleration = modes['down_further_acceleration']
-    down_further_jerk = modes['down_further_jerk']
+    down_first, down_further = modes['down_first'], modes['down_further']
     for j in range(LANES):
         weight = probability[j]
-        mixed_rate[j] = weight * rate[j]
-        mixed_acceleration[j] = weight * acceleration[j]
-        mixed_jerk[j] = weight * jerk[j]
-    for j in range(LANES):
-        leaving_up[0, j] = probability[j] * up_first[j]
-        leaving_up[1, j] = mixed_rate[j] * up_first[j]
-        leaving_up[2, j] = mixed_acceleration[j] * up_first[j]
-        leaving_up[3, j] = mixed_jerk[j] * up_first[j]
-        leaving_down[0, j] = probability[j] * down_first[j]
-        leaving_down[1, j] = mixed_rate[j] * down_first[j]
-        leaving_down[2, j] = mixed_acceleration[j] * down_first_acceleration[j]
-        leaving_down[3, j] = mixed_jerk[j] * down_first_jerk[j]
+        held[j, 0] = weight
+        held[j, 1] = weight * rate[j]
+        held[j, 2] = weight * acceleration[j]
+        held[j, 3] = weight * jerk[j]
     up = up_rate = up_acceleration = up_jerk = 0.0
     down = down_rate = down_acceleration = down_jerk = 0.0
     for i in range(1, MODES):
         # Both ways at once, as each waits for its last step: to i from below and to k from above.
-        further = up_further[i]
-        up = up * further + leaving_up[0, i - 1]
-        up_rate = up_rate * further + leaving_up[1, i - 1]
-        up_acceleration = up_acceleration * further + leaving_up[2, i - 1]
-        up_jerk = up_jerk * further + leaving_up[3, i - 1]
-        arriving_up[0, i] = up
-        arriving_up[1, i] = up_rate
-        arriving_up[2, i] = up_acceleration
-        arriving_up[3, i] = up_jerk
+        first, further = up_first[i - 1], up_further[i]
+        up = up * further + held[i - 1, 0] * first
+        up_rate = up_rate * further + held[i - 1, 1] * first
+        up_acceleration = up_acceleration * further + held[i - 1, 2] * first
+        up_jerk = up_jerk * further + held[i - 1, 3] * first
+        from_below[i, 0] = up
+        from_below[i, 1] = up_rate
+        from_below[i, 2] = up_acceleration
+        from_below[i, 3] = up_jerk
         k = MODES - 1 - i
-        down = down * DOWN + leaving_down[0, k + 1]
-        down_rate = down_rate * DOWN + leaving_down[1, k + 1]
+        down = down * down_further[k, 0] + held[k + 1, 0] * down_first[k + 1, 0]
+        down_rate = down_rate * down_further[k, 1] + held[k + 1, 1] * down_first[k + 1, 1]
         down_acceleration = (
-            down_acceleration * down_further_acceleration[k] + leaving_down[2, k + 1]
+            down_acceleration * down_further[k, 2] + held[k + 1, 2] * down_first[k + 1, 2]
         )
-        down_jerk = down_jerk * down_further_jerk[k] + leaving_down[3, k + 1]
-        arriving_down[0, k] = down
-        arriving_down[1, k] = down_rate
-        arriving_down[2, k] = down_acceleration
-        arriving_down[3, k] = down_jerk
+        down_jerk = down_jerk * down_further[k, 3] + held[k + 1, 3] * down_first[k + 1, 3]
+        from_above[k, 0] = down
+        from_above[k, 1] = down_rate
+        from_above[k, 2] = down_acceleration
+        from_above[k, 3] = down_jerk
     for j in range(LANES):
-        prior[j] = probability[j] * stay[j] + arriving_up[0, j] + arriving_down[0, j]
+        prior[j] = held[j, 0] * stay[j] + from_below[j, 0] + from_above[j, 0]
         share = 1.0 / max(prior[j], SMALLEST)
-        mixed_rate[j] = (mixed_rate[j] * stay[j] + arriving_up[1, j] + arriving_down[1, j]) * share
-        mixed_acceleration[j] = (
-            mixed_acceleration[j] * stay[j] + arriving_up[2, j] + arriving_down[2, j]
-        ) * share
-        mixed_jerk[j] = (mixed_jerk[j] * stay[j] + arriving_up[3, j] + arriving_down[3, j]) * share
+        mixed_rate[j] = (held[j, 1] * stay[j] + from_below[j, 1] + from_above[j, 1]) * share
+        mixed_acceleration[j] = (held[j, 2] * stay[j] + from_below[j, 2] + from_above[j, 2]) * share
+        mixed_jerk[j] = (held[j, 3] * stay[j] + from_below[j, 3] + from_above[j, 3]) * share
 
 
 @kernel

@@ -69,6 +69,8 @@ NOISE_SHARE = 0.8
 LEAST_PROBABILITY = 1e-30  # of a mode
 
 PerMode = Annotated[NDArray[np.float64], np.float64, (LANES,)]
+# By mode: of probability, rate, acceleration and jerk, side by side as all are moved alike.
+Terms = Annotated[NDArray[np.float64], np.float64, (LANES, 4)]
 
 
 class ModeSet(TypedDict):
@@ -92,14 +94,10 @@ class ModeSet(TypedDict):
     stay: PerMode
     up_first: PerMode
     up_further: PerMode
-    # The probability to leave a mode downwards and end one mode below; the same times the share of
-    # acceleration and jerk that is kept on the way; the share of these that goes on from the mode
-    # above.
-    down_first: PerMode
-    down_first_acceleration: PerMode
-    down_first_jerk: PerMode
-    down_further_acceleration: PerMode
-    down_further_jerk: PerMode
+    # The probability to leave a mode downwards and end one mode below, for acceleration and jerk
+    # times the share that is kept on the way; and the share that goes on from the mode above.
+    down_first: Terms
+    down_further: Terms
 
 
 class Derivation(TypedDict):
@@ -141,8 +139,8 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['gain_jerk'][j] = covariance[0, 2] / innovation
         # Errors of acceleration and jerk, (12); the transitions downwards need those of this mode
         # and what the mode below gives rise to by itself.
-        modes['down_first_acceleration'][j] = _error(covariance, 1, innovation)
-        modes['down_first_jerk'][j] = _error(covariance, 2, innovation)
+        modes['down_first'][j, 2] = _error(covariance, 1, innovation)
+        modes['down_first'][j, 3] = _error(covariance, 2, innovation)
     for j in range(MODES, LANES):
         modes['innovation_ratio'][j] = 1.0
     _derive_transitions(period, modes)
@@ -180,7 +178,10 @@ def _derive_transitions(period: float, modes: ModeSet) -> None:
             share *= up_further[k]
             shares += share
         modes['up_first'][j] = up / shares
-        modes['down_first'][j] = down * (1.0 - DOWN) / (1.0 - DOWN ** float(max(j, 1)))
+        down_first = down * (1.0 - DOWN) / (1.0 - DOWN ** float(max(j, 1)))
+        for term in range(2):
+            modes['down_first'][j, term] = down_first
+            modes['down_further'][j, term] = DOWN
 
 
 @kernel
@@ -190,11 +191,10 @@ def _derive_kept_motion(modes: ModeSet) -> None:
     The slower mode's own values are the prior there, and the faster mode's value is a measurement
     with the faster mode's error, (12).
     """
+    down_first, down_further = modes['down_first'], modes['down_further']
     for j in range(MODES):
-        error_acceleration = modes['down_first_acceleration'][j]
-        error_jerk = modes['down_first_jerk'][j]
-        modes['down_first_acceleration'][j] = 0.0
-        modes['down_first_jerk'][j] = 0.0
+        error_acceleration, error_jerk = down_first[j, 2], down_first[j, 3]
+        down_first[j, 2] = down_first[j, 3] = 0.0
         if j > 0:
             r, process = modes['lag_ratio'][j - 1], modes['process_ratio'][j - 1]
             # The stationary covariance of [acceleration, jerk] of the mode below.
@@ -203,10 +203,10 @@ def _derive_kept_motion(modes: ModeSet) -> None:
             acceleration = (2.0 * r * both + jerk + 4.0 * r * r * process) / (1.0 - r * r)
             keep_acceleration = acceleration / (acceleration + error_acceleration)
             keep_jerk = jerk / (jerk + error_jerk)
-            modes['down_first_acceleration'][j] = modes['down_first'][j] * keep_acceleration
-            modes['down_first_jerk'][j] = modes['down_first'][j] * keep_jerk
-            modes['down_further_acceleration'][j - 1] = DOWN * keep_acceleration
-            modes['down_further_jerk'][j - 1] = DOWN * keep_jerk
+            down_first[j, 2] = down_first[j, 0] * keep_acceleration
+            down_first[j, 3] = down_first[j, 0] * keep_jerk
+            down_further[j - 1, 2] = DOWN * keep_acceleration
+            down_further[j - 1, 3] = DOWN * keep_jerk
 
 
 @kernel

@@ -51,6 +51,7 @@ SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change
 # The least usual changes, in m/s^2: below lies the resolution.
 JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
+LEAST_CHANGE = 1e-9  # m/s^2: without an accelerometer they would end as denormal numbers
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample
@@ -180,7 +181,8 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     if change > JOLT_RATIO * usual:
         jolt['samples_left'] = JOLT_SAMPLES
     limited = min(change, LARGEST_CHANGE * usual)
-    jolt['usual_change'] += JOLT_MEMORY * (limited - jolt['usual_change'])
+    learned = jolt['usual_change'] + JOLT_MEMORY * (limited - jolt['usual_change'])
+    jolt['usual_change'] = max(learned, LEAST_CHANGE)
     return bool(jolt['samples_left'] > 0)
 
 
