@@ -245,8 +245,8 @@ class Drawer:
         figure = Figure(
             'noise',
             'Adapted noise: Q and R',
-            'Q, how much the filter expects the rate to change, rises in motion so that the '
-            'rates come through; R, the noise of the sensor, is learned at rest.',
+            'Q (orange), how much the filter expects the rate to change, rises in motion so that '
+            'the rates come through; R (blue), the noise of the sensor, is learned at rest.',
             'time (s)',
             '(deg/s)^2',
             in_time=True,

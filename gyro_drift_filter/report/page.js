@@ -125,9 +125,9 @@
 
   const layout = (figure, data, width) => {
     const panels = shown(figure), count = Math.max(panels.length, 1), gap = 0.05, colours = theme();
-    const line = { gridcolor: colours.grid, zerolinecolor: colours.grid, linecolor: colours.grid, automargin: false, tickfont: { size: 12 } };
+    const line = { gridcolor: colours.grid, zerolinecolor: colours.grid, linecolor: colours.grid, automargin: false, tickfont: { size: 11 } };
     const out = {
-      height: heightOf(figure, count), width, margin: { l: 70, r: 15, t: 28, b: 45 },
+      height: heightOf(figure, count), width, margin: { l: 76, r: 15, t: 28, b: 45 },
       paper_bgcolor: colours.back, plot_bgcolor: colours.back, font: { color: colours.text, family: 'system-ui, Liberation Sans, Arial, sans-serif' },
       hovermode: 'closest', bargap: 0.05, dragmode: 'zoom', uirevision: figure.name,
       modebar: { bgcolor: 'rgba(0,0,0,0)', color: colours.text, activecolor: colours.text },
@@ -138,8 +138,8 @@
     panels.forEach((panel, k) => {
       const height = (1 - gap * (count - 1)) / count, top = 1 - k * (height + gap), isLog = figure.logarithmic.includes('y');
       out[k ? `yaxis${k + 1}` : 'yaxis'] = {
-        ...line, domain: [Math.max(top - height, 0), top], title: { text: `${panel.name}, ${figure.y}`, font: { size: 12 } },
-        ...(figure.limits ? { range: figure.limits, autorange: false } : {}), type: isLog ? 'log' : 'linear', fixedrange: figure.inTime, nticks: 5, exponentformat: 'power',
+        ...line, domain: [Math.max(top - height, 0), top], title: { text: `${panel.name}, ${figure.y}`, font: { size: 12 }, standoff: 6 },
+        ...(figure.limits ? { range: figure.limits, autorange: false } : {}), type: isLog ? 'log' : 'linear', fixedrange: figure.inTime, nticks: 5, exponentformat: 'power', ...(figure.name === 'allan' ? { dtick: 'D2' } : {}),
       };
     });
     return out;
