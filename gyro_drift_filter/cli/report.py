@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     if not options.start < options.end:
         raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
-    check_targets({'--output': options.output, '--json': options.json}, options.png)
+    check_targets({'--output': options.output, '--json': options.json}, options.png, '--png')
     try:
         import allantools  # noqa: F401
         import plotly  # noqa: F401
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> None:
         try:
             import matplotlib as mpl  # noqa: F401
         except ImportError as error:
-            raise without_matplotlib(error) from error
+            raise without_matplotlib(error, '--png') from error
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
