@@ -43,7 +43,7 @@ def headline(verdict: Verdict) -> str:
         raw, left = abs(verdict.heading.raw), verdict.heading.left
         if raw > SIGNIFICANT * left:
             parts.append(
-                f'by the bias the heading drifts some {per_minute(left)} deg/min instead of '
+                f'the bias turns the heading by some {per_minute(left)} deg/min instead of '
                 f'{per_minute(raw)}'
             )
         else:
@@ -210,4 +210,7 @@ def _was(count: int) -> str:
 
 
 def _listed(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else f'{", ".join(parts[:-1])} and {parts[-1]}'
+    """Return parts as a list in words, with a comma before the last one where figures may meet."""
+    if len(parts) < 3:
+        return ' and '.join(parts)
+    return f'{", ".join(parts[:-1])}, and {parts[-1]}'
