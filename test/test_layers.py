@@ -17,6 +17,7 @@ ALLOWED = {
     'identify': {'core'},
     'calibrate': {'core'},
     'doctor': {'core', 'identify', 'messages'},
+    'report': {'accelerate', 'core', 'doctor', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
     'ros': {'accelerate', 'core', 'messages'},
     'cli': {
@@ -28,6 +29,7 @@ ALLOWED = {
         'identify',
         'mcap',
         'messages',
+        'report',
         'simulation',
     },
 }

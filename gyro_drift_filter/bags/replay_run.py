@@ -1,11 +1,11 @@
 """One run of a recording through the filter: what is filtered, written, counted and reported."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,11 @@ from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.statistics import RateStatistics, Statistics
 from gyro_drift_filter.bags.topics import Topics
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
 from gyro_drift_filter.messages.telemetry import MessageReport
@@ -30,6 +31,29 @@ TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
 # be a report for each second.
 _PART = 8192
 _PART_SPAN = 100 * BATCH_SPAN
+
+
+class Watcher(Protocol):
+    """Who sees what goes through the filter of a topic."""
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
+
+    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
+        """See which rules apply to a report, so many s after the one before."""
+
+
+class Watch(NamedTuple):
+    """What a caller sees of a replay as it goes on.
+
+    Attributes:
+        progress: Called with the number of messages done and their total.
+        watcher: Called with each Imu topic and its filter, which has seen nothing yet; returns who
+            sees what goes through it.
+    """
+
+    progress: Callable[[int, int], None] = lambda done, total: None
+    watcher: Callable[[str, Filter], Watcher | None] = lambda topic, filter_: None
 
 
 @dataclass(frozen=True)
@@ -54,6 +78,8 @@ class Summary:
             None where it never was.
         period: Sample period at the end, in s.
         status: The filter's health over the whole bag.
+        start: Log time of the first message of the recording in ns.
+        seconds: From then to its last message.
     """
 
     topic: str
@@ -72,6 +98,8 @@ class Summary:
     bias_known: float | None
     period: float
     status: list[DiagnosticStatus]
+    start: int
+    seconds: float
 
 
 class ReplayRun:
@@ -100,6 +128,11 @@ class ReplayRun:
             TopicFilter(recording, parameters, topic, names, hint)
             for topic, names in inputs.items()
         ]
+
+    def be_watched(self, watch: Watch) -> None:
+        """Have the filters be seen by who the caller names."""
+        for filter_ in self._filters:
+            filter_.watcher = watch.watcher(filter_.topic, filter_.messages.filter)
 
     def use_memory(self, path: Path) -> None:
         """Have the filters start with the bias of the recording before."""
@@ -171,6 +204,7 @@ class TopicFilter:
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         self.memory: BiasMemory | None = None
+        self.watcher: Watcher | None = None
         self._health = Health(names.node)
         self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
@@ -203,7 +237,10 @@ class TopicFilter:
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
-        self._statistics.add(imus, piece.rows['log_time'][imus['row']])
+        log_times = piece.rows['log_time'][imus['row']]
+        self._statistics.add(imus, log_times)
+        if self.watcher is not None:
+            self.watcher.take(imus, log_times)
         return self.messages.reports(notes)
 
     def use_memory(self, path: Path) -> None:
@@ -214,10 +251,13 @@ class TopicFilter:
         self, of_filter: Sequence[MessageReport], reports: Any
     ) -> list[list[DiagnosticStatus]]:
         """Return what is to be said at each REPORT_TIME."""
-        return [
-            self._health.judge(report, seconds)
-            for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True)
-        ]
+        statuses = []
+        for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
+            span, of_input, of_bias = self._health.rules(report, seconds)
+            if self.watcher is not None:
+                self.watcher.judge(span, of_input + of_bias, seconds)
+            statuses.append(self._health.statuses(span, of_input, of_bias))
+        return statuses
 
     def _listen(self, kind: str, data: bytes) -> None:
         """Tell the filter what another topic says, passing over what can't be read."""
@@ -254,6 +294,8 @@ class TopicFilter:
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node).judge(report, seconds, paced=False),
+            start=start,
+            seconds=seconds,
         )
 
 

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import is_terminal, say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, take_any_name, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -153,7 +153,7 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
     from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
 
-    progress = Progress(enabled=is_terminal())
+    progress = Progress(enabled=True)
     try:
         found = read_samples(bag, options.topic, (options.start, options.end), None, progress)
     finally:

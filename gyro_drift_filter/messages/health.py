@@ -58,7 +58,12 @@ class Health:
         self, now: MessageReport, seconds: float, paced: bool = True
     ) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter; arguments are those of `rules`."""
-        span, of_input, of_filter = self.rules(now, seconds, paced)
+        return self.statuses(*self.rules(now, seconds, paced))
+
+    def statuses(
+        self, span: Span, of_input: Sequence[Rule], of_filter: Sequence[Rule]
+    ) -> list[DiagnosticStatus]:
+        """Return the status of the input and of the filter by the rules that apply."""
         return [
             self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
             self._status(FILTER, of_filter, 'filtering', span, _filter_values(span)),
