@@ -19,6 +19,7 @@ ALLOWED = {
     'doctor': {'core', 'identify', 'messages'},
     'report': {'accelerate', 'core', 'doctor', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
+    'tune': {'core'},
     'ros': {'accelerate', 'core', 'messages'},
     'cli': {
         'accelerate',
@@ -31,6 +32,7 @@ ALLOWED = {
         'messages',
         'report',
         'simulation',
+        'tune',
     },
 }
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}

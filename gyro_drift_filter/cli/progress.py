@@ -19,23 +19,24 @@ class Progress:
     Elsewhere it is a line now and then, so that a log tells of long work and of no other.
     """
 
-    def __init__(self, enabled: bool) -> None:
+    def __init__(self, enabled: bool, unit: str = 'messages') -> None:
         self._enabled = enabled
+        self._unit = unit
         self._terminal = is_terminal()
         self._start = self._last = time.monotonic()
         self._shown = False
 
     def __call__(self, done: int, total: int) -> None:
-        """Show how many of the messages are done; the total is 0 where it is not known."""
+        """Show how many are done; the total is 0 where it is not known."""
         now = time.monotonic()
         pause = 0.2 if self._terminal else _LINE_SECONDS
         if not self._enabled or now - self._last < pause:
             return
         self._last = now
-        text = f'{done} messages, {done / (now - self._start):.0f} a second'
+        text = f'{done} {self._unit}, {done / (now - self._start):.0f} a second'
         if 0 < done <= total:
             left = (total - done) * (now - self._start) / done
-            text = f'{100 * done // total} % of {total} messages'
+            text = f'{100 * done // total} % of {total} {self._unit}'
             text += f', {done / (now - self._start):.0f} a second, {_duration(left)} left'
         tell(f'\r{text}\x1b[K' if self._terminal else text, end='' if self._terminal else '\n')
         self._shown = True

@@ -1,0 +1,249 @@
+"""`gyro_drift tune`: a parameter file with the settings worth changing for one robot."""
+
+import argparse
+import json
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.errors import printable, reason
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.tune.tuning import Tuning
+
+_NEEDED = "tuning needs the Python package scipy ({}): install it with 'pip install scipy'"
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'tune',
+        help='find the settings worth changing for a robot, from a recording of it',
+        description='Search for the parameters with which the filter predicts a recording best, '
+        'judge them on stretches held back, and write a parameter file that the node and replay '
+        'read. Where the default is as good, it is kept.',
+    )
+    command.add_argument('bag', type=Path, help='rosbag2 folder, or a bare .mcap or .db3 file')
+    command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
+    command.add_argument('--json', type=Path, help='write all results, for programs')
+    command.add_argument(
+        '--params', type=Path, help='ROS 2 parameter file to start from; what is not tuned stays'
+    )
+    command.add_argument(
+        '--method', choices=METHOD_NAMES, help='instead of that of --params, or adaptive'
+    )
+    command.add_argument(
+        '--truth',
+        nargs='?',
+        const='',
+        metavar='SOURCE',
+        help='tune by the error itself: the truth is in an .npz file, as simulate writes it, or '
+        'on another Imu topic of the bag; without a SOURCE it is the file that simulate has '
+        'written beside the bag',
+    )
+    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
+    command.add_argument('--end', type=float, help='s from the first sample on')
+    command.add_argument(
+        '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
+    )
+    command.add_argument('--seed', type=int, default=0, help='of the search, default %(default)s')
+    command.add_argument('--quiet', action='store_true', help='no progress, no table')
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    if not options.seconds > 0.0:
+        raise GyroDriftFilterError(f'--seconds must be greater than 0, not {options.seconds:g}')
+    if options.seed < 0:
+        raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
+    check_targets({'-o': options.output, '--json': options.json}, None)
+    take_any_name()
+    try:
+        from gyro_drift_filter.tune.objective import Material
+        from gyro_drift_filter.tune.tuning import tune
+    except ImportError as error:
+        raise GyroDriftFilterError(_NEEDED.format(error)) from error
+    from gyro_drift_filter.cli.identification_samples import read_samples
+
+    parameters = read_parameters(options.params) if options.params else Parameters()
+    if options.method:
+        parameters = parameters.with_names({'method': options.method})
+    if not options.quiet:
+        compile_first()
+    progress = Progress(enabled=not options.quiet)
+    try:
+        between = options.start, options.end
+        samples = read_samples(options.bag, options.topic, between, None, progress)
+    finally:
+        progress.finish()
+    stamps = np.asarray(samples.stamps)
+    material = Material(
+        stamps,
+        np.column_stack([np.asarray(column) for column in samples.rates]),
+        np.column_stack([np.asarray(column) for column in samples.accelerations]),
+        None if options.truth is None else _truth(options.bag, options.truth, stamps),
+    )
+    progress = Progress(enabled=not options.quiet, unit='runs of the filter')
+    try:
+        tuning = tune(
+            material, parameters, seconds=options.seconds, seed=options.seed, told=progress
+        )
+    finally:
+        progress.finish()
+    source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
+    write_whole(options.output, parameter_file(tuning, source))
+    if options.json:
+        write_whole(options.json, json.dumps(as_plain(tuning), indent=1, allow_nan=False) + '\n')
+    if not options.quiet:
+        say(report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}')
+    if samples.clock:
+        tell(f'note: the stamps are zero: the time is that of {samples.clock}')
+
+
+def _truth(bag: Path, source: str, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the true rates (n, 3) at these stamps, NaN where they are not known.
+
+    Raises:
+        GyroDriftFilterError: There are none.
+    """
+    from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+    from gyro_drift_filter.simulation.bag import truth_path
+
+    path = Path(source) if source else truth_path(bag.absolute())
+    if source and path.suffix != '.npz':
+        imu = read_imu_arrays(bag, source)
+        times, rates = imu.stamps, imu.angular_velocity
+    else:
+        try:
+            with np.load(path) as archive:
+                times, rates = archive['stamps'], archive['truth']
+        except (OSError, ValueError, KeyError) as error:
+            raise GyroDriftFilterError(f'no truth in {path}: {reason(error)}') from error
+    order = np.argsort(times, kind='stable')
+    origin = stamps[0]
+    out = np.column_stack(
+        [
+            np.interp(stamps - origin, (times - origin)[order], column[order], np.nan, np.nan)
+            for column in rates.T
+        ]
+    )
+    if not np.isfinite(out).all(axis=1).any():
+        raise GyroDriftFilterError('the truth is of another time than the samples')
+    return out
+
+
+def report(tuning: 'Tuning', by_truth: bool) -> str:
+    """Return what was found, in words and as a table."""
+    from gyro_drift_filter.tune.tuning import LEAST_GAIN
+
+    gain = tuning.gain
+    percent = f'{100.0 * gain.mean:.2f} +- {100.0 * gain.deviation:.2f} %'
+    if tuning.chosen != tuning.before:
+        names = [one.name for one in tuning.sensitivities if one.chosen != one.before]
+        head = f'Worth changing: {", ".join(names)}.'
+        if by_truth:
+            head += (
+                f' On the stretches held back the error falls from {tuning.cost_before:.6f} to '
+                f'{tuning.cost_chosen:.6f} rad/s.'
+            )
+        else:
+            head += (
+                ' On the stretches held back they predict the samples better, by '
+                f'{gain.mean:.3f} +- {gain.deviation:.3f} nats a sample.'
+            )
+    elif tuning.best == tuning.before:
+        head = (
+            'Keep the settings: on the stretches that were searched on, nothing gains as much as '
+            f'{100.0 * LEAST_GAIN:g} %.'
+        )
+    else:
+        head = (
+            'Keep the settings: on the stretches held back, the best that was found gains '
+            f'{percent}: that may be by chance, or is below {100.0 * LEAST_GAIN:g} %.'
+        )
+    rows = [['', 'before', 'now', 'as good from', 'to', 'loss at worst (nats)']]
+    for one in tuning.sensitivities:
+        looked = one.low is not None and one.high is not None and one.loss is not None
+        rows.append(
+            [
+                one.name,
+                _shown(one.before),
+                _shown(one.chosen),
+                *((f'{one.low:g}', f'{one.high:g}', f'{one.loss:.4f}') if looked else 3 * ('-',)),
+            ]
+        )
+    lines = [head, '', table(rows), '', f'{tuning.evaluations} runs of the filter']
+    if tuning.out_of_time:
+        lines.append('The time limit has ended the search: --seconds gives it more.')
+    return '\n'.join(lines)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        values = [f'{v:g}' for v in value]
+        return values[0] if len(set(values)) == 1 else ' '.join(values)
+    return f'{value:g}'
+
+
+def parameter_file(tuning: 'Tuning', source: str) -> str:
+    """Return the text of a ROS 2 parameter file: what was tuned, and what differs from defaults.
+
+    Args:
+        tuning: To be written.
+        source: Name of the recording, for a comment.
+    """
+    tuned = {one.name: one for one in tuning.sensitivities}
+    default = Parameters().names()
+    sections: dict[str, list[str]] = {'': []}
+    for name, value in tuning.chosen.names().items():
+        if not (name == 'method' or name in tuned or value != default[name]):
+            continue
+        group, _, last = name.rpartition('.')
+        lines = sections.setdefault(group, [])
+        indent = 6 * ' ' if group else 4 * ' '
+        if name in tuned:
+            lines.append(f'{indent}# {_remark(tuned[name])}')
+        lines.append(f'{indent}{last}: {_as_yaml(value)}')
+    day = datetime.now(UTC).strftime('%Y-%m-%d')
+    head = f"""\
+# Settings of the filter, for the node and `gyro_drift replay --params`. SI units; per axis x, y, z.
+# Tuned on {source}, on {day}.
+/**:
+  ros__parameters:
+"""
+    out = sections.pop('')
+    for group, lines in sections.items():
+        out += [f'    {group}:', *lines]
+    return head + '\n'.join(out) + '\n'
+
+
+def _remark(one: Any) -> str:
+    kept = 'kept' if one.chosen == one.before else f'was {_shown(one.before)}'
+    if one.loss is None:
+        return kept
+    return f'{kept}; as good from {one.low:g} to {one.high:g}, at worst {one.loss:.4f} nats lost'
+
+
+def _as_yaml(value: Any) -> str:
+    # rcl takes a list of one type only, so every number has a point or an exponent.
+    if isinstance(value, tuple):
+        return '[' + ', '.join(_as_yaml(v) for v in value) + ']'
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, float):
+        text = f'{value:.9g}'
+        return text if math.isfinite(value) and set(text) & set('.') else f'{value:.9e}'
+    return str(value)

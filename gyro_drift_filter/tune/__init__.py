@@ -1,0 +1,1 @@
+"""Settings that suit one robot better than the defaults, where there are any."""

@@ -1,0 +1,127 @@
+"""The search for the best parameters: wide first, on all cores, then from the best downhill."""
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.tune.objective import Objective
+
+Floats = NDArray[np.float64]
+
+# Half of the evaluations are spread evenly; then Nelder and Mead's simplex goes downhill from the
+# best of them, as thresholds make steps that have no slope. Its first steps are so wide.
+_FIRST_STEP = 0.12
+_ENOUGH = {'xatol': 5e-3, 'fatol': 5e-5}
+
+
+class TimeIsUpError(Exception):
+    """There is no time for another evaluation."""
+
+
+class Evaluations:
+    """Costs of parameters, each found once, until the time is up. Threads may share it.
+
+    Attributes:
+        count: How many there were.
+        deadline: By `time.monotonic`, in s.
+    """
+
+    def __init__(self, objective: Objective, deadline: float, told: Callable[[int], None]) -> None:
+        self.count = 0
+        self.deadline = deadline
+        self._objective = objective
+        self._told = told
+        self._known: dict[Parameters, Floats] = {}
+        # Kernels let go of the interpreter's lock, so that threads are enough.
+        self._pool = ThreadPoolExecutor(os.cpu_count())
+
+    def __enter__(self) -> Self:
+        """Return this."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all evaluations; where this is an interrupt, some are under way."""
+        self.deadline = -math.inf
+        self._pool.shutdown(cancel_futures=True)
+
+    def costs(self, parameters: Parameters) -> Floats:
+        """Return the costs of each stretch.
+
+        Raises:
+            TimeIsUpError: The time is up; the first evaluation is always made.
+        """
+        if parameters not in self._known:
+            if self.count and time.monotonic() > self.deadline:
+                raise TimeIsUpError
+            self._known[parameters] = self._objective.costs(parameters)
+            self.count += 1
+            self._told(self.count)
+        return self._known[parameters]
+
+    def side_by_side(self, function: Callable[[Any], Any], values: Iterable[Any]) -> list[Any]:
+        """Return what a function makes of values, on all cores; None where the time was up."""
+
+        def guarded(value: Any) -> Any:
+            try:
+                return function(value)
+            except TimeIsUpError:
+                return None
+
+        return list(self._pool.map(guarded, values))
+
+
+def search(
+    cost: Callable[[Floats], float],
+    start: Floats,
+    evaluations: Evaluations,
+    budget: int,
+    seed: int,
+) -> Floats:
+    """Return the best place found in the unit cube.
+
+    Args:
+        cost: Of a place.
+        start: Where the search starts, a place among the others.
+        evaluations: That `cost` makes.
+        budget: How many times `cost` is called at most.
+        seed: Of the random numbers.
+    """
+    dimensions = len(start)
+    places = np.vstack([start, _spread(budget // 2 - 1, dimensions, seed)])
+    found = evaluations.side_by_side(cost, places)
+    ranked = zip(found, places.tolist(), strict=True)
+    best = min((value, place) for value, place in ranked if value is not None)
+
+    def noted(trial: Floats) -> float:
+        nonlocal best
+        value = cost(trial)
+        best = min(best, (value, trial.tolist()))
+        return value
+
+    first = np.array(best[1])
+    steps = np.where(first > 0.5, -_FIRST_STEP, _FIRST_STEP) * np.eye(dimensions)
+    options = {
+        'initial_simplex': np.vstack([first, first + steps]),
+        'maxfev': budget - budget // 2,
+        **_ENOUGH,
+    }
+    bounds = [(0.0, 1.0)] * dimensions
+    with suppress(TimeIsUpError):  # the best so far counts
+        minimize(noted, first, method='Nelder-Mead', bounds=bounds, options=options)
+    return np.array(best[1])
+
+
+def _spread(count: int, dimensions: int, seed: int) -> Floats:
+    """Return places (count, dimensions), one in each of `count` equal layers along each of them."""
+    random = np.random.default_rng(seed)
+    layers = np.stack([random.permutation(count) for _ in range(dimensions)], axis=1)
+    return (layers + random.random((count, dimensions))) / max(count, 1)

@@ -1,0 +1,254 @@
+"""Tune parameters on half of a recording's stretches, and judge them on those held back."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
+from gyro_drift_filter.tune.ranges import RANGES, Range, at_places
+from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, search
+
+Floats = NDArray[np.float64]
+
+# Another value is worth it where it predicts by so much better, in nats a sample: a hundredth is
+# one per cent of the error of the prediction. And where so large a gain is less likely than this to
+# come about by the scatter between stretches.
+LEAST_GAIN, LARGEST_CHANCE = 0.01, 0.05
+# Evaluations for each parameter.
+BUDGET = 40
+# Of the time; the rest is for what the search leads to.
+SEARCH_SHARE = 0.7
+# Steps of each parameter by which its sensitivity is told, in parts of its range.
+_STEPS = 2.0 ** -np.arange(1.0, 7.0)
+
+
+@dataclass(frozen=True)
+class Gain:
+    """By how much one set of parameters is better than another.
+
+    In nats a sample: 0.01 is one per cent of the error.
+
+    Attributes:
+        mean: Over stretches.
+        deviation: Standard error of that, by the scatter between stretches.
+        chance: How likely a mean as large is where each stretch may as well be worse as better
+            by what it gains: the share of all choices of signs. The gains are far from normal, as
+            a rest gains little, and a stretch with a blow in it much.
+    """
+
+    mean: float
+    deviation: float
+    chance: float
+
+    @property
+    def is_worth_it(self) -> bool:
+        """Whether it is large enough to be of use, and beyond the scatter."""
+        return self.mean > LEAST_GAIN and self.chance <= LARGEST_CHANCE
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How much depends on one parameter, with the others as they were chosen.
+
+    Attributes:
+        name: Of the parameter.
+        before: Its value before.
+        chosen: Its value now.
+        low: Down to here the loss is below LEAST_GAIN; of a value per axis that of x.
+        high: Up to here it is.
+        loss: At the worst of the values that were tried, in nats a sample; None, as low and high
+            are, where there was no time.
+    """
+
+    name: str
+    before: float | tuple[float, ...]
+    chosen: float | tuple[float, ...]
+    low: float | None
+    high: float | None
+    loss: float | None
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What was found.
+
+    Attributes:
+        before: The parameters that were to be tuned.
+        chosen: Those that suit the recording, which are those before where they are as good.
+        best: The best for the stretches that were searched on.
+        gain: Of the best over those before, on the stretches held back.
+        cost_before: Of the parameters before, on the stretches held back: nats a sample, or with
+            truth the rms error in rad/s.
+        cost_chosen: The same of those chosen.
+        sensitivities: Of all parameters that were tuned, the largest first.
+        evaluations: How often the filter ran through the recording.
+        out_of_time: Whether the time limit has ended the search.
+    """
+
+    before: Parameters
+    chosen: Parameters
+    best: Parameters
+    gain: Gain
+    cost_before: float
+    cost_chosen: float
+    sensitivities: list[Sensitivity]
+    evaluations: int
+    out_of_time: bool
+
+
+def tune(
+    material: Material,
+    before: Parameters,
+    *,
+    seconds: float = math.inf,
+    seed: int = 0,
+    budget: int | None = None,
+    told: Callable[[int, int], None] = lambda count, most: None,
+) -> Tuning:
+    """Tune the parameters of `before.method` that `RANGES` lists.
+
+    Args:
+        material: The recording.
+        before: Where the search starts; what is not tuned stays.
+        seconds: Time limit.
+        seed: Of the random numbers.
+        budget: Evaluations of the search, else BUDGET for each parameter; those of the sensitivity
+            come on top.
+        told: Called after each evaluation, with their number and what it may come to.
+
+    Raises:
+        GyroDriftFilterError: The recording is too short.
+    """
+    dimensions = len(RANGES[before.method])
+    budget = budget or BUDGET * dimensions
+    most = budget + (2 * len(_STEPS) + dimensions) * dimensions
+    return _Run(material, before, seconds, lambda count: told(count, most)).tune(budget, seed)
+
+
+class _Run:
+    """One run of `tune`."""
+
+    def __init__(
+        self, material: Material, before: Parameters, seconds: float, told: Callable[[int], None]
+    ) -> None:
+        start = time.monotonic()
+        self._objective = Objective(material)
+        self._before = before
+        self._ranges = RANGES[before.method]
+        self._end = start + seconds
+        self._evaluations = Evaluations(self._objective, start + SEARCH_SHARE * seconds, told)
+
+    def tune(self, budget: int, seed: int) -> Tuning:
+        """Return what `tune` does."""
+        with self._evaluations:
+            return self._tuned(budget, seed)
+
+    def _tuned(self, budget: int, seed: int) -> Tuning:
+        # Of each pair of neighbours one is held back: motion that comes at intervals is in both.
+        first = np.random.default_rng(seed).random(STRETCHES // 2) < 0.5
+        held_back = np.column_stack([first, ~first]).ravel()
+        before, noise = self._before, self._objective.noise
+        default = self._evaluations.costs(before)
+
+        def cost(place: Floats) -> float:
+            parameters = at_places(self._ranges, place.tolist(), before, noise)
+            return self._total(self._evaluations.costs(parameters)[~held_back])
+
+        start = np.array([range_.place(before, noise) for range_ in self._ranges])
+        place = search(cost, start, self._evaluations, budget, seed)
+        out_of_time = time.monotonic() > self._evaluations.deadline
+        self._evaluations.deadline = self._end
+        best = self._without_the_idle(
+            at_places(self._ranges, place.tolist(), before, noise), ~held_back
+        )
+        costs = self._evaluations.costs(best)
+        gain = self._gain(default, costs, held_back)
+        chosen = best if gain.is_worth_it else before
+        costs = self._evaluations.costs(chosen)
+        sensitivities = self._evaluations.side_by_side(
+            lambda range_: self._sensitivity(range_, chosen), self._ranges
+        )
+        return Tuning(
+            before,
+            chosen,
+            best,
+            gain,
+            self._shown(default[held_back]),
+            self._shown(costs[held_back]),
+            sorted(sensitivities, key=lambda one: -(one.loss or 0.0)),
+            self._evaluations.count,
+            out_of_time,
+        )
+
+    def _total(self, costs: Floats) -> float:
+        """Return what the search makes small, in nats."""
+        mean = float(costs.mean())
+        return 0.5 * math.log(max(mean, 1e-300)) if self._objective.is_error else mean
+
+    def _shown(self, costs: Floats) -> float:
+        mean = float(costs.mean())
+        return math.sqrt(mean) if self._objective.is_error else mean
+
+    def _gain(self, worse: Floats, better: Floats, stretches: NDArray[np.bool_]) -> Gain:
+        """Return by how much costs are smaller on some stretches."""
+        gains = (worse - better)[stretches]
+        if self._objective.is_error:  # the logarithm of an rms error, for small changes
+            gains = gains / (2.0 * max(float(worse[stretches].mean()), 1e-300))
+        n = len(gains)
+        signs = 1.0 - 2.0 * (np.arange(2**n)[:, None] >> np.arange(n) & 1)
+        chance = float((signs @ gains >= gains.sum() * (1.0 - 1e-12)).mean())
+        return Gain(float(gains.mean()), float(gains.std(ddof=1) / math.sqrt(n)), chance)
+
+    def _without_the_idle(self, best: Parameters, stretches: NDArray[np.bool_]) -> Parameters:
+        """Return the best with all parameters put back that gain nothing, the idlest first."""
+        old = self._before.names()
+        while True:
+            now = self._evaluations.costs(best)
+            losses = {}
+            for name in [r.name for r in self._ranges if best.names()[r.name] != old[r.name]]:
+                try:
+                    costs = self._evaluations.costs(best.with_names({name: old[name]}))
+                except TimeIsUpError:
+                    return best
+                losses[name] = self._total(costs[stretches]) - self._total(now[stretches])
+            if not losses or min(losses.values()) > LEAST_GAIN:
+                return best
+            name = min(losses, key=lambda name: losses[name])
+            best = best.with_names({name: old[name]})
+
+    def _sensitivity(self, range_: Range, chosen: Parameters) -> Sensitivity:
+        """Return how much depends on one parameter: the loss at values over its range."""
+        noise, name = self._objective.noise, range_.name
+        now = self._total(self._evaluations.costs(chosen))
+        own = range_.place(chosen, noise)
+        beside = np.concatenate([own - _STEPS, own + _STEPS])
+        places = sorted({own, 0.0, 1.0, *beside[(beside > 0.0) & (beside < 1.0)].tolist()})
+        losses = []
+        values = [
+            chosen.names()[name] if place == own else range_.value(place, chosen, noise)
+            for place in places
+        ]
+        values_before = self._before.names()[name], chosen.names()[name]
+        try:
+            for value in values:
+                costs = self._evaluations.costs(chosen.with_names({name: value}))
+                losses.append(self._total(costs) - now)
+        except TimeIsUpError:
+            return Sensitivity(name, *values_before, None, None, None)
+        low = high = places.index(own)
+        while low > 0 and losses[low - 1] < LEAST_GAIN:
+            low -= 1
+        while high < len(places) - 1 and losses[high + 1] < LEAST_GAIN:
+            high += 1
+        return Sensitivity(
+            name,
+            *values_before,
+            float(np.ravel(values[low])[0]),
+            float(np.ravel(values[high])[0]),
+            max(losses),
+        )
