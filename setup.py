@@ -26,6 +26,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
         (f'share/{name}/config', files('config/*.yaml')),
+        (f'share/{name}/config/layouts', files('config/layouts/*')),
         (f'share/{name}/launch', files('launch/*.launch.py')),
     ],
     python_requires='>=3.11',

@@ -111,6 +111,8 @@ def test_colcon_installs_what_ros_looks_for(workspace):
         'lib/gyro_drift_filter/gyro_drift',
         'share/gyro_drift_filter/package.xml',
         'share/gyro_drift_filter/config/gyro_drift_filter.yaml',
+        'share/gyro_drift_filter/config/layouts/foxglove.json',
+        'share/gyro_drift_filter/config/layouts/plotjuggler.xml',
         'share/gyro_drift_filter/launch/gyro_drift_filter.launch.py',
         'share/ament_index/resource_index/packages/gyro_drift_filter',
     ):
