@@ -39,7 +39,7 @@ setup(
         'fast': ['numba>=0.59,<0.69'],
         # Bags: replay and simulate.
         'offline': ['rosbags>=0.11,<0.12'],
-        # Identification of the drift model, calibration, and their figures.
+        # Identification of the drift model, calibration, tuning, and their figures.
         'identify': [
             'allantools>=2024.6',
             'matplotlib>=3.8',

@@ -1,4 +1,4 @@
-"""The paper's figures 2 and 3, axis x."""
+"""The heading with and without the filter; the paper's figures 2 and 3, axis x."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.simulation.drive import Drive
 from gyro_drift_filter.simulation.experiments import Simulation
 
 mpl.use('Agg')
@@ -14,6 +15,25 @@ from matplotlib import pyplot as plt
 
 Rates = Mapping[str, NDArray[np.float64]]
 _COLOURS = {'raw': '#b8c0cc', 'kalman': '#d1722b', 'sage_husa': '#1f5fa8', 'adaptive': '#2a8a57'}
+
+
+def draw_heading(path: Path, drive: Drive, turned: Rates) -> None:
+    """Draw the rate about the vertical, and below it by how much the heading is off, in deg."""
+    recording = drive.recording
+    time = _seconds(recording)
+    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(9, 5.5), layout='constrained')
+    above.plot(time, recording.angular_velocity[:, 2], linewidth=0.6, color=_COLOURS['raw'])
+    above.plot(time, drive.rates[:, 2], 'k--', linewidth=0.8)
+    above.set_ylabel('rate about z (rad/s)')
+    above.set_title('measured, and the true rate (dashed)', fontsize=10, loc='left')
+    for name, error in turned.items():
+        below.plot(time, error, color=_COLOURS[name], label=f'{name}: {error[-1]:.2f} at the end')
+    below.set_ylabel('heading off by (deg)')
+    below.set_xlabel('time (s)')
+    below.legend(fontsize=9)
+    figure.suptitle('A robot that drives and stands: the heading with and without the filter')
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
 
 
 def draw_static(path: Path, simulation: Simulation, rates: Rates) -> None:

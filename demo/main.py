@@ -2,8 +2,10 @@
 
     python -m demo.main OUTPUT_FOLDER
 
-Both experiments of the paper (its section 4): a motionless gyroscope, and a sinusoid with isolated
-and consecutive outliers. The bias is left in, as the paper does.
+First a robot that drives and stands, with a bias that warms up, spikes and repeated samples: the
+verdict, and the heading with and without the filter. Then both experiments of the paper (its
+section 4): a motionless gyroscope, and a sinusoid with isolated and consecutive outliers. There the
+bias is left in, as the paper does.
 """
 
 import argparse
@@ -17,19 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
-from demo.figures import draw_dynamic, draw_static
+from demo.figures import draw_dynamic, draw_heading, draw_static
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import messages
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.replay import describe
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.report.verdict import RunWatch
 from gyro_drift_filter.simulation.bag import TOPIC, truth_path, write_simulation
+from gyro_drift_filter.simulation.drive import SAMPLE_RATE, simulate_drive
 from gyro_drift_filter.simulation.experiments import Simulation, SimulationSettings, simulate
 from harness.live_node import LOSSLESS, LiveNode
 
@@ -46,14 +53,30 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=0)
     options = parser.parse_args()
     output: Path = options.output
+    driven, helped = output / 'driven', output / 'driven_filtered'
     bag, live = output / 'simulated', output / 'live'
     replayed = {method: output / f'replayed_{method}' for method in METHOD_NAMES}
-    figures = [output / 'static.png', output / 'dynamic.png']
-    written = [bag, truth_path(bag), live, *replayed.values(), *figures]
+    figures = [output / 'heading.png', output / 'static.png', output / 'dynamic.png']
+    bags = [driven, truth_path(driven), helped, bag, truth_path(bag), live, *replayed.values()]
+    written = [*bags, *figures]
     output.mkdir(parents=True, exist_ok=True)
     for path in written:  # of an earlier run
         shutil.rmtree(path, ignore_errors=True)
         path.unlink(missing_ok=True)
+
+    drive = simulate_drive(options.seed)
+    write_simulation(driven, drive.recording)
+    print(f'A robot that drives and stands, its gyroscope warming up: {driven}')
+    print(replay_with_verdict(driven, helped), end='\n\n')
+    turned = {
+        name: heading_error(rates, drive.rates)
+        for name, rates in {
+            'raw': read_rates(driven, TOPIC),
+            'adaptive': read_rates(helped, _TOPICS.filtered),
+        }.items()
+    }
+    print(heading_table(turned), end='\n\n')
+    draw_heading(figures[0], drive, turned)
 
     simulation = simulate(SimulationSettings(seed=options.seed))
     write_simulation(bag, simulation)
@@ -79,10 +102,36 @@ def main() -> int:
     )
     print(static_table(simulation, rates), end='\n\n')
     print(dynamic_table(simulation, rates, flags), end='\n\n')
-    draw_static(figures[0], simulation, rates)
-    draw_dynamic(figures[1], simulation, rates)
+    draw_static(figures[1], simulation, rates)
+    draw_dynamic(figures[2], simulation, rates)
     print('wrote ' + '\n      '.join(str(path) for path in written))
     return 0 if same else 1
+
+
+def replay_with_verdict(bag: Path, destination: Path) -> str:
+    """Filter a bag as `gyro_drift replay` does, and return what that prints."""
+    watches = []
+
+    def watched(_: str, filter_: Filter) -> RunWatch:
+        watches.append(RunWatch(filter_))
+        return watches[0]
+
+    parameters = read_parameters(SHIPPED)
+    (summary,) = replay(bag, destination, parameters=parameters, watch=Watch(watcher=watched))
+    return describe(watches[0].verdict(summary))
+
+
+def heading_error(rates: Rates, truth: Rates) -> Rates:
+    """Return by how much the heading is off after each sample, (n,) in deg, as rates add up."""
+    return np.degrees(np.cumsum((rates - truth)[:, 2]) / SAMPLE_RATE)
+
+
+def heading_table(turned: Mapping[str, Rates]) -> str:
+    """Return how far off the heading is at the end, and what that is in a minute."""
+    seconds = len(turned['raw']) / SAMPLE_RATE
+    rows = [['', 'off by (deg)', 'in a minute (deg)']]
+    rows += [[n, f'{e[-1]:.2f}', f'{60.0 * e[-1] / seconds:.2f}'] for n, e in turned.items()]
+    return f'The heading after {seconds:.0f} s, beside the true one\n' + table(rows)
 
 
 def filter_live(bag: Path, destination: Path) -> None:

@@ -155,6 +155,12 @@ def test_the_demo(tmp_path):
         timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+    assert 'It helped: at rest the rates are' in done.stdout
+    off = {
+        name: abs(float(degrees))
+        for name, degrees in re.findall(r'^(raw|adaptive) +(\S+) +\S+$', done.stdout, re.M)
+    }
+    assert off['adaptive'] < 0.1 * off['raw']
     assert 'live and offline agree in every bit of 12000 messages' in done.stdout
     shifts = {}
     for line in done.stdout.splitlines():
@@ -167,5 +173,5 @@ def test_the_demo(tmp_path):
         assert ratio < 1 or name == 'raw'
     for path in done.stdout.partition('wrote ')[2].split():
         assert Path(path).exists()
-    for name in ('static.png', 'dynamic.png'):
+    for name in ('heading.png', 'static.png', 'dynamic.png'):
         assert (tmp_path / 'output' / name).read_bytes().startswith(b'\x89PNG')

@@ -2,6 +2,8 @@
 
 import itertools
 import json
+import math
+import sys
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
 from gyro_drift_filter.tune.objective import Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, at_places
-from gyro_drift_filter.tune.tuning import LEAST_GAIN, tune
+from gyro_drift_filter.tune.tuning import LEAST_GAIN, _Run, tune
 from support.bags import write
 from support.paths import RECORDINGS
 
@@ -296,6 +298,24 @@ def test_progress_names_what_it_counts(capsys, monkeypatch):
     monkeypatch.setattr('gyro_drift_filter.cli.progress._LINE_SECONDS', 0.0)
     Progress(enabled=True, unit='runs of the filter')(3, 10)
     assert '30 % of 10 runs of the filter' in capsys.readouterr().err
+
+
+def test_luck_is_not_worth_it():
+    """One stretch that gains much outweighs nine that lose, in the mean."""
+    run = _Run(material(simulate(TURNING)), Parameters(), math.inf, lambda count: None)
+    held_back = np.arange(20) < 10
+    worse = np.zeros(20)
+    lucky = run._gain(worse, np.where(np.arange(20) == 3, -10.0, 0.1), held_back)
+    assert lucky.mean > LEAST_GAIN
+    assert not lucky.is_worth_it
+    assert run._gain(worse, np.full(20, -0.02), held_back).is_worth_it
+    assert not run._gain(worse, np.full(20, -0.005), held_back).is_worth_it
+
+
+def test_a_library_that_is_missing_is_named(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'gyro_drift_filter.tune.objective', None)
+    assert main(['tune', str(bag), '-o', str(tmp_path / 'out.yaml')]) == 1
+    assert "install it with 'pip install scipy'" in capsys.readouterr().err
 
 
 @pytest.mark.slow
