@@ -267,7 +267,7 @@ def test_truth_on_a_topic(tmp_path, capsys):
     )
     options = ['--topic', TOPIC, '--truth', '/true', '--seconds', '0.001']
     assert main(['tune', str(bag), '-o', str(tmp_path / 'out.yaml'), *options]) == 0
-    assert 'The time limit has ended the search' in capsys.readouterr().out
+    assert 'The time limit has cut it short' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ def report(tuning: 'Tuning', by_truth: bool) -> str:
         )
     lines = [head, '', table(rows), '', f'{tuning.evaluations} runs of the filter']
     if tuning.out_of_time:
-        lines.append('The time limit has ended the search: --seconds gives it more.')
+        lines.append('The time limit has cut it short: --seconds gives it more.')
     return '\n'.join(lines)
 
 

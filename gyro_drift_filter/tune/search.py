@@ -32,11 +32,13 @@ class Evaluations:
 
     Attributes:
         count: How many there were.
+        out_of_time: Whether one was wanted for which there was no time.
         deadline: By `time.monotonic`, in s.
     """
 
     def __init__(self, objective: Objective, deadline: float, told: Callable[[int], None]) -> None:
         self.count = 0
+        self.out_of_time = False
         self.deadline = deadline
         self._objective = objective
         self._told = told
@@ -61,6 +63,7 @@ class Evaluations:
         """
         if parameters not in self._known:
             if self.count and time.monotonic() > self.deadline:
+                self.out_of_time = True
                 raise TimeIsUpError
             self._known[parameters] = self._objective.costs(parameters)
             self.count += 1

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class Tuning:
         cost_chosen: The same of those chosen.
         sensitivities: Of all parameters that were tuned, the largest first.
         evaluations: How often the filter ran through the recording.
-        out_of_time: Whether the time limit has ended the search.
+        out_of_time: Whether the time limit has left something out.
     """
 
     before: Parameters
@@ -161,7 +162,6 @@ class _Run:
 
         start = np.array([range_.place(before, noise) for range_ in self._ranges])
         place = search(cost, start, self._evaluations, budget, seed)
-        out_of_time = time.monotonic() > self._evaluations.deadline
         self._evaluations.deadline = self._end
         best = self._without_the_idle(
             at_places(self._ranges, place.tolist(), before, noise), ~held_back
@@ -170,9 +170,7 @@ class _Run:
         gain = self._gain(default, costs, held_back)
         chosen = best if gain.is_worth_it else before
         costs = self._evaluations.costs(chosen)
-        sensitivities = self._evaluations.side_by_side(
-            lambda range_: self._sensitivity(range_, chosen), self._ranges
-        )
+        sensitivities = self._sensitivities(chosen)
         return Tuning(
             before,
             chosen,
@@ -182,7 +180,7 @@ class _Run:
             self._shown(costs[held_back]),
             sorted(sensitivities, key=lambda one: -(one.loss or 0.0)),
             self._evaluations.count,
-            out_of_time,
+            self._evaluations.out_of_time,
         )
 
     def _total(self, costs: Floats) -> float:
@@ -221,34 +219,56 @@ class _Run:
             name = min(losses, key=lambda name: losses[name])
             best = best.with_names({name: old[name]})
 
-    def _sensitivity(self, range_: Range, chosen: Parameters) -> Sensitivity:
-        """Return how much depends on one parameter: the loss at values over its range."""
-        noise, name = self._objective.noise, range_.name
+    def _sensitivities(self, chosen: Parameters) -> list[Sensitivity]:
+        """Return how much depends on each parameter: the losses at values over its range."""
+        names, noise = chosen.names(), self._objective.noise
         now = self._total(self._evaluations.costs(chosen))
-        own = range_.place(chosen, noise)
-        beside = np.concatenate([own - _STEPS, own + _STEPS])
-        places = sorted({own, 0.0, 1.0, *beside[(beside > 0.0) & (beside < 1.0)].tolist()})
-        losses = []
-        values = [
-            chosen.names()[name] if place == own else range_.value(place, chosen, noise)
-            for place in places
-        ]
-        values_before = self._before.names()[name], chosen.names()[name]
-        try:
-            for value in values:
-                costs = self._evaluations.costs(chosen.with_names({name: value}))
-                losses.append(self._total(costs) - now)
-        except TimeIsUpError:
-            return Sensitivity(name, *values_before, None, None, None)
-        low = high = places.index(own)
-        while low > 0 and losses[low - 1] < LEAST_GAIN:
-            low -= 1
-        while high < len(places) - 1 and losses[high + 1] < LEAST_GAIN:
-            high += 1
-        return Sensitivity(
-            name,
-            *values_before,
-            float(np.ravel(values[low])[0]),
-            float(np.ravel(values[high])[0]),
-            max(losses),
-        )
+        trials = []
+        for range_ in self._ranges:
+            own = range_.place(chosen, noise)
+            beside = np.concatenate([own - _STEPS, own + _STEPS])
+            places = {0.0, 1.0, *beside[(beside > 0.0) & (beside < 1.0)].tolist()} - {own}
+            trials += [_Trial(range_, place, abs(place - own)) for place in places]
+        # The far ones first, as they tell most where the time is up before the end.
+        trials.sort(key=lambda trial: -trial.distance)
+
+        def loss(trial: _Trial) -> float:
+            value = trial.range.value(trial.place, chosen, noise)
+            costs = self._evaluations.costs(chosen.with_names({trial.range.name: value}))
+            return self._total(costs) - now
+
+        found: dict[str, list[tuple[float, Any, float]]] = {
+            range_.name: [(range_.place(chosen, noise), names[range_.name], 0.0)]
+            for range_ in self._ranges
+        }
+        for trial, lost in zip(trials, self._evaluations.side_by_side(loss, trials), strict=True):
+            if lost is not None:
+                value = trial.range.value(trial.place, chosen, noise)
+                found[trial.range.name].append((trial.place, value, lost))
+        old = self._before.names()
+        return [_sensitivity(name, old[name], names[name], found[name]) for name in found]
+
+
+class _Trial(NamedTuple):
+    """A parameter at another place, so far from the one that was chosen."""
+
+    range: Range
+    place: float
+    distance: float
+
+
+def _sensitivity(
+    name: str, before: Any, chosen: Any, found: list[tuple[float, Any, float]]
+) -> Sensitivity:
+    """Return the sensitivity to a parameter from places, values and losses, one being `chosen`."""
+    if len(found) == 1:
+        return Sensitivity(name, before, chosen, None, None, None)
+    found = sorted(found, key=lambda one: one[0])
+    low = high = [value for _, value, _ in found].index(chosen)
+    losses = [lost for _, _, lost in found]
+    while low > 0 and losses[low - 1] < LEAST_GAIN:
+        low -= 1
+    while high < len(found) - 1 and losses[high + 1] < LEAST_GAIN:
+        high += 1
+    least, most = (float(np.ravel(found[k][1])[0]) for k in (low, high))
+    return Sensitivity(name, before, chosen, least, most, max(losses))
