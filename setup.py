@@ -21,7 +21,7 @@ setup(
     description=package.findtext('description', ''),
     license=package.findtext('license', ''),
     packages=find_packages(include=[name, f'{name}.*']),
-    package_data={name: ['py.typed']},
+    package_data={name: ['py.typed', 'report/page.css', 'report/page.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
@@ -45,6 +45,8 @@ setup(
             'scipy>=1.11',
             'statsmodels>=0.14',
         ],
+        # The report: a page that needs no network, with long signals reduced.
+        'report': ['plotly>=6', 'tsdownsample>=0.1.3'],
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',
@@ -66,6 +68,8 @@ setup(
             'pytest-xdist>=3.7',
             'ruff>=0.14',
             'scipy>=1.11',
+            'selenium>=4.20',
+            'shtab>=1.7',
             'types-PyYAML',
             'types-setuptools',
         ],

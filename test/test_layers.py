@@ -19,6 +19,7 @@ ALLOWED = {
     'identify': {'core'},
     'calibrate': {'core'},
     'doctor': {'core', 'identify', 'messages'},
+    'report': {'accelerate', 'core', 'doctor', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
     'ros': {'accelerate', 'core', 'messages'},
     'cli': {
@@ -30,6 +31,7 @@ ALLOWED = {
         'identify',
         'mcap',
         'messages',
+        'report',
         'simulation',
     },
 }

@@ -70,9 +70,18 @@ def test_a_calibration_gives_the_same_bits_as_replay(fresh):
     mapped = fresh.play(data[500:])
     assert mapped == offline(data, calibration_matrix=tuple(matrix))[500:]
     assert mapped != plain[500:]
-    result = set_parameters(fresh, calibration__matrix=[0.0] * 9)[0]
+    result = set_parameters(fresh, calibration__matrix=[0.0] * 9)[0]  # and the old one stays
     assert not result.successful
     assert 'is singular' in result.reason
+
+
+def test_what_accelerations_add_is_taken_off_as_in_replay(fresh):
+    sensitivity = [1e-4, 2e-4, 0.0, 0.0, -1e-4, 0.0, 3e-4, 0.0, 1e-4]
+    data = simulated(1000)
+    assert set_parameters(fresh, calibration__acceleration_sensitivity=sensitivity)[0].successful
+    found = fresh.play(data)
+    assert found == offline(data, calibration_acceleration_sensitivity=tuple(sensitivity))
+    assert found != offline(data)
 
 
 def test_real_recordings_give_the_same_bits_as_replay(fresh, recording):

@@ -1,20 +1,18 @@
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
-from gyro_drift_filter.bags.replay_run import ReplayRun, Summary
+from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import choose_hint
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Parameters
-
-Progress = Callable[[int, int], None]
 
 
 def _is_within(path: Path, folder: Path) -> bool:
@@ -41,7 +39,7 @@ def replay(
     diagnostics: bool = False,
     memory: Path | None = None,
     force: bool = False,
-    progress: Progress = lambda done, total: None,
+    watch: Watch = Watch(),  # noqa: B008  # frozen
 ) -> list[Summary]:
     """Filter Imu topics of a bag, each by its own filter, and write all into a new bag.
 
@@ -57,7 +55,7 @@ def replay(
         diagnostics: Whether the per-sample topics are written, too.
         memory: File of the bias that the recording before has left; it is written at the end.
         force: Whether a bag at the destination is replaced.
-        progress: Called with the number of messages done and their total.
+        watch: Who is told of what goes on.
 
     Returns:
         What was done, for each Imu topic.
@@ -81,14 +79,12 @@ def replay(
         hinted = None if hint is None else choose_hint(recording, hint)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
-            run = ReplayRun(recording, output, parameters, inputs, hinted)
-            if memory is not None:
-                run.use_memory(memory)
+            run = ReplayRun(recording, output, parameters, inputs, hinted, memory, watch)
             done = 0
             for piece, read in selection.pieces(recording):
                 run.take(piece)
                 done += read
-                progress(done, recording.message_count)
+                watch.progress(done, recording.message_count)
             summaries = run.finish()
             if not any(summary.written for summary in summaries):
                 raise BagError(_why_nothing(summaries[0], selection))

@@ -1,11 +1,12 @@
 """One run of a recording through the filter: what is filtered, written, counted and reported."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,11 @@ from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.statistics import RateStatistics, Statistics
 from gyro_drift_filter.bags.topics import Topics
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
 from gyro_drift_filter.messages.telemetry import MessageReport
@@ -30,6 +32,29 @@ TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
 # be a report for each second.
 _PART = 8192
 _PART_SPAN = 100 * BATCH_SPAN
+
+
+class Watcher(Protocol):
+    """Who sees what goes through the filter of a topic."""
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
+
+    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
+        """See which rules apply to a report, so many s after the one before."""
+
+
+class Watch(NamedTuple):
+    """What a caller sees of a replay as it goes on.
+
+    Attributes:
+        progress: Called with the number of messages done and their total.
+        watcher: Called with each Imu topic and its filter, which has seen nothing yet; returns who
+            sees what goes through it.
+    """
+
+    progress: Callable[[int, int], None] = lambda done, total: None
+    watcher: Callable[[str, Filter], Watcher | None] = lambda topic, filter_: None
 
 
 @dataclass(frozen=True)
@@ -47,13 +72,13 @@ class Summary:
         unusable: Samples without a usable rate, per axis (3,).
         raw: Statistics of the usable rates as they came.
         filtered: Statistics of the same samples after the filter.
-        rest_raw: As raw, of the samples at rest after the bias was learned, like
-        rest_filtered: of the same samples after the filter.
         bias: (3,) in rad/s at the end.
         bias_known: Log time since the first message of the recording in s from which it was known;
             None where it never was.
         period: Sample period at the end, in s.
         status: The filter's health over the whole bag.
+        start: Log time of the first message of the recording in ns.
+        seconds: From then to its last message.
     """
 
     topic: str
@@ -66,12 +91,12 @@ class Summary:
     unusable: NDArray[np.int64]
     raw: Statistics
     filtered: Statistics
-    rest_raw: Statistics
-    rest_filtered: Statistics
     bias: NDArray[np.float64]
     bias_known: float | None
     period: float
     status: list[DiagnosticStatus]
+    start: int
+    seconds: float
 
 
 class ReplayRun:
@@ -84,6 +109,8 @@ class ReplayRun:
         parameters: Parameters,
         inputs: Mapping[str, Topics],
         hint: str | None,
+        memory: Path | None,
+        watch: Watch,
     ) -> None:
         """Start.
 
@@ -93,18 +120,23 @@ class ReplayRun:
             parameters: Of the filters.
             inputs: The names of the outputs by the Imu topic that they belong to.
             hint: The topic that hints at motion, if there is one.
+            memory: File of the bias that the recording before has left, if there is one.
+            watch: Who sees what goes through the filters.
         """
         self._output = output
         self._report_times = ReportTimes()
         self._filters = [
-            TopicFilter(recording, parameters, topic, names, hint)
+            TopicFilter(
+                recording,
+                parameters,
+                topic,
+                names,
+                hint,
+                memory=memory,
+                watcher=partial(watch.watcher, topic),
+            )
             for topic, names in inputs.items()
         ]
-
-    def use_memory(self, path: Path) -> None:
-        """Have the filters start with the bias of the recording before."""
-        for filter_ in self._filters:
-            filter_.use_memory(path)
 
     def save_memory(self) -> None:
         """Write the bias for the next recording.
@@ -113,8 +145,7 @@ class ReplayRun:
             MemoryFileError: The disk does not take it.
         """
         for filter_ in self._filters:
-            if filter_.memory is not None:
-                filter_.memory.save()
+            filter_.save_memory()
 
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
@@ -165,12 +196,17 @@ class TopicFilter:
         topic: str,
         names: Topics,
         hint: str | None,
+        *,
+        memory: Path | None = None,
+        watcher: Callable[[Filter], Watcher | None] = lambda filter_: None,
     ) -> None:
         self.topic = topic
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
-        self.memory: BiasMemory | None = None
+        filter_ = self.messages.filter
+        self._memory = None if memory is None else BiasMemory(memory, names.node, filter_)
+        self._watcher = watcher(filter_)
         self._health = Health(names.node)
         self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
@@ -183,8 +219,8 @@ class TopicFilter:
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
-        if self.memory is not None:
-            self.memory.note(piece, imus)
+        if self._memory is not None:
+            self._memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
         notes: Any = np.zeros(len(reports), NOTE)
@@ -203,21 +239,32 @@ class TopicFilter:
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
-        self._statistics.add(imus, piece.rows['log_time'][imus['row']])
+        log_times = piece.rows['log_time'][imus['row']]
+        self._statistics.add(imus, log_times)
+        if self._watcher is not None:
+            self._watcher.take(imus, log_times)
         return self.messages.reports(notes)
 
-    def use_memory(self, path: Path) -> None:
-        """Start with the bias of the recording before."""
-        self.memory = BiasMemory(path, self._names.node, self.messages.filter)
+    def save_memory(self) -> None:
+        """Write the bias for the next recording, if there is a file for it.
+
+        Raises:
+            MemoryFileError: The disk does not take it.
+        """
+        if self._memory is not None:
+            self._memory.save()
 
     def judge(
         self, of_filter: Sequence[MessageReport], reports: Any
     ) -> list[list[DiagnosticStatus]]:
         """Return what is to be said at each REPORT_TIME."""
-        return [
-            self._health.judge(report, seconds)
-            for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True)
-        ]
+        statuses = []
+        for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
+            span, of_input, of_bias = self._health.rules(report, seconds)
+            if self._watcher is not None:
+                self._watcher.judge(span, of_input + of_bias, seconds)
+            statuses.append(self._health.statuses(span, of_input, of_bias))
+        return statuses
 
     def _listen(self, kind: str, data: bytes) -> None:
         """Tell the filter what another topic says, passing over what can't be read."""
@@ -234,8 +281,7 @@ class TopicFilter:
         """Return what was done, at the end of a recording that started then and lasted so long."""
         state, report = self.messages.filter.state, self.messages.report()
         known_at = self._statistics.known_at
-        raw, filtered = self._statistics.all()
-        rest_raw, rest_filtered = self._statistics.at_rest()
+        raw, filtered = self._statistics.rates()
         return Summary(
             topic=self.topic,
             output_topic=self._names.filtered,
@@ -247,13 +293,13 @@ class TopicFilter:
             unusable=state['checks']['unusable'].copy(),
             raw=raw,
             filtered=filtered,
-            rest_raw=rest_raw,
-            rest_filtered=rest_filtered,
             bias=state['bias']['bias'].copy(),
             bias_known=None if known_at is None else (known_at - start) * 1e-9,
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node).judge(report, seconds, paced=False),
+            start=start,
+            seconds=seconds,
         )
 
 

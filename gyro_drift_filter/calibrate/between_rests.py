@@ -10,6 +10,7 @@ from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.rests import GRAVITY, Rest, Rests, Track
+from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
 from gyro_drift_filter.calibrate.unknowns import (
     MATRIX,
@@ -73,46 +74,28 @@ class RestsOfOneRecording:
             legs: what does not fit is trusted less.
     """
 
-    def __init__(self, number: int, session: Session, turns: bool) -> None:
-        """Take a recording by its number and itself."""
+    def __init__(
+        self, number: int, session: Session, turns: bool, sensitivity: AccelerationSensitivity
+    ) -> None:
+        """Take a recording by its number and itself, and what acceleration does to its rates."""
         self._rests: Sequence[Rest] = session.rests.rests
         self._found = session.rests
         self.turns = turns
         self.measured = session.track.accelerations is not None
-        self._by_force, self._force_known = np.zeros((2, 3, 3))
-        if self.measured:
-            self._by_force, self._force_known = self._bias_by_force()
+        self._sensitivity = sensitivity
         self.legs: list[Leg] = []
         self.broken: list[float] = []
         for k, (before, behind) in enumerate(pairwise(self._rests)):
             if session.track.broken[before.stop - 1 : behind.first].any():
                 self.broken.append(before.time)
             else:
-                leg = make_leg(session.track, number, (k, k + 1), (before, behind), self._by_force)
+                leg = make_leg(
+                    session.track, number, (k, k + 1), (before, behind), sensitivity.matrix
+                )
                 if self.measured or (turns and turn_alone(leg, np.eye(3)).angle > WHOLE_TURN):
                     self.legs.append(leg)
         self.excess = np.zeros((len(self._rests) if self.measured else 0) + len(self.legs))
         self._steps = self._bias_steps()
-
-    def _bias_by_force(self) -> tuple[Floats, Floats]:
-        """Return how the bias depends on the acceleration, (3, 3) in rad/s for each m/s^2.
-
-        Beside it stands the covariance (3, 3) of each of its rows, for rates of variance one.
-
-        From the rates at rest, on a bias that goes straight with time besides. What the rests do
-        not tell stays near zero, as far as data sheets have it.
-        """
-        rates = np.array([rest.rate for rest in self._rests])
-        forces = np.array([rest.acceleration for rest in self._rests])
-        times = np.array([rest.time for rest in self._rests])
-        trend = np.column_stack([np.ones(len(times)), times - times.mean()])
-        # A bias wanders from rest to rest by a tenth of what gravity does to it.
-        weight = (0.1 * GRAVITY) ** 2
-        fit = np.linalg.lstsq(trend, np.hstack([rates, forces]), rcond=None)[0]
-        rates, forces = rates - trend @ fit[:, :3], forces - trend @ fit[:, 3:]
-        normal = forces.T @ forces + weight * np.eye(3)
-        inverse = np.linalg.inv(normal)
-        return rates.T @ forces @ inverse, inverse @ forces.T @ forces @ inverse
 
     def _bias_steps(self) -> Floats:
         """Return the mean square (3,) by which the bias moves from rest to rest, without noise."""
@@ -121,7 +104,7 @@ class RestsOfOneRecording:
             noise = density * (1.0 / before.seconds + 1.0 / behind.seconds)
             step = behind.rate - before.rate
             if self.measured:
-                step = step - self._by_force @ (behind.acceleration - before.acceleration)
+                step = step - self._sensitivity.matrix @ (behind.acceleration - before.acceleration)
             steps.append(step**2 - noise)
         return np.asarray(np.maximum(np.mean(steps[1:] or steps, axis=0), 0.0))
 
@@ -244,7 +227,7 @@ class RestsOfOneRecording:
         on_the_way = self._found.rate_density * leg.seconds
         on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0
         at_rest = self._found.rate_density / np.mean([rest.seconds for rest in self._rests])
-        on_the_way = on_the_way + (leg.push @ self._force_known @ leg.push) * at_rest
+        on_the_way = on_the_way + (leg.push @ self._sensitivity.spread @ leg.push) * at_rest
         variance = float(on_the_way.mean() * np.abs(np.linalg.det(matrix)) ** (2.0 / 3.0))
         edges = np.zeros_like(noise)
         for k, sign in ((i, 1.0), (j, -1.0)):

@@ -15,6 +15,7 @@ from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.rests import GRAVITY, find_rests, make_track
 from gyro_drift_filter.calibrate.results import Calibration, make_result
+from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
 
 Floats = NDArray[np.float64]
@@ -52,19 +53,20 @@ def calibrate(recordings: Sequence[Samples], *, turns: bool = False) -> Calibrat
         CalibrationError: They tell nothing of it; the text says what to do.
     """
     sessions, rests, references = [], [], []
-    for number, samples in enumerate(recordings):
+    for samples in recordings:
         track = make_track(samples.stamps, samples.rates, samples.accelerations)
-        session = Session(track, find_rests(track))
-        sessions.append(session)
+        sessions.append(Session(track, find_rests(track)))
+    sensitivity = find_sensitivity([session.rests for session in sessions])
+    for number, (samples, session) in enumerate(zip(recordings, sessions, strict=True)):
         if session.rests.rests:
-            rests.append(RestsOfOneRecording(number, session, turns))
+            rests.append(RestsOfOneRecording(number, session, turns, sensitivity))
         if samples.reference is not None:
-            density = session.rests.rate_density
+            track, density = session.track, session.rests.rate_density
             reference = samples.reference
             references.append(ReferenceOfOneRecording(number, track, reference, density))
     evidence = Evidence(rests, references, _up(sessions))
     _check(sessions, evidence, turns)
-    return make_result(sessions, evidence, solve(evidence))
+    return make_result(sessions, evidence, solve(evidence), sensitivity)
 
 
 def _up(sessions: Sequence[Session]) -> Floats | None:

@@ -1,8 +1,9 @@
 """Calibrations of other programs: Kalibr's file of an IMU, which OpenVINS reads too, and imu_tk's.
 
-Kalibr (`scale-misalignment`): measured = M C_gyro_i rate + bias, M lower triangular, in the axes of
-the accelerometer, whose own M is lower triangular, too. imu_tk: rate = T K (raw - B), the three
-matrices one after the other in a text file.
+Kalibr (`scale-misalignment`): measured = M C_gyro_i rate + A C_gyro_i acceleration + bias, M lower
+triangular, in the axes of the accelerometer, whose own M is lower triangular, too; for OpenVINS
+A C_gyro_i is Tg. imu_tk: rate = T K (raw - B), the three matrices one after the other in a text
+file.
 """
 
 from typing import Any, NamedTuple
@@ -21,10 +22,13 @@ class Foreign(NamedTuple):
     Attributes:
         matrix: (3, 3).
         bias: (3,) in rad/s; None where the file holds none.
+        sensitivity: (3, 3) what raw accelerations add to raw rates, in rad/s per m/s^2; None where
+            the file holds none.
     """
 
     matrix: Floats
-    bias: Floats | None
+    bias: Floats | None = None
+    sensitivity: Floats | None = None
 
 
 class Noise(NamedTuple):
@@ -57,9 +61,16 @@ def from_kalibr(document: Any) -> Foreign:
     for imu in (document, *imus):
         if isinstance(imu, dict) and isinstance(imu.get('gyroscopes'), dict):
             gyroscopes = imu['gyroscopes']
-            turned = _matrix(gyroscopes.get('C_gyro_i', np.eye(3)), 'C_gyro_i')
-            measured = _matrix(gyroscopes.get('M'), 'M') @ turned
-            return Foreign(np.asarray(np.linalg.inv(measured), np.float64), None)
+            turned = _invertible(gyroscopes.get('C_gyro_i', np.eye(3)), 'C_gyro_i')
+            measured = _invertible(gyroscopes.get('M'), 'M') @ turned
+            matrix = np.asarray(np.linalg.inv(measured), np.float64)
+            sensitivity = _matrix(gyroscopes.get('A', np.zeros((3, 3))), 'A')
+            if not sensitivity.any():
+                return Foreign(matrix)
+            accelerometers = imu.get('accelerometers')
+            raw = accelerometers.get('M') if isinstance(accelerometers, dict) else np.eye(3)
+            by_raw = np.linalg.inv(_invertible(raw, 'M of the accelerometers'))
+            return Foreign(matrix, None, sensitivity @ turned @ by_raw)
     raise CalibrationError(
         "no gyroscopes' M in the file: Kalibr writes it with --imu-models scale-misalignment"
     )
@@ -70,7 +81,14 @@ def _matrix(value: Any, name: str) -> Floats:
         matrix = np.asarray(value, np.float64).reshape(3, 3)
     except (TypeError, ValueError) as error:
         raise CalibrationError(f'{name} in the file is no matrix of 3 by 3') from error
-    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f'{name} in the file is not finite')
+    return matrix
+
+
+def _invertible(value: Any, name: str) -> Floats:
+    matrix = _matrix(value, name)
+    if abs(np.linalg.det(matrix)) < 1e-12:
         raise CalibrationError(f'{name} in the file can not be inverted')
     return matrix
 
@@ -94,7 +112,11 @@ def from_imu_tk(text: str) -> Foreign:
 
 
 def to_kalibr(
-    noise: Noise, topic: str, matrix: Floats | None = None, accelerometer: Floats | None = None
+    noise: Noise,
+    topic: str,
+    matrix: Floats | None = None,
+    accelerometer: Floats | None = None,
+    sensitivity: Floats | None = None,
 ) -> str:
     """Return the text of a Kalibr file, with the keys of OpenVINS beside those of Kalibr.
 
@@ -103,6 +125,7 @@ def to_kalibr(
         topic: Of the Imu messages.
         matrix: (3, 3) of rate = matrix (raw - bias); None where only noise is known.
         accelerometer: (3, 3) the same of the accelerometer.
+        sensitivity: (3, 3) what its raw accelerations add to the raw rates, in rad/s per m/s^2.
     """
 
     def known(name: str, value: float | None) -> str:
@@ -126,6 +149,7 @@ def to_kalibr(
     inverse = np.linalg.inv(np.eye(3) if accelerometer is None else accelerometer)
     acceleration, turned = _lower(np.asarray(inverse, np.float64))
     rate, gyroscope = _lower(np.asarray(np.linalg.inv(matrix) @ turned.T, np.float64))
+    by_force = (np.zeros((3, 3)) if sensitivity is None else sensitivity) @ acceleration
     lines += [
         '  model: scale-misalignment',
         '  accelerometers:',
@@ -133,12 +157,12 @@ def to_kalibr(
         '  gyroscopes:',
         *_rows('M', rate, '    '),
         *_rows('C_gyro_i', gyroscope, '    '),
-        *_rows('A', np.zeros((3, 3)), '    '),
+        *_rows('A', by_force @ gyroscope.T, '    '),
         *_rows('Tw', rate),
         *_rows('R_IMUtoGYRO', gyroscope),
         *_rows('Ta', acceleration),
         *_rows('R_IMUtoACC', np.eye(3)),
-        *_rows('Tg', np.zeros((3, 3))),
+        *_rows('Tg', by_force),
     ]
     return '\n'.join(lines) + '\n'
 

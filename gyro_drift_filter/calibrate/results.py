@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording, Session
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise
+from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, Solution
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, OFFSET, TURNED, UPPER, upper
 from gyro_drift_filter.core.parameters import AXES, Parameters
@@ -79,6 +80,7 @@ class Calibration:
         unknown: In words what was not excited, and how far it is known.
         warnings: What else to know.
         reference: How the reference relates to the sensor; None without one.
+        sensitivity: What accelerations add to the rates; None where they are not seen to.
         noise: Of the sensor at rest.
     """
 
@@ -95,10 +97,16 @@ class Calibration:
     unknown: tuple[str, ...]
     warnings: tuple[str, ...]
     reference: ReferenceFit | None
+    sensitivity: AccelerationSensitivity | None
     noise: Noise
 
 
-def make_result(sessions: Sequence[Session], evidence: Evidence, solution: Solution) -> Calibration:
+def make_result(
+    sessions: Sequence[Session],
+    evidence: Evidence,
+    solution: Solution,
+    sensitivity: AccelerationSensitivity,
+) -> Calibration:
     """Return the result of a solution.
 
     Raises:
@@ -135,6 +143,7 @@ def make_result(sessions: Sequence[Session], evidence: Evidence, solution: Solut
         tuple(_unknown(deviation)),
         tuple(_warnings(sessions, parts)),
         _fit(evidence, solution, deviations),
+        sensitivity if sensitivity.is_found else None,
         _noise(sessions, parts),
     )
 

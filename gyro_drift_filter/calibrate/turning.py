@@ -77,7 +77,7 @@ def make_leg(
     number: int,
     rests: tuple[int, int],
     ends: tuple[Rest, Rest],
-    by_force: Floats,
+    sensitivity: Floats,
 ) -> Leg:
     """Return the leg between two rests of a track.
 
@@ -86,7 +86,7 @@ def make_leg(
         number: Index of the recording.
         rests: Indexes of the two rests.
         ends: The rests themselves.
-        by_force: (3, 3) how the bias depends on the acceleration, in rad/s for each m/s^2.
+        sensitivity: (3, 3) what the acceleration adds to the rates, in rad/s per m/s^2.
     """
     before, behind = ends
     span = slice(before.stop - 1, behind.first + 1)
@@ -97,7 +97,7 @@ def make_leg(
     if track.accelerations is not None:
         ahead, later = before.acceleration, behind.acceleration
         beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
-    bias += beside @ by_force.T
+    bias += beside @ sensitivity.T
     steps = np.diff(seconds)
     return Leg(
         number,

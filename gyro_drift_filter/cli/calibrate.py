@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import is_terminal, say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, take_any_name, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -97,7 +97,10 @@ def run(options: argparse.Namespace) -> None:
             of = result.accelerometer
             upper = of.matrix if of is not None else None
             topic = options.topic or '/imu/data_raw'
-            write_whole(options.kalibr, to_kalibr(result.noise, topic, result.matrix, upper))
+            found = result.sensitivity
+            by_force = found.matrix if found is not None else None
+            text = to_kalibr(result.noise, topic, result.matrix, upper, by_force)
+            write_whole(options.kalibr, text)
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, recordings)
@@ -119,6 +122,7 @@ def _convert(options: argparse.Namespace) -> None:
     from gyro_drift_filter.calibrate.exchange import from_imu_tk, from_kalibr
     from gyro_drift_filter.cli.calibration_report import foreign_file
     from gyro_drift_filter.core import Parameters
+    from gyro_drift_filter.core.parameters import NO_SENSITIVITY
 
     path = options.bags[0]
     if len(options.bags) > 1:
@@ -129,7 +133,13 @@ def _convert(options: argparse.Namespace) -> None:
         found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise GyroDriftFilterError(f'{path} is no YAML: {" ".join(str(error).split())}') from error
-    Parameters(calibration_matrix=tuple(found.matrix.ravel().tolist()))
+    sensitivity = (
+        NO_SENSITIVITY if found.sensitivity is None else found.sensitivity.ravel().tolist()
+    )
+    Parameters(
+        calibration_matrix=tuple(found.matrix.ravel().tolist()),
+        calibration_acceleration_sensitivity=tuple(sensitivity),
+    )
     write_whole(options.output, foreign_file(found, printable(path.name)))
     say(f'wrote {options.output}')
 
@@ -143,7 +153,7 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
     from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
 
-    progress = Progress(enabled=is_terminal())
+    progress = Progress(enabled=True)
     try:
         found = read_samples(bag, options.topic, (options.start, options.end), None, progress)
     finally:

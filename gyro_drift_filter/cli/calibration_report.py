@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
+from gyro_drift_filter.calibrate.rests import GRAVITY
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
@@ -35,6 +36,13 @@ def report(result: Calibration) -> str:
             + ', '.join(
                 f'{value:.4f} +- {deviation:.4f}'
                 for value, deviation in zip(found.bias, found.bias_deviation, strict=True)
+            ),
+        ]
+    if (sensitivity := result.sensitivity) is not None:
+        parts += [
+            'what 1 g along each axis adds to the rates (deg/s)',
+            _matrix(
+                *(np.degrees(GRAVITY * x) for x in (sensitivity.matrix, sensitivity.deviation))
             ),
         ]
     if result.reference is not None:
@@ -116,6 +124,12 @@ def parameter_file(result: Calibration, source: str) -> str:
         f'      # {_listed(result.deviation)}',
         f'      matrix: {_listed(result.matrix)}',
     ]
+    if result.sensitivity is not None:
+        lines += [
+            '      # What each m/s^2 adds to the rates, in rad/s, row by row; standard errors:',
+            f'      # {_listed(result.sensitivity.deviation)}',
+            f'      acceleration_sensitivity: {_listed(result.sensitivity.matrix)}',
+        ]
     return '\n'.join(lines) + '\n'
 
 
@@ -133,6 +147,8 @@ def foreign_file(found: Foreign, source: str) -> str:
         '    calibration:',
         f'      matrix: {_listed(found.matrix)}',
     ]
+    if found.sensitivity is not None:
+        lines += [f'      acceleration_sensitivity: {_listed(found.sensitivity)}']
     if found.bias is not None:
         lines += ['    bias:', f'      initial: {_listed(found.bias)}']
     return '\n'.join(lines) + '\n'

@@ -11,7 +11,7 @@ from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.messages.health import package_version
 
 # Modules of this package.
-_SUBCOMMANDS = ('replay', 'identify', 'calibrate', 'doctor', 'simulate', 'compile')
+_SUBCOMMANDS = ('replay', 'report', 'identify', 'calibrate', 'doctor', 'simulate', 'compile')
 
 
 def parser(subcommand: str = '') -> argparse.ArgumentParser:

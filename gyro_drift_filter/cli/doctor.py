@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.printing import is_terminal, say
+from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from gyro_drift_filter.doctor.findings import is_sound
 
     spare_linear_algebra()
-    progress = Progress(enabled=is_terminal())
+    progress = Progress(enabled=True)
     try:
         topic, examined = read_recording(
             options.bag, options.topic, (options.start, options.end), progress

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import is_terminal, say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, take_any_name, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> None:
     check_targets(
         {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
     )
-    progress = Progress(enabled=is_terminal())
+    progress = Progress(enabled=True)
     try:
         samples = read_samples(
             options.bag,

@@ -7,6 +7,9 @@ from contextlib import suppress
 
 from gyro_drift_filter.errors import GyroDriftFilterError
 
+# Of ECMA-48: bold green, bold yellow, bold red.
+_COLOURS = {'helped': '1;32', 'useless': '1;33', 'harmed': '1;31'}
+
 
 def say(text: str) -> None:
     """Print a result, when all else is done.
@@ -25,6 +28,14 @@ def say(text: str) -> None:
         raise GyroDriftFilterError(
             f'all is written, but the standard output can not be: {error.strerror}'
         ) from error
+
+
+def in_colour(text: str, outcome: str) -> str:
+    """Return text in the colour of an outcome, where a terminal shows it that wants colours."""
+    plain = os.environ.get('NO_COLOR') or os.environ.get('TERM') == 'dumb'
+    if plain or sys.stdout is None or not sys.stdout.isatty():
+        return text
+    return f'\x1b[{_COLOURS[outcome]}m{text}\x1b[0m'
 
 
 def take_any_name() -> None:

@@ -14,27 +14,46 @@ _TERMINAL_SECONDS, _LINE_SECONDS = 0.5, 10.0
 
 
 class Progress:
-    """A line on stderr that is written over, a few times a second."""
+    """How far work is, how fast, and what is left: a line that is written over on a terminal.
+
+    Elsewhere it is a line now and then, so that a log tells of long work and of no other.
+    """
 
     def __init__(self, enabled: bool) -> None:
         self._enabled = enabled
-        self._last = 0.0
+        self._terminal = is_terminal()
+        self._start = self._last = time.monotonic()
         self._shown = False
 
     def __call__(self, done: int, total: int) -> None:
-        """Show how many of the messages are done."""
+        """Show how many of the messages are done; the total is 0 where it is not known."""
         now = time.monotonic()
-        if not self._enabled or now - self._last < 0.2:
+        pause = 0.2 if self._terminal else _LINE_SECONDS
+        if not self._enabled or now - self._last < pause:
             return
         self._last = now
-        share = f' ({100 * done // total} %)' if total else ''
-        tell(f'\r{done} messages{share}', end='')
+        text = f'{done} messages, {done / (now - self._start):.0f} a second'
+        if 0 < done <= total:
+            left = (total - done) * (now - self._start) / done
+            text = f'{100 * done // total} % of {total} messages'
+            text += f', {done / (now - self._start):.0f} a second, {_duration(left)} left'
+        tell(f'\r{text}\x1b[K' if self._terminal else text, end='' if self._terminal else '\n')
         self._shown = True
 
     def finish(self) -> None:
         """Clear the line."""
-        if self._shown:
+        if self._shown and self._terminal:
             tell('\r\x1b[K', end='')
+
+
+def _duration(seconds: float) -> str:
+    """Return a time in words: 8 s, 3 min 20 s, 2 h 5 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f'{whole} s'
+    if whole < 3600:
+        return f'{whole // 60} min {whole % 60} s'
+    return f'{whole // 3600} h {whole % 3600 // 60} min'
 
 
 def compile_first() -> None:

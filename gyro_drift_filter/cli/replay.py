@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import is_terminal, say, tell
+from gyro_drift_filter.cli.printing import in_colour, say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.result_files import check_targets, write_whole
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.verdict_file import as_json
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 
 if TYPE_CHECKING:
-    from gyro_drift_filter.bags.replay_run import Summary
+    from gyro_drift_filter.core import Filter
+    from gyro_drift_filter.report.verdict import Verdict
 
 
 def add_parser(subcommands: Any) -> None:
@@ -72,9 +75,12 @@ def add_parser(subcommands: Any) -> None:
         help='start with the bias that the recording before has left in this file, as a node does '
         'with its own, and write it for the next one',
     )
+    command.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the figures of the verdict, for programs'
+    )
     command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
     command.add_argument(
-        '--quiet', action='store_true', help='no progress, no table; warnings are told'
+        '--quiet', action='store_true', help='no progress, no verdict; warnings are told'
     )
     command.set_defaults(run=run)
 
@@ -82,11 +88,14 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     from gyro_drift_filter.bags.replay import replay
+    from gyro_drift_filter.bags.replay_run import Watch
     from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.report.verdict import RunWatch
 
     spare_linear_algebra()
     if not options.start < options.end:
         raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    check_targets({'--json': options.json}, None)
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
         parameters = parameters.with_names({'method': options.method})
@@ -97,7 +106,13 @@ def run(options: argparse.Namespace) -> None:
         )
     if not options.quiet:
         compile_first()
-    progress = Progress(enabled=not options.quiet and is_terminal())
+    progress = Progress(enabled=not options.quiet)
+    watches: dict[str, RunWatch] = {}
+
+    def watched(topic: str, filter_: 'Filter') -> RunWatch:
+        watches[topic] = RunWatch(filter_)
+        return watches[topic]
+
     try:
         summaries = replay(
             options.bag,
@@ -115,7 +130,7 @@ def run(options: argparse.Namespace) -> None:
             diagnostics=options.diagnostics,
             memory=options.bias_memory,
             force=options.force,
-            progress=progress,
+            watch=Watch(progress, watched),
         )
     finally:
         progress.finish()
@@ -126,62 +141,45 @@ def run(options: argparse.Namespace) -> None:
                 tell(f'warning: {of_topic}{status.message}')
     for topic, reason in summaries[0].left_out.items():
         tell(f'note: left out {printable(topic)}: {reason}')
+    verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
+    if options.json:
+        write_whole(options.json, as_json([(options.bag, verdicts)]))
     if not options.quiet:
-        tables = [describe(summary, parameters) for summary in summaries]
-        say('\n\n'.join(tables) + f'\nwrote {options.output}')
+        pages = [describe(verdict) for verdict in verdicts]
+        say('\n\n'.join(pages) + f'\nwrote {options.output}')
 
 
-def describe(summary: 'Summary', parameters: Parameters) -> str:
-    """Return what a replay did: the bias, and mean and deviation of each axis at rest."""
-    passed_on = f' ({summary.not_reported} of them unfiltered)' if summary.not_reported else ''
+def describe(verdict: 'Verdict') -> str:
+    """Return what a replay did and whether that helped, with the figures of each axis."""
+    from gyro_drift_filter.report.wording import as_text
+
+    passed_on = f' ({verdict.not_reported} of them unfiltered)' if verdict.not_reported else ''
     head = (
-        f'{printable(summary.topic)} -> {printable(summary.output_topic)}: '
-        f'{summary.received} messages, '
-        f'{summary.written} written{passed_on}, {1.0 / summary.period:.4g} Hz'
+        f'{printable(verdict.topic)} -> {printable(verdict.output_topic)}: '
+        f'{verdict.received} messages, '
+        f'{verdict.written} written{passed_on}, {1.0 / verdict.period:.4g} Hz'
     )
-    resting = summary.rest_raw.count > 0
-    raw, filtered = summary.raw, summary.filtered
-    if resting:
-        raw, filtered = summary.rest_raw, summary.rest_filtered
-    method = parameters.method
-    rows = [['deg/s', 'bias', 'mean raw', method, 'std raw', method, 'ratio', 'outliers']]
+    return f'{head}\n\n{as_text(verdict, in_colour)}\n\n{_table(verdict)}'
+
+
+def _table(verdict: 'Verdict') -> str:
+    """Return the figures of each axis: bias, and noise at rest."""
+    bias, rests = verdict.bias, verdict.rests
+    rows = [['deg/s', 'bias', '+-', 'std raw', verdict.method, 'ratio', 'outliers']]
     for axis, name in enumerate(AXES):
-        cells = [_dead(summary, axis)] + 5 * ['-']
-        if not cells[0]:
-            cells = ['-' if summary.bias_known is None else _degrees(summary.bias[axis])]
-            for before, after in ((raw.mean, filtered.mean), (raw.deviation, filtered.deviation)):
-                cells += [_degrees(before[axis]), _degrees(after[axis])]
-            before, after = raw.deviation[axis], filtered.deviation[axis]
-            cells.append(f'{after / before:.3f}' if before > 0.0 else '-')
-        rows.append([name, *cells, str(summary.outliers[axis])])
-    return f'{head}\n{_about_bias(summary, parameters)}\n{table(rows)}'
-
-
-def _dead(summary: 'Summary', axis: int) -> str:
-    """Return in words why an axis has no figures; empty where it has."""
-    if summary.raw.count == 0:
-        if summary.unusable[axis] > 0:
-            return 'no usable rate'
-        return 'not reported' if summary.not_reported else '-'
-    if summary.raw.count > 1 and summary.raw.deviation[axis] == 0.0:
-        return f'dead, always {_degrees(summary.raw.mean[axis])}'
-    return ''
-
-
-def _about_bias(summary: 'Summary', parameters: Parameters) -> str:
-    """Return when the bias was known, and what mean and deviation are those of."""
-    if summary.raw.count == 0:
-        return 'no figures: no message had a usable rate on all axes'
-    known = 'no bias known: the sensor never stood still for some three seconds'
-    if summary.bias_known is not None:
-        known = f'bias known after {summary.bias_known:.1f} s'
-    if not parameters.bias_enabled:
-        known += ', left in, as bias.enabled is false'
-    rest = summary.rest_raw.count
-    over = f'the {rest} messages at rest since then' if rest else 'all messages, with motion'
-    return f'{known}; mean and std of {over}'
+        if verdict.silent[axis]:
+            cells = [verdict.silent[axis]] + 4 * ['-']
+        else:
+            known = bias.source != 'unknown'
+            cells = [_degrees(bias.rates[axis]) if known else '-', _degrees(bias.deviations[axis])]
+            cells += [
+                _degrees(values[axis]) for values in (rests.raw_deviation, rests.filtered_deviation)
+            ]
+            cells.append(f'{rests.ratio[axis]:.3f}' if math.isfinite(rests.ratio[axis]) else '-')
+        rows.append([name, *cells, str(verdict.held_back.axes[axis])])
+    return table(rows)
 
 
 def _degrees(rate: float) -> str:
     """Return a rate in rad/s as text in deg/s."""
-    return f'{math.degrees(rate):.4f}'
+    return f'{math.degrees(rate):.4f}' if math.isfinite(rate) else '-'

@@ -15,25 +15,28 @@ _PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.t
 _LONG = ('residuals', 'cleaned')
 
 
-def check_targets(options: dict[str, Path | None], folder: Path | None) -> None:
+def check_targets(
+    options: dict[str, Path | None], folder: Path | None, option: str = '--plot'
+) -> None:
     """Make sure that what is to be written can be, before the work and not after it.
 
     Args:
         options: The files, by the options that name them.
-        folder: That of `--plot`.
+        folder: For pictures.
+        option: The one that names it.
 
     Raises:
         GyroDriftFilterError: It can't.
     """
     files: dict[Path, str] = {}
-    for option, path in options.items():
+    for name, path in options.items():
         if path is None:
             continue
         if path.absolute() in files:
             raise GyroDriftFilterError(
-                f'{files[path.absolute()]} and {option} name the same file, {path}'
+                f'{files[path.absolute()]} and {name} name the same file, {path}'
             )
-        files[path.absolute()] = option
+        files[path.absolute()] = name
         if path.is_dir():
             raise GyroDriftFilterError(f'{path} is a folder: name a file')
         if path.exists() or path.is_symlink():
@@ -45,20 +48,20 @@ def check_targets(options: dict[str, Path | None], folder: Path | None) -> None:
         return
     if folder.suffix.lower() in _PICTURES and not folder.is_dir():
         raise GyroDriftFilterError(
-            f'--plot {folder}: name a folder; several PNG files are written into it'
+            f'{option} {folder}: name a folder; several PNG files are written into it'
         )
     above = folder.absolute()
     while not above.exists():
         above = above.parent
     if not above.is_dir():
-        raise GyroDriftFilterError(f'--plot {folder}: {above} is no folder')
+        raise GyroDriftFilterError(f'{option} {folder}: {above} is no folder')
     _check_writable(above)
 
 
-def without_matplotlib(error: ImportError) -> GyroDriftFilterError:
-    """Return what to say where `--plot` lacks its library."""
+def without_matplotlib(error: ImportError, option: str = '--plot') -> GyroDriftFilterError:
+    """Return what to say where the option for pictures lacks its library."""
     return GyroDriftFilterError(
-        f"--plot needs the Python package matplotlib ({error}): install it with 'pip install "
+        f"{option} needs the Python package matplotlib ({error}): install it with 'pip install "
         "matplotlib'"
     )
 

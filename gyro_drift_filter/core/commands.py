@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import entry_kernel
+from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import (
     HINT_SECONDS,
@@ -13,12 +13,13 @@ from gyro_drift_filter.core.bias import (
     leave_rest,
     start_bias,
     warm_bias,
+    widen,
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
-from gyro_drift_filter.core.motion_bias import set_shift
+from gyro_drift_filter.core.motion_bias import GRAVITY, set_shift
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
-from gyro_drift_filter.core.settings import SETTINGS
+from gyro_drift_filter.core.settings import SETTINGS, Settings
 from gyro_drift_filter.core.step import derive
 
 # A method takes over from another's output where that is so many deviations from the last sample.
@@ -35,6 +36,26 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
         period = period_of(sample_rate)
         methods.rescale(filter_[0], period / state['clock']['period'])
         state['clock']['period'] = period
+    bias = state['bias']
+    if bias['known'] or bias['provisional'][0] > 0.0:
+        widen(bias, _change_of_bias(before, after))
+
+
+@kernel
+def _change_of_bias(before: Settings, after: Settings) -> float:
+    """Return the variance in (rad/s)^2 by which a change of what gravity adds moves the bias."""
+    largest = 0.0
+    for axis in range(3):
+        total = 0.0
+        for k in range(3):
+            name = 3 * axis + k
+            change = (
+                after['calibration_acceleration_sensitivity'][name]
+                - before['calibration_acceleration_sensitivity'][name]
+            )
+            total += change * change
+        largest = max(largest, total)
+    return largest * GRAVITY * GRAVITY
 
 
 @entry_kernel(FILTER)
@@ -49,7 +70,7 @@ def take_over(filter_: NDArray[np.void]) -> None:
     derive(filter_[0], state['clock']['period'])
     for axis in range(3):
         rate = state['filtered'][axis]
-        distance = abs(state['checks']['measured'][axis] - rate)
+        distance = abs(state['taken'][axis] - rate)
         near = distance <= NEAR * math.sqrt(result['innovation_variance'][axis])
         was_tracking = tracking[axis] == 1 and result['status'] != SampleStatus.REFUSED
         tracking[axis] = 0

@@ -27,13 +27,14 @@ GROUPS = {
     'input': 'What the driver delivers.',
     'outlier': 'What becomes of samples far from their prediction.',
     'bias': 'The bias is learned whenever the sensor stands still.',
-    'calibration': 'Scale and misalignment of the axes; `gyro_drift calibrate` finds those of a '
-    'sensor.',
+    'calibration': 'Scale and misalignment of the axes, and what accelerations do to them; '
+    '`gyro_drift calibrate` finds those of a sensor.',
     'model': 'The drift model of the paper, and the noise at rest; one value per axis x, y, z. '
     '`gyro_drift identify` finds those of a sensor.',
 }
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+NO_SENSITIVITY = (0.0,) * 9
 # What is beyond these is no calibration but another unit, a swapped axis, or how it is mounted.
 SCALES = 0.5, 2.0
 LARGEST_TURN = 20.0  # deg
@@ -335,6 +336,17 @@ class Parameters:
         high=2.5,
         size=len(IDENTITY),
     )
+    calibration_acceleration_sensitivity: tuple[float, ...] = _parameter(
+        NO_SENSITIVITY,
+        'calibration.acceleration_sensitivity',
+        'What each m/s^2 along an axis adds to the rates (g-sensitivity), taken off first: nine '
+        'numbers, row by row. 1e-4 is 0.06 deg/s for 1 g. Needs the linear acceleration of the '
+        'Imu.',
+        unit='rad/s per m/s^2',
+        low=-0.01,
+        high=0.01,
+        size=len(NO_SENSITIVITY),
+    )
     model_phi: tuple[float, float, float] = _parameter(
         (0.218, 0.218, 0.218),
         'model.phi',
@@ -385,6 +397,11 @@ class Parameters:
     def is_calibrated(self) -> bool:
         """Whether there is a matrix to be applied."""
         return self.calibration_matrix != IDENTITY
+
+    @property
+    def is_sensitive(self) -> bool:
+        """Whether accelerations are to be taken off."""
+        return self.calibration_acceleration_sensitivity != NO_SENSITIVITY
 
     @classmethod
     def from_names(cls, values: Mapping[str, Any]) -> 'Parameters':

@@ -25,11 +25,13 @@ def _type(description: Description) -> Any:
     return _TYPES[description.kind]
 
 
-# `is_calibrated` is what decides in each step whether `calibration_matrix` is applied.
+# What decides in each step whether `calibration_matrix` is applied, and whether
+# `calibration_acceleration_sensitivity` is.
+_DECIDED = 'is_calibrated', 'is_sensitive'
 SETTINGS = np.dtype(
     [
         *((name, _type(description)) for name, description in FIELDS.items()),
-        ('is_calibrated', np.bool_),
+        *((name, np.bool_) for name in _DECIDED),
     ],
     align=True,
 )
@@ -42,5 +44,6 @@ def settings_of(parameters: Parameters) -> NDArray[Any]:
         value = getattr(parameters, name)
         chosen = description.kind == 'string'
         settings[0][name] = description.choices.index(value) if chosen else value
-    settings[0]['is_calibrated'] = parameters.is_calibrated
+    for name in _DECIDED:
+        settings[0][name] = getattr(parameters, name)
     return settings

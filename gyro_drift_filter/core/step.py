@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
+from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
 from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
@@ -23,6 +23,7 @@ from gyro_drift_filter.core.quantisation import (
 from gyro_drift_filter.core.records import FILTER, FilterRecord
 from gyro_drift_filter.core.rest import derive_lengths
 from gyro_drift_filter.core.sample import (
+    LARGEST_ACCELERATION,
     RESULT,
     SAMPLE,
     Result,
@@ -58,14 +59,16 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     note_values(state['checks'], sample, clock['period'], state['bias']['rest'])
     if undone:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
+    if settings['is_sensitive']:
+        _take_acceleration_off(sample, state['acceleration'], settings)
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, filter_)
     _take_bias_off(sample, elapsed, missing, filter_)
     _calibrate(settings, result)
-    if undone:
+    for axis in range(3):
+        state['taken'][axis] = sample['angular_velocity'][axis]
         # The sample is the caller's.
-        for axis in range(3):
-            sample['angular_velocity'][axis] = state['checks']['measured'][axis]
+        sample['angular_velocity'][axis] = state['checks']['measured'][axis]
     if result['status'] == SampleStatus.REFUSED:
         state['counts']['refused'] += 1
     else:
@@ -84,6 +87,25 @@ def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
         if newly and mode == Mode.AUTO:
             widen(state['bias'], variance_of_cut(quantisation))
     return is_undone(quantisation, mode)
+
+
+@kernel
+def _take_acceleration_off(sample: Sample, acceleration: PerAxis, settings: Settings) -> None:
+    """Take off the rates what the acceleration adds to them, and nothing to the bias."""
+    rate, sensitivity = sample['angular_velocity'], settings['calibration_acceleration_sensitivity']
+    usable, now = True, sample['linear_acceleration']
+    for axis in range(3):
+        usable = usable and abs(now[axis]) <= LARGEST_ACCELERATION  # False for NaN
+    for axis in range(3):
+        if usable:
+            acceleration[axis] = now[axis]
+    for axis in range(3):
+        row = 3 * axis
+        rate[axis] -= (
+            sensitivity[row] * acceleration[0]
+            + sensitivity[row + 1] * acceleration[1]
+            + sensitivity[row + 2] * acceleration[2]
+        )
 
 
 @kernel

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.health_rules import (
@@ -58,7 +57,12 @@ class Health:
         self, now: MessageReport, seconds: float, paced: bool = True
     ) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter; arguments are those of `rules`."""
-        span, of_input, of_filter = self.rules(now, seconds, paced)
+        return self.statuses(*self.rules(now, seconds, paced))
+
+    def statuses(
+        self, span: Span, of_input: Sequence[Rule], of_filter: Sequence[Rule]
+    ) -> list[DiagnosticStatus]:
+        """Return the status of the input and of the filter by the rules that apply."""
         return [
             self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
             self._status(FILTER, of_filter, 'filtering', span, _filter_values(span)),
@@ -138,20 +142,29 @@ def _input_values(span: Span) -> dict[str, Any]:
     }
 
 
+def _row_by_row(values: Sequence[float]) -> str:
+    return ' '.join(f'{value:g}' for value in values)
+
+
 def _filter_values(span: Span) -> dict[str, Any]:
     state = span.now.telemetry
     return {
         'Method': span.now.parameters.method,
         'Version': package_version(),
-        'Calibration matrix': ' '.join(f'{v:g}' for v in span.now.parameters.calibration_matrix)
+        'Calibration matrix': _row_by_row(span.now.parameters.calibration_matrix)
         if span.now.parameters.is_calibrated
+        else 'none',
+        'Acceleration sensitivity (rad/s per m/s^2)': _row_by_row(
+            span.now.parameters.calibration_acceleration_sensitivity
+        )
+        if span.now.parameters.is_sensitive
         else 'none',
         'Outliers': state.outliers,
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
-        'Rest the noise was learned from (s)': [BLOCK_SECONDS * n for n in state.noise_blocks],
+        'Rest the noise was learned from (s)': span.noise_seconds,
         'Bias (rad/s)': state.bias,
         'Bias deviation (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,

@@ -344,7 +344,8 @@ def compare_axes(
             turned = True
         if all_equal:
             likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
-    all_zero = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
+    measured = checks['measured']
+    all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
     circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
     unlikely = all_equal and likelihood < REPEAT

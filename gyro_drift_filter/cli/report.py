@@ -1,0 +1,176 @@
+"""`gyro_drift report`: one page that shows whether the filter helped, without a network."""
+
+import argparse
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import in_colour, say
+from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.result_files import (
+    check_targets,
+    without_matplotlib,
+    write_whole,
+)
+from gyro_drift_filter.cli.verdict_file import as_json
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.report.page import Recording
+
+_NEEDED = (
+    'the report needs the Python packages plotly, tsdownsample, scipy and allantools ({}): install '
+    "them with 'pip install plotly tsdownsample scipy allantools'"
+)
+# What the recording holds and what the filter makes of it are the same up to here.
+_ALL = 1.0
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'report',
+        help='draw what the filter does to a recording, with a verdict',
+        description='Filter the Imu topic of one or several bags, as replay does, and write one '
+        'page with the verdict and figures to zoom in. It holds all that it needs: nothing is '
+        'loaded from a network.',
+    )
+    command.add_argument(
+        'bag',
+        type=Path,
+        nargs='+',
+        help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; a filtered topic '
+        'in it is compared with what the filter makes of the raw one',
+    )
+    command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
+    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    command.add_argument(
+        '--methods',
+        nargs='+',
+        choices=METHOD_NAMES,
+        metavar='METHOD',
+        help=f'compare these, of {", ".join(METHOD_NAMES)}; the first one is shown in full',
+    )
+    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    command.add_argument(
+        '--start', type=float, default=0.0, help='s from the begin of the recording on'
+    )
+    command.add_argument(
+        '--end', type=float, default=math.inf, help='s from the begin of the recording on'
+    )
+    command.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the figures of the verdicts, for programs'
+    )
+    command.add_argument(
+        '--png', type=Path, metavar='FOLDER', help='write the figures as PNG files, too'
+    )
+    command.add_argument('--quiet', action='store_true', help='no progress, no verdict')
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    if not options.start < options.end:
+        raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    check_targets({'--output': options.output, '--json': options.json}, options.png, '--png')
+    try:
+        import allantools  # noqa: F401
+        import plotly  # noqa: F401
+        import scipy.fft  # noqa: F401
+        import tsdownsample  # noqa: F401
+    except ImportError as error:
+        raise GyroDriftFilterError(_NEEDED.format(error)) from error
+    if options.png:
+        try:
+            import matplotlib as mpl  # noqa: F401
+        except ImportError as error:
+            raise without_matplotlib(error, '--png') from error
+    from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.report.page import page
+    from gyro_drift_filter.report.wording import as_text
+
+    spare_linear_algebra()
+    parameters = read_parameters(options.params) if options.params else Parameters()
+    methods = list(dict.fromkeys(options.methods or [parameters.method]))
+    wanted = () if options.topic is None else (options.topic,)
+    selection = Selection(imu_topics=wanted, start=options.start, end=options.end)
+    if not options.quiet:
+        compile_first()
+    recordings = []
+    for bag in options.bag:
+        all_parameters = [parameters.with_names({'method': method}) for method in methods]
+        recordings.append(_recording(bag, all_parameters, selection, options))
+    verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
+    if options.json:
+        bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
+        write_whole(options.json, as_json(bags))
+    write_whole(options.output, page(recordings))
+    if not options.quiet:
+        texts = [
+            f'{name}, {verdict.method}\n\n{as_text(verdict, in_colour)}'
+            for name, of_methods in verdicts.items()
+            for verdict in of_methods
+        ]
+        say('\n\n'.join(texts) + f'\n\nwrote {options.output}')
+
+
+def _recording(
+    bag: Path,
+    parameters: list[Parameters],
+    selection: 'Selection',
+    options: argparse.Namespace,
+) -> 'Recording':
+    """Return what the page shows of a bag; pictures of it are written."""
+    from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
+    from gyro_drift_filter.report.figures import Drawer, roles
+    from gyro_drift_filter.report.page import Recording, points_for
+
+    progress = Progress(enabled=not options.quiet)
+    try:
+        filtered = filter_recording(bag, parameters, selection, progress)
+    finally:
+        progress.finish()
+    notes, recorded = [], filtered.recorded
+    if recorded is not None and recorded.same == _ALL:
+        notes.append('Its own filtered topic is what the filter makes here, bit for bit.')
+        recorded = None
+    elif recorded is not None:
+        notes.append(
+            'Its own filtered topic is another one than the filter makes here: it was made with '
+            'other parameters, another version, or began elsewhere. Both are drawn.'
+        )
+    drawer = Drawer(
+        filtered.signals,
+        filtered.start,
+        points_for(len(options.bag)),
+        None if recorded is None else (recorded.times, recorded.rates),
+    )
+    figures, rests = drawer.figures(), drawer.rest_times()
+    names = roles([p.method for p in parameters], recorded is not None)
+    name = bag.absolute().name
+    if options.png:
+        from gyro_drift_filter.report import pictures
+
+        folder = options.png / name if len(options.bag) > 1 else options.png
+        pictures.draw(folder, figures, rests, names, list(filtered.signals))
+    return Recording(
+        name=name,
+        verdicts={
+            method: signals.watch.verdict(filtered.summaries[method])
+            for method, signals in filtered.signals.items()
+        },
+        figures=figures,
+        rests=rests,
+        seconds=filtered.seconds,
+        roles=names,
+        parameters=parameters[0],
+        facts=facts_of(bag, filtered, shlex.join(['gyro_drift', *sys.argv[1:]])),
+        notes=notes,
+    )

@@ -1,0 +1,326 @@
+"""The page: verdicts and figures of one or several recordings in one file that needs no network."""
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
+from gyro_drift_filter.errors import printable
+from gyro_drift_filter.report.figures import Figure, Trace
+from gyro_drift_filter.report.verdict import Verdict
+from gyro_drift_filter.report.wording import headline, per_minute, statements
+
+# What a page may have in bytes, for mail and for pull requests.
+LARGEST_PAGE = 15_000_000
+# Of them what is not traces: the library, styles, and text.
+_BESIDE = 700_000
+# A point is four bytes of time and four of value, in base64.
+_POINT_BYTES = 8 * 4 / 3
+_TICKS = 2**32 - 1
+# Nothing is loaded from anywhere, and no script runs but those of this page.
+_POLICY = (
+    "default-src 'none'; script-src {}; style-src 'unsafe-inline'; img-src data: blob:; "
+    "font-src data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the page shows of one recording.
+
+    Attributes:
+        name: Of the bag.
+        verdicts: By method; figures are of the first one, if not said otherwise.
+        figures: In their order.
+        rests: Begin and end of each in s.
+        seconds: That the horizontal axis shows.
+        roles: Names of what can be shown and hidden, by role.
+        parameters: Of the filter.
+        facts: Where it all comes from: pairs of what and which.
+        notes: Sentences on the recording.
+    """
+
+    name: str
+    verdicts: dict[str, Verdict]
+    figures: list[Figure]
+    rests: list[tuple[float, float]]
+    seconds: float
+    roles: dict[str, str]
+    parameters: Parameters
+    facts: list[tuple[str, str]]
+    notes: list[str]
+
+
+def points_for(recordings: int) -> int:
+    """Return how many points all traces of one of so many recordings may have."""
+    room = LARGEST_PAGE - len(get_plotlyjs().encode()) - _BESIDE
+    return int(room / _POINT_BYTES / recordings)
+
+
+def page(recordings: Sequence[Recording]) -> str:
+    """Return the page as HTML; all text that comes from outside is escaped."""
+    scripts = [get_plotlyjs(), _resource('page.js')]
+    hashes = ' '.join(f"'sha256-{_digest(script)}'" for script in scripts)
+    several = len(recordings) > 1
+    title = 'gyro_drift report: ' + ', '.join(recording.name for recording in recordings)
+    bar = _bar(recordings)
+    sections = [
+        _section(k, recording, '' if several else bar) for k, recording in enumerate(recordings)
+    ]
+    data = [
+        f'<script type="application/json" id="data-{k}">{_data(recording)}</script>'
+        for k, recording in enumerate(recordings)
+    ]
+    return '\n'.join(
+        [
+            '<!DOCTYPE html>',
+            '<html lang="en" data-theme="light">',
+            '<head>',
+            '<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(hashes)}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f'<title>{_text(title)}</title>',
+            f'<style>{_resource("page.css")}</style>',
+            '</head>',
+            '<body>',
+            bar if several else '',
+            *sections,
+            *data,
+            *(f'<script>{script}</script>' for script in scripts),
+            '</body>',
+            '</html>\n',
+        ]
+    )
+
+
+def _resource(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding='utf-8')
+
+
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def _text(text: str) -> str:
+    return html.escape(printable(text))
+
+
+def _bar(recordings: Sequence[Recording]) -> str:
+    """Return the buttons that hold for all figures."""
+    roles: dict[str, str] = {}
+    for recording in recordings:
+        roles |= recording.roles
+    choices = ''.join(f'<option value="{k}">{_text(r.name)}' for k, r in enumerate(recordings))
+    choice = f'<select id="choice" aria-label="recording">{choices}</select>'
+    shown = ''.join(
+        f'<button data-role="{role}" aria-pressed="true"><i></i>{_text(name)}</button>'
+        for role, name in roles.items()
+    )
+    axes = ''.join(
+        f'<button data-axis="{axis}" aria-pressed="true">{axis}</button>' for axis in AXES
+    )
+    actions = ''.join(
+        f'<button data-action="{action}" title="{title}" aria-label="{title}">{sign}</button>'
+        for action, title, sign in (
+            ('left', 'earlier (left arrow in a figure)', '&larr;'),
+            ('right', 'later (right arrow)', '&rarr;'),
+            ('closer', 'closer (+)', '+'),
+            ('wider', 'wider (-)', '&minus;'),
+            ('all', 'all of it (Home)', 'all'),
+        )
+    )
+    return (
+        f'<nav id="bar" aria-label="figures">{choice if len(recordings) > 1 else ""}'
+        f'<span>{shown}</span><span>{axes}</span><span>{actions}</span>'
+        '<span class="soft" id="where" aria-live="polite"></span>'
+        '<span><button id="theme"></button></span></nav>'
+    )
+
+
+def _section(number: int, recording: Recording, bar: str) -> str:
+    method, verdict = next(iter(recording.verdicts.items()))
+    said = ''.join(
+        f'<dt>{_text(about)}</dt><dd>{_text(text)}</dd>' for about, text in statements(verdict)
+    )
+    in_time = [k for k, figure in enumerate(recording.figures) if figure.in_time]
+    beside = [k for k, figure in enumerate(recording.figures) if not figure.in_time]
+    return '\n'.join(
+        [
+            f'<section class="bag" id="bag-{number}"{" hidden" if number else ""}>',
+            f'<h1>{_text(recording.name)}, topic {_text(verdict.topic)}</h1>',
+            f'<p class="headline {verdict.outcome}">{_text(headline(verdict))}</p>',
+            f'<dl>{said}</dl>',
+            *(f'<p>{_text(note)}</p>' for note in recording.notes),
+            _axes_table(verdict, method),
+            _comparison(recording.verdicts) if len(recording.verdicts) > 1 else '',
+            bar,
+            *(_figure(number, k, recording.figures[k]) for k in in_time),
+            '<div class="pairs">',
+            *(_figure(number, k, recording.figures[k]) for k in beside),
+            '</div>',
+            _provenance(recording),
+            '</section>',
+        ]
+    )
+
+
+def _figure(number: int, k: int, figure: Figure) -> str:
+    keys = ' Arrow keys move, + and - zoom, Home shows all.' if figure.in_time else ''
+    label = html.escape(f'{figure.title}: {", ".join(figure.panels)} over {figure.x}.{keys}')
+    return (
+        f'<figure id="{figure.name}-{number}"><h2>{_text(figure.title)}</h2>'
+        f'<figcaption>{_text(figure.text)}</figcaption>'
+        f'<div class="plot" data-figure="{k}" tabindex="0" role="group" aria-label="{label}">'
+        '</div></figure>'
+    )
+
+
+def _cell(name: str, value: float, text: str) -> str:
+    """Return a cell with a figure; programs find its value in SI units by its name in the JSON."""
+    shown = text if np.isfinite(value) else '-'
+    return f'<td data-name="{name}" data-value="{float(value)!r}">{shown}</td>'
+
+
+def _table(head: Iterable[str], rows: Iterable[str]) -> str:
+    cells = ''.join(f'<th scope="col">{_text(name)}</th>' for name in head)
+    body = ''.join(f'<tr>{row}</tr>' for row in rows)
+    return (
+        f'<div class="wide"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>'
+        '</div>'
+    )
+
+
+def _axes_table(verdict: Verdict, method: str) -> str:
+    """Return bias and noise of each axis."""
+    rows = []
+    for axis, name in enumerate(AXES):
+        values = (
+            ('bias.rates', verdict.bias.rates, True),
+            ('bias.deviations', verdict.bias.deviations, True),
+            ('rests.raw_deviation', verdict.rests.raw_deviation, True),
+            ('rests.filtered_deviation', verdict.rests.filtered_deviation, True),
+            ('rests.ratio', verdict.rests.ratio, False),
+            ('change_in_motion', verdict.change_in_motion, True),
+        )
+        cells = ''.join(
+            _cell(
+                f'{key}.{axis}',
+                of_axes[axis],
+                f'{_degrees(of_axes[axis]) if turns else of_axes[axis]:.4f}',
+            )
+            for key, of_axes, turns in values
+        )
+        held = int(verdict.held_back.axes[axis])
+        silent = f' ({_text(verdict.silent[axis])})' if verdict.silent[axis] else ''
+        rows.append(
+            f'<th scope="row">{name}{silent}</th>{cells}'
+            + _cell(f'held_back.axes.{axis}', held, str(held))
+        )
+    head = (
+        'deg/s', 'bias', '+-', 'std raw at rest', f'std {method}', 'ratio',
+        'changed in motion (rms)', 'outliers',
+    )  # fmt: skip
+    return _table(head, rows)
+
+
+def _degrees(rate: float) -> float:
+    return float(np.degrees(rate))
+
+
+def _comparison(verdicts: dict[str, Verdict]) -> str:
+    """Return the main figures of each method."""
+    rows = []
+    for method, verdict in verdicts.items():
+        ratio = verdict.rests.ratio
+        quiet = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else float('nan')
+        changed = float(np.max(verdict.change_in_motion))
+        cells = (
+            _cell('median_ratio', quiet, f'{quiet:.3f}'),
+            _cell('largest_change', changed, f'{_degrees(changed):.4f}'),
+            _cell('heading.left', verdict.heading.left, per_minute(verdict.heading.left)),
+            _cell('lagging', verdict.lagging, f'{100.0 * verdict.lagging:.0f} %'),
+            _cell('outliers', int(verdict.held_back.axes.sum()), str(verdict.held_back.axes.sum())),
+        )
+        rows.append(f'<th scope="row">{method}</th>{"".join(cells)}<td>{verdict.outcome}</td>')
+    head = (
+        'method', 'noise at rest, ratio', 'changed in motion (deg/s, rms)', 'drift left (deg/min)',
+        'lags', 'outliers', 'outcome',
+    )  # fmt: skip
+    return _table(head, rows)
+
+
+def _provenance(recording: Recording) -> str:
+    facts = ''.join(
+        f'<dt>{_text(what)}</dt><dd>{_text(which)}</dd>' for what, which in recording.facts
+    )
+    default = Parameters()
+    rows = []
+    for name, description in FIELDS.items():
+        value, standard = getattr(recording.parameters, name), getattr(default, name)
+        changed = '' if value == standard else f'<strong>changed</strong>, else {_shown(standard)}'
+        rows.append(f'<td>{_text(description.name)}</td><td>{_shown(value)}</td><td>{changed}</td>')
+    table = _table(('parameter', 'value', ''), rows).replace('<table>', '<table class="settings">')
+    return (
+        f'<h2>Where this comes from</h2><dl>{facts}</dl>'
+        f'<details><summary>All parameters</summary>{table}</details>'
+    )
+
+
+def _shown(value: Any) -> str:
+    many = isinstance(value, (tuple, list))
+    return _text(' '.join(f'{v:g}' for v in value) if many else str(value))
+
+
+def _data(recording: Recording) -> str:
+    """Return the figures as JSON that can stand within a script."""
+    scale = max(recording.seconds, 1e-9) / _TICKS
+    plain = {
+        'methods': list(recording.verdicts),
+        'seconds': max(recording.seconds, 1e-9),
+        'scale': scale,
+        'rests': [[round(a, 3), round(b, 3)] for a, b in recording.rests],
+        'figures': [_packed_figure(figure, scale) for figure in recording.figures],
+    }
+    text = json.dumps(plain, allow_nan=False, separators=(',', ':'))
+    return text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026')
+
+
+def _packed_figure(figure: Figure, scale: float) -> dict[str, Any]:
+    return {
+        'name': figure.name,
+        'x': figure.x,
+        'y': figure.y,
+        'inTime': figure.in_time,
+        'logarithmic': figure.logarithmic,
+        'limits': figure.limits,
+        'panels': [
+            {'name': name, 'traces': [_packed(trace, figure.in_time, scale) for trace in traces]}
+            for name, traces in figure.panels.items()
+        ],
+    }
+
+
+def _packed(trace: Trace, in_time: bool, scale: float) -> dict[str, Any]:
+    out = {'role': trace.role, 'style': trace.style, 'y': _base64(trace.y, np.float32)}
+    if in_time:
+        ticks = np.clip(np.round(np.asarray(trace.x) / scale), 0, _TICKS)
+        out['ticks'] = _base64(ticks, np.uint32)
+    else:
+        out['x'] = _base64(trace.x, np.float32)
+    if trace.middle is not None:
+        out['middle'] = _base64(trace.middle, np.float32)
+    return out
+
+
+def _base64(values: NDArray[Any], kind: type[np.generic]) -> str:
+    little = np.asarray(values).astype(np.dtype(kind).newbyteorder('<'))
+    return base64.b64encode(little.tobytes()).decode()

@@ -1,0 +1,96 @@
+"""The figures as PNG files, for papers and pull requests; needs matplotlib."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from gyro_drift_filter.report.figures import Figure
+
+mpl.use('Agg')
+from matplotlib import pyplot as plt
+
+# The palette of Okabe and Ito, which the colour-blind can tell apart.
+_COLOURS = {
+    'raw': '#9a9a9a',
+    'recorded': '#56b4e9',
+    'outlier': '#d55e00',
+    'q': '#d55e00',
+    'r': '#0072b2',
+    'band': '#0072b2',
+    'deviation': '#0072b2',
+    'expected': '#1a1a1a',
+}
+_METHODS = ('#0072b2', '#cc79a7', '#e69f00')
+_REST = '#009e73'
+
+
+def draw(
+    folder: Path,
+    figures: Sequence[Figure],
+    rests: Sequence[tuple[float, float]],
+    roles: dict[str, str],
+    methods: Sequence[str],
+) -> list[Path]:
+    """Draw each figure; files of the same names in the folder, made if missing, are replaced.
+
+    Args:
+        folder: Where to.
+        figures: What is drawn.
+        rests: Begin and end of each in s.
+        roles: Names of roles, for the legend.
+        methods: Of the filters, in their order.
+
+    Returns:
+        The files written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    colours = _COLOURS | {m: _METHODS[k % len(_METHODS)] for k, m in enumerate(methods)}
+    names = roles | {'q': 'Q', 'r': 'R', 'expected': 'normal', 'band': 'band', 'deviation': '+-'}
+    written = []
+    for figure in figures:
+        drawn, panels = plt.subplots(
+            len(figure.panels),
+            1,
+            sharex=True,
+            squeeze=False,
+            figsize=(9, 1.2 + 2.4 * len(figure.panels)),
+            layout='constrained',
+        )
+        for panel, (axis, traces) in zip(panels[:, 0], figure.panels.items(), strict=True):
+            for begin, end in rests if figure.in_time else ():
+                panel.axvspan(begin, end, color=_REST, alpha=0.12, linewidth=0)
+            for trace in traces:
+                style = {'color': colours[trace.role], 'label': names[trace.role]}
+                if trace.style == 'band':
+                    middle = np.zeros(len(trace.y)) if trace.middle is None else trace.middle
+                    panel.fill_between(
+                        trace.x, middle - trace.y, middle + trace.y, alpha=0.2, linewidth=0, **style
+                    )
+                elif trace.style == 'bars':
+                    width = 0.9 * float(np.diff(trace.x).min())
+                    panel.bar(trace.x, trace.y, width, alpha=0.75, **style)
+                elif trace.style == 'marks':
+                    panel.plot(trace.x, trace.y, 'x', markersize=5, **style)
+                else:
+                    panel.plot(trace.x, trace.y, linewidth=0.8, **style)
+            if 'x' in figure.logarithmic:
+                panel.set_xscale('log')
+            if 'y' in figure.logarithmic:
+                panel.set_yscale('log')
+            if figure.limits is not None:
+                panel.set_ylim(figure.limits)
+            panel.set_ylabel(f'{axis}, {figure.y}')
+            panel.grid(alpha=0.3)
+        panels[-1, 0].set_xlabel(figure.x)
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        drawn.legend(
+            handles, labels, loc='outside upper right', ncols=max(len(labels), 1), fontsize=9
+        )
+        drawn.suptitle(figure.title, x=0.01, ha='left')
+        path = folder / f'{figure.name}.png'
+        drawn.savefig(path, dpi=110)
+        plt.close(drawn)
+        written.append(path)
+    return written

@@ -1,0 +1,277 @@
+"""Sums over a run of the filter, sample by sample, so that a run of any length takes no memory."""
+
+from collections.abc import Sequence
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only, record
+from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
+
+# Less than this, in m/s^2, is no gravity: the sensor falls, or has no accelerometer.
+LEAST_GRAVITY = 1.0
+# The end of a rest counts by blocks of so many s, as the start of a motion is in the last ones.
+BLOCK_SECONDS = 1.0
+# Outliers are counted for each such stretch of log time, in ns.
+OUTLIER_STRETCH = 10_000_000_000
+
+
+class Noise(TypedDict):
+    """What Welford's formulas need of raw and filtered rates."""
+
+    count: int
+    seconds: float
+    raw_mean: PerAxis  # rad/s
+    raw_squares: PerAxis  # sum of squared distances from the mean, (rad/s)^2
+    filtered_mean: PerAxis
+    filtered_squares: PerAxis
+
+
+record(Noise)
+
+
+class Outliers(TypedDict):
+    """Where samples were held back. Times are log times in ns, 0 before there was one."""
+
+    at_rest: int
+    in_motion: int
+    first: int
+    last: int
+    stretch: int  # the stretch under way, counted from the first one on
+    in_stretch: int
+    busiest: int  # the stretch with most of them
+    in_busiest: int
+
+
+record(Outliers)
+
+
+class RunSums(TypedDict):
+    """The sums of one run."""
+
+    samples: int
+    stamp: int  # of the last sample, ns
+    seconds: float  # sum of the steps
+    resting: bool
+    rests: int
+    rest_seconds: float
+    known: bool  # whether the bias was learned at rest, or given as learned
+    known_at: int  # log time in ns of the sample from which on it was
+    first_bias: PerAxis  # of that sample, rad/s
+    up: PerAxis  # direction in which gravity is felt, of length 1
+    up_seconds: PerAxis  # its sum over time, s
+    up_before: PerAxis  # the same before the bias was known
+    up_squares: PerAxis  # sum of its squares over time, s
+    taken: float  # turn about the vertical that the bias would have made, rad
+    taken_before: float  # of that before the bias was known
+    turned: float  # rad, by the filtered rates, about any axis
+    block: Noise  # at rest, under way
+    pending: Noise  # the block before, which counts when the next one is whole
+    rest: Noise  # of the rest under way
+    noise: Noise  # of all rests, each about its own mean, which is not kept
+    moving: int  # samples in motion without an outlier
+    changed: PerAxis  # sum of squares of what the method makes of them but the bias, (rad/s)^2
+    outliers: Outliers
+
+
+RUN_SUMS = record(RunSums)
+
+
+@entry_kernel(IMU, read_only(np.int64), read_only(np.float64), float, float, RUN_SUMS)
+def add_run(
+    imus: Sequence[Imu],
+    log_times: NDArray[np.int64],
+    matrix: NDArray[np.float64],
+    period: float,
+    longest: float,
+    all_sums: Sequence[RunSums],
+) -> None:
+    """Add filtered messages to the sums.
+
+    Args:
+        imus: (n,) IMU with their results.
+        log_times: (n,) in ns.
+        matrix: (9,) that turns raw rates into calibrated ones.
+        period: Of the samples in s, for steps that the stamps do not tell.
+        longest: Step in s beyond which stamps have jumped.
+        all_sums: (1,).
+    """
+    sums = all_sums[0]
+    for i in range(len(imus)):
+        imu = imus[i]
+        if imu['kind'] != ImuKind.GOOD or not is_published(imu):
+            continue
+        sample, result = imu['sample'], imu['result']
+        raw = sample['angular_velocity']
+        if (
+            result['status'] != SampleStatus.FILTERED
+            or abs(raw[0]) > LARGEST_RATE
+            or abs(raw[1]) > LARGEST_RATE
+            or abs(raw[2]) > LARGEST_RATE
+            or raw[0] + raw[1] + raw[2] != raw[0] + raw[1] + raw[2]
+        ):
+            _note_outlier(imu, log_times[i], sums)
+            continue
+        step = (sample['stamp'] - sums['stamp']) * 1e-9
+        if sums['samples'] == 0 or sample['stamp'] == 0 or step <= 0.0 or step > longest:
+            step = period
+        sums['samples'] += 1
+        sums['stamp'] = sample['stamp']
+        sums['seconds'] += step
+        _add_heading(imu, step, log_times[i], sums)
+        _add_rest(imu, matrix, step, sums)
+        _note_outlier(imu, log_times[i], sums)
+
+
+@kernel
+def _add_heading(imu: Imu, step: float, log_time: int, sums: RunSums) -> None:
+    """Add what the bias turns about the vertical within a step in s."""
+    result, force, up = imu['result'], imu['sample']['linear_acceleration'], sums['up']
+    if result['at_rest'] > 0.0 and not sums['known']:
+        sums['known'] = True
+        sums['known_at'] = log_time
+        for axis in range(3):
+            sums['first_bias'][axis] = result['bias'][axis]
+    length = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
+    if LEAST_GRAVITY < length < LARGEST_RATE:
+        for axis in range(3):
+            up[axis] = force[axis] / length
+    about, turned = 0.0, 0.0
+    for axis in range(3):
+        about += up[axis] * result['bias'][axis]
+        turned += result['angular_velocity'][axis] * result['angular_velocity'][axis]
+        sums['up_seconds'][axis] += up[axis] * step
+        sums['up_squares'][axis] += up[axis] * up[axis] * step
+        if not sums['known']:
+            sums['up_before'][axis] += up[axis] * step
+    sums['taken'] += about * step
+    sums['turned'] += np.sqrt(turned) * step
+    if not sums['known']:
+        sums['taken_before'] += about * step
+
+
+@kernel
+def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums) -> None:
+    """Add the noise of a sample, where it is one at rest."""
+    result, raw, block = imu['result'], imu['sample']['angular_velocity'], sums['block']
+    if result['at_rest'] == 0.0:
+        if sums['resting']:
+            close_rest(sums)
+        sums['resting'] = False
+        if result['outlier'][0] + result['outlier'][1] + result['outlier'][2] == 0.0:
+            sums['moving'] += 1
+            for axis in range(3):
+                change = result['angular_velocity'][axis]
+                for k in range(3):
+                    change -= matrix[3 * axis + k] * (raw[k] - result['bias'][k])
+                sums['changed'][axis] += change * change
+        return
+    if not sums['resting']:
+        sums['rests'] += 1
+    sums['resting'] = True
+    sums['rest_seconds'] += step
+    block['count'] += 1
+    block['seconds'] += step
+    share = 1.0 / block['count']
+    for axis in range(3):
+        rate = 0.0
+        for k in range(3):
+            rate += matrix[3 * axis + k] * raw[k]
+        distance = rate - block['raw_mean'][axis]
+        block['raw_mean'][axis] += share * distance
+        block['raw_squares'][axis] += distance * (rate - block['raw_mean'][axis])
+        rate = result['angular_velocity'][axis]
+        distance = rate - block['filtered_mean'][axis]
+        block['filtered_mean'][axis] += share * distance
+        block['filtered_squares'][axis] += distance * (rate - block['filtered_mean'][axis])
+    if block['seconds'] >= BLOCK_SECONDS:
+        _merge(sums['pending'], sums['rest'])
+        _clear(sums['pending'])
+        _merge(block, sums['pending'])
+        _clear(block)
+
+
+@kernel
+def close_rest(sums: RunSums) -> None:
+    """End the rest under way; what came last is left out, as it may be motion already."""
+    rest, noise = sums['rest'], sums['noise']
+    noise['count'] += rest['count']
+    noise['seconds'] += rest['seconds']
+    for axis in range(3):
+        noise['raw_squares'][axis] += rest['raw_squares'][axis]
+        noise['filtered_squares'][axis] += rest['filtered_squares'][axis]
+    _clear(sums['block'])
+    _clear(sums['pending'])
+    _clear(rest)
+
+
+@entry_kernel(RUN_SUMS)
+def end_run(all_sums: Sequence[RunSums]) -> None:
+    """End the rest that the recording ends with; nobody has moved the sensor yet."""
+    sums = all_sums[0]
+    _merge(sums['pending'], sums['rest'])
+    _merge(sums['block'], sums['rest'])
+    close_rest(sums)
+
+
+@kernel
+def _merge(part: Noise, whole: Noise) -> None:
+    """Add one set of sums to another, by the formula of Chan, Golub and LeVeque."""
+    count = part['count'] + whole['count']
+    if part['count'] == 0:
+        return
+    share = part['count'] / count
+    for axis in range(3):
+        distance = part['raw_mean'][axis] - whole['raw_mean'][axis]
+        whole['raw_mean'][axis] += share * distance
+        between = whole['count'] * share * distance * distance
+        whole['raw_squares'][axis] += part['raw_squares'][axis] + between
+        distance = part['filtered_mean'][axis] - whole['filtered_mean'][axis]
+        whole['filtered_mean'][axis] += share * distance
+        between = whole['count'] * share * distance * distance
+        whole['filtered_squares'][axis] += part['filtered_squares'][axis] + between
+    whole['count'] = count
+    whole['seconds'] += part['seconds']
+
+
+@kernel
+def _clear(noise: Noise) -> None:
+    noise['count'] = 0
+    noise['seconds'] = 0.0
+    for axis in range(3):
+        noise['raw_mean'][axis] = 0.0
+        noise['raw_squares'][axis] = 0.0
+        noise['filtered_mean'][axis] = 0.0
+        noise['filtered_squares'][axis] = 0.0
+
+
+@kernel
+def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
+    """Count a sample that was held back on some axis."""
+    result, found = imu['result'], sums['outliers']
+    if result['outlier'][0] + result['outlier'][1] + result['outlier'][2] == 0.0:
+        return
+    if result['at_rest'] > 0.0:
+        found['at_rest'] += 1
+    else:
+        found['in_motion'] += 1
+    if found['first'] == 0:
+        found['first'] = log_time
+    found['last'] = log_time
+    stretch = (log_time - found['first']) // OUTLIER_STRETCH
+    if stretch != found['stretch']:
+        found['stretch'] = stretch
+        found['in_stretch'] = 0
+    found['in_stretch'] += 1
+    if found['in_stretch'] > found['in_busiest']:
+        found['in_busiest'] = found['in_stretch']
+        found['busiest'] = stretch
+
+
+def no_sums() -> Any:
+    """Return RUN_SUMS (1,) of nothing; without an accelerometer z is taken for up (REP-145)."""
+    sums: Any = np.zeros(1, RUN_SUMS)
+    sums['up'][0, 2] = 1.0
+    return sums

@@ -1,0 +1,361 @@
+"""The verdict on a run of the filter over a recording: what it found, and whether it helped."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.quantisation import SURE
+from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.doctor.findings import Finding
+from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
+from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.messages.health import package_version
+from gyro_drift_filter.messages.health_rules import Rule, Span
+from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
+
+Floats = NDArray[np.float64]
+
+# Fewer samples at rest do not tell what the noise is.
+_FEWEST = 100
+# Noise that falls by less than a tenth is not worth a filter.
+_QUIETER = 0.9
+# A bias within so many deviations of 0 on all three axes is none that was found.
+SIGNIFICANT = 3.0
+# A filter that does not fit its sensor for more than this share of the time lags.
+_LAGGING_SHARE = 0.1
+# What is held back by spikes is a small share; many of them are motion or a false model.
+_SPIKES = 0.1
+
+
+class Outcome(StrEnum):
+    """What the filter did to the recording as a whole."""
+
+    HELPED = 'helped'
+    USELESS = 'useless'
+    HARMED = 'harmed'
+
+
+class BiasSource(StrEnum):
+    """Where the bias comes from that the recording ends with."""
+
+    REST = 'rest'
+    PROVISIONAL = 'provisional'  # from the first seconds, which were not quite a rest
+    GIVEN = 'given'  # from the recording before
+    UNKNOWN = 'unknown'
+
+
+# A `bags.replay_run.Summary`: this layer knows no bags.
+Run = Any
+
+
+@dataclass(frozen=True)
+class Rests:
+    """How long the sensor stood still, and its noise then.
+
+    Attributes:
+        count: Rests.
+        seconds: All of them together.
+        samples: At rest that the deviations are of: without the last second of each.
+        raw_deviation: Standard deviation of the rates as they came, each rest about its own mean,
+            (3,) in rad/s; NaN where it is not known, as in
+        filtered_deviation: the same of the filtered rates.
+        ratio: Of the two, (3,).
+    """
+
+    count: int
+    seconds: float
+    samples: int
+    raw_deviation: Floats
+    filtered_deviation: Floats
+    ratio: Floats
+
+
+@dataclass(frozen=True)
+class Bias:
+    """The bias at the end.
+
+    Attributes:
+        source: Where it comes from.
+        rates: (3,) in rad/s.
+        deviations: (3,) its standard deviation in rad/s, by the filter's own account.
+        known_at: Log time since the first message in s from which on it was known; None where it
+            was not learned at rest.
+        taken_off: Whether it is taken off the rates.
+    """
+
+    source: BiasSource
+    rates: Floats
+    deviations: Floats
+    known_at: float | None
+    taken_off: bool
+
+
+@dataclass(frozen=True)
+class Heading:
+    """How the heading drifts by the bias, on the mean of the recording, in rad/s.
+
+    Attributes:
+        raw: With the raw rates: the mean of the bias about the vertical, as gravity shows it.
+        left: Standard deviation of what is left with the filtered ones, and of `raw`, by the
+            filter's own account of its bias.
+        before: Turn in rad by the bias that was still in before it was known.
+        turned: Sum of all turns about any axis in rad; errors of scale are a share of it.
+    """
+
+    raw: float
+    left: float
+    before: float
+    turned: float
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """Samples that were held back as outliers.
+
+    Attributes:
+        axes: How many on each axis (3,), without those that were no number.
+        at_rest: Samples with an outlier on some axis while at rest.
+        in_motion: The same in motion.
+        first: Log time since the first message in s of the first one; None where there is none,
+            like
+        last: of the last one.
+        busiest: Begin of the ten seconds with most of them.
+        in_busiest: How many there are.
+    """
+
+    axes: NDArray[np.int64]
+    at_rest: int
+    in_motion: int
+    first: float | None
+    last: float | None
+    busiest: float | None
+    in_busiest: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run of the filter was good for.
+
+    Attributes:
+        topic: The Imu topic.
+        output_topic: The filtered one.
+        method: Of the filter.
+        version: Of this package.
+        outcome: Whether it helped.
+        gains: What it did for the recording, of 'noise', 'bias', 'outliers'.
+        received: Imu messages read.
+        written: Of them filtered or passed on.
+        not_reported: Of them passed on, as they state no rate.
+        seconds: From the first message of the recording to the last, in log time.
+        period: Of the samples in s.
+        rests: The rests.
+        bias: The bias.
+        heading: The drift of the heading.
+        held_back: The outliers.
+        change_in_motion: Root mean square (3,) in rad/s of what the filter changes in motion beside
+            the bias; NaN without motion.
+        silent: Why an axis has no figures (3,); empty where it has.
+        lagging: Share of the time in which innovations were far larger than the filter expects.
+        findings: What in the recording is unsound.
+    """
+
+    topic: str
+    output_topic: str
+    method: str
+    version: str
+    outcome: Outcome
+    gains: list[str]
+    received: int
+    written: int
+    not_reported: int
+    seconds: float
+    period: float
+    rests: Rests
+    bias: Bias
+    heading: Heading
+    held_back: HeldBack
+    change_in_motion: Floats
+    silent: list[str]
+    lagging: float
+    findings: list[Finding]
+
+
+class RunWatch:
+    """Sees what goes through a filter, and sums it up; its memory does not grow with the run."""
+
+    def __init__(self, filter_: Filter) -> None:
+        """Start with a filter that has seen nothing yet."""
+        self._filter = filter_
+        self._matrix = np.array(filter_.parameters.calibration_matrix, np.float64)
+        self._given = False
+        self._sums = no_sums()
+        self._rules = RuleLog()
+        self._lagging = 0.0
+        # Of the bias: seconds, and the sum of its variance over them (3,) in (rad/s)^2 s.
+        self._judged = 0.0
+        self._variance: Floats = np.zeros(3)
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
+        period = float(self._filter.state['clock']['period'])
+        longest = self._filter.parameters.gap_limit
+        times = np.ascontiguousarray(log_times, np.int64)
+        if self._sums[0]['samples'] == 0:
+            self._note_given(imus)
+        add_run(imus, times, self._matrix, period, longest, self._sums)
+
+    def _note_given(self, imus: Any) -> None:
+        """Note whether the first sample has a bias taken off that the recording before has left."""
+        results = imus['result'][imus['kind'] == ImuKind.GOOD]
+        results = results[results['status'] == SampleStatus.FILTERED]
+        if len(results) and self._filter.parameters.bias_enabled:
+            initial = self._filter.parameters.bias_initial
+            self._given = bool((results['bias'][0] != initial).any())
+            self._sums['known'] = self._given
+
+    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
+        """See which rules apply to a report, so many s after the one before."""
+        self._rules.add(span, rules, seconds)
+        if any(rule.name == 'large innovations' for rule in rules):
+            self._lagging += seconds
+        state = span.now.telemetry
+        if state.bias_known or not self._sums[0]['known']:
+            self._judged += seconds
+            self._variance += seconds * np.square(state.bias_deviation)
+
+    def verdict(self, run: Run) -> Verdict:
+        """Return the verdict at the end of the run."""
+        sums = self._sums.copy()
+        end_run(sums)
+        filter_, total = self._filter, sums[0]
+        rests = _rests(total)
+        bias = self._bias(run)
+        heading = self._heading(total, bias)
+        held_back = _held_back(total['outliers'], run)
+        gains = _gains(rests, bias, held_back, run)
+        lagging = self._lagging / self._rules.seconds if self._rules.seconds > 0.0 else 0.0
+        outcome = Outcome.HELPED if gains else Outcome.USELESS
+        if lagging > _LAGGING_SHARE:
+            outcome = Outcome.HARMED
+        moving = int(total['moving'])
+        not_cut = float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
+        # Of a filter that lags, what it takes for outliers says nothing of the recording.
+        following = {'outliers', 'diverged'} if outcome == Outcome.HARMED else set()
+        found = self._rules.findings(not_cut, following)
+        faults = [finding for finding in found if finding.verdict == FindingVerdict.FAULT]
+        return Verdict(
+            topic=run.topic,
+            output_topic=run.output_topic,
+            method=filter_.parameters.method,
+            version=package_version(),
+            outcome=outcome,
+            gains=gains,
+            received=run.received,
+            written=run.written,
+            not_reported=run.not_reported,
+            seconds=run.seconds,
+            period=run.period,
+            rests=rests,
+            bias=bias,
+            heading=heading,
+            held_back=held_back,
+            change_in_motion=np.sqrt(total['changed'] / moving) if moving else np.full(3, np.nan),
+            silent=[_why_silent(run, axis) for axis in range(3)],
+            lagging=lagging,
+            findings=faults,
+        )
+
+    def _bias(self, run: Run) -> Bias:
+        filter_ = self._filter
+        state = filter_.state['bias']
+        source = BiasSource.UNKNOWN
+        if state['segments'] > 0:
+            source = BiasSource.REST
+        elif self._given:
+            source = BiasSource.GIVEN
+        elif state['provisional'][0] > 0.0:
+            source = BiasSource.PROVISIONAL
+        return Bias(
+            source,
+            state['bias'].copy(),
+            filter_.bias_deviation,
+            run.bias_known,
+            filter_.parameters.bias_enabled,
+        )
+
+    def _heading(self, total: Any, bias: Bias) -> Heading:
+        seconds = float(total['seconds'])
+        if seconds == 0.0:
+            return Heading(0.0, float('nan'), 0.0, 0.0)
+        before = 0.0
+        if not bias.taken_off:
+            turn = float(total['up_seconds'] @ bias.rates)
+        else:
+            turn = float(total['taken'])
+            if total['known'] and not self._given:
+                # The bias of the first rest was there before, too.
+                before = float(total['up_before'] @ total['first_bias'] - total['taken_before'])
+                turn += before
+        variance = np.square(bias.deviations)
+        if self._judged > 0.0:
+            variance = self._variance / self._judged
+        left = float(np.sqrt(total['up_squares'] @ variance / seconds))
+        return Heading(turn / seconds, left, before, float(total['turned']))
+
+
+def _rests(total: Any) -> Rests:
+    noise, unknown = total['noise'], np.full(3, np.nan)
+    raw, filtered = unknown, unknown
+    if noise['count'] >= _FEWEST:
+        raw, filtered = (
+            np.sqrt(noise[name] / noise['count']) for name in ('raw_squares', 'filtered_squares')
+        )
+    ratio = np.divide(filtered, raw, out=unknown.copy(), where=raw > 0.0)
+    return Rests(
+        int(total['rests']),
+        float(total['rest_seconds']),
+        int(noise['count']),
+        raw,
+        filtered,
+        ratio,
+    )
+
+
+def _held_back(found: Any, run: Run) -> HeldBack:
+    axes = np.maximum(run.outliers - run.unusable, 0)
+    at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
+    if at_rest + in_motion == 0:
+        return HeldBack(axes, 0, 0, None, None, None, 0)
+    first, last = (1e-9 * (int(found[name]) - run.start) for name in ('first', 'last'))
+    busiest = first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
+    return HeldBack(axes, at_rest, in_motion, first, last, busiest, int(found['in_busiest']))
+
+
+def _gains(rests: Rests, bias: Bias, held_back: HeldBack, run: Run) -> list[str]:
+    """Return what the filter did for the recording."""
+    gains = []
+    if np.isfinite(rests.ratio).any() and np.nanmedian(rests.ratio) < _QUIETER:
+        gains.append('noise')
+    is_found = bias.source != BiasSource.UNKNOWN and bias.taken_off
+    if is_found and bool(np.any(np.abs(bias.rates) > SIGNIFICANT * bias.deviations)):
+        gains.append('bias')
+    if 0 < int(held_back.axes.max()) < _SPIKES * run.received:
+        gains.append('outliers')
+    return gains
+
+
+def _why_silent(run: Run, axis: int) -> str:
+    """Return in words why an axis has no figures; empty where it has."""
+    if run.raw.count == 0:
+        if run.unusable[axis] > 0:
+            return 'no usable rate'
+        return 'not reported' if run.not_reported else 'no figures'
+    if run.raw.count > 1 and run.raw.deviation[axis] == 0.0:
+        return f'dead, always {np.degrees(run.raw.mean[axis]):.4f}'
+    return ''

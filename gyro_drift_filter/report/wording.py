@@ -1,0 +1,216 @@
+"""The verdict in words that somebody understands who has never seen the filter."""
+
+import textwrap
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.errors import printable
+from gyro_drift_filter.report.verdict import SIGNIFICANT, Bias, BiasSource, Outcome, Verdict
+
+_WIDTH = 100
+_INDENT = 11
+_PER_MINUTE = 60.0
+# A turn before the bias was known that nobody sees, in rad: half a degree.
+_VISIBLE = 0.0087
+# A good gyroscope's scale is off by so much; it is told where that is more than what is left.
+_SCALE = 0.01
+
+
+class Statement(NamedTuple):
+    """One line of the verdict: what it is about, and what is said."""
+
+    about: str
+    text: str
+
+
+def headline(verdict: Verdict) -> str:
+    """Return the verdict in a sentence or two."""
+    if verdict.outcome == Outcome.HARMED:
+        return (
+            f'This filter does harm here: method {verdict.method} lags behind the motion for '
+            f'{100.0 * verdict.lagging:.0f} % of the time. Take the default method, adaptive.'
+        )
+    if verdict.outcome == Outcome.USELESS:
+        return f'This filter did nothing useful here: {_why_useless(verdict)}.'
+    parts = []
+    if 'noise' in verdict.gains:
+        times = 1.0 / float(np.nanmedian(verdict.rests.ratio))
+        parts.append(f'at rest the rates are {times:.1f} times quieter')
+    if 'bias' in verdict.gains:
+        raw, left = abs(verdict.heading.raw), verdict.heading.left
+        if raw > SIGNIFICANT * left:
+            parts.append(
+                f'the bias turns the heading by some {per_minute(left)} deg/min instead of '
+                f'{per_minute(raw)}'
+            )
+        else:
+            parts.append('the bias is taken off')
+    if 'outliers' in verdict.gains:
+        count = verdict.held_back.at_rest + verdict.held_back.in_motion
+        parts.append(f'{_counted(count, "outlier")} {_was(count)} held back')
+    return f'It helped: {_listed(parts)}.'
+
+
+def statements(verdict: Verdict) -> list[Statement]:
+    """Return what was found, one statement for each question."""
+    if all(verdict.silent):
+        found = [Statement('rates', 'no figures: no message had a usable rate on all axes')]
+    else:
+        found = [
+            Statement('rest', _about_rest(verdict)),
+            Statement('bias', _about_bias(verdict.bias)),
+            Statement('heading', _about_heading(verdict)),
+            Statement('outliers', _about_outliers(verdict)),
+        ]
+    for finding in verdict.findings:
+        advice = f' -> {finding.advice}' if finding.advice else ''
+        found.append(Statement('unsound', f'{finding.text}{advice}'))
+    if not verdict.findings:
+        found.append(
+            Statement(
+                'sound', "nothing unsound was seen on the way; 'gyro_drift doctor' looks closer"
+            )
+        )
+    return [Statement(about, printable(text)) for about, text in found]
+
+
+def as_text(verdict: Verdict, painted: Callable[[str, str], str] = lambda text, _: text) -> str:
+    """Return the verdict for a terminal; `painted` gives lines the colour of an outcome."""
+    lines = [painted(line, verdict.outcome) for line in textwrap.wrap(headline(verdict), _WIDTH)]
+    for about, text in statements(verdict):
+        lines += textwrap.wrap(
+            text,
+            _WIDTH,
+            initial_indent=f'  {about:<{_INDENT - 2}}',
+            subsequent_indent=' ' * _INDENT,
+        )
+    return '\n'.join(lines)
+
+
+def per_minute(rate: float) -> str:
+    """Return a rate in rad/s as text in degrees a minute."""
+    return f'{np.degrees(rate) * _PER_MINUTE:.2g}' if abs(rate) < 2.9e-3 else _large(rate)
+
+
+def _large(rate: float) -> str:
+    return f'{np.degrees(rate) * _PER_MINUTE:.0f}'
+
+
+def _why_useless(verdict: Verdict) -> str:
+    if all(verdict.silent):
+        return 'no message had a usable rate on all axes'
+    why = []
+    if not verdict.rests.count:
+        why.append(
+            'the sensor never stood still for some three seconds, so there was no rest to learn '
+            'the bias from'
+        )
+    elif not verdict.bias.taken_off:
+        why.append('bias.enabled is false')
+    elif 'bias' not in verdict.gains:
+        why.append('the bias is too small to be told from 0')
+    if verdict.rests.count and 'noise' not in verdict.gains:
+        why.append('there is hardly any noise at rest to take away')
+    if 'outliers' not in verdict.gains:
+        many = verdict.held_back.axes.max() > 0
+        why.append('what it held back is too much to be outliers' if many else 'no outlier came')
+    advice = '' if verdict.rests.count else '. Let it stand still for ten seconds at the start'
+    return _listed(why) + advice
+
+
+def _about_rest(verdict: Verdict) -> str:
+    rests = verdict.rests
+    if not rests.count:
+        return 'none: it never stood still for some three seconds'
+    text = (
+        f'it stood still for {rests.seconds:.0f} of {verdict.seconds:.0f} s, in '
+        f'{_counted(rests.count, "rest")}'
+    )
+    if not np.isfinite(rests.ratio).any():
+        return f'{text}; too short to tell the noise'
+    shares = _of_axes(
+        f'{100.0 * ratio:.0f} %' if np.isfinite(ratio) else '-' for ratio in rests.ratio
+    )
+    return f'{text}; the noise falls to {shares} there'
+
+
+def _about_bias(bias: Bias) -> str:
+    rates = _of_axes(f'{np.degrees(rate):.3f}' for rate in bias.rates)
+    sure = f'{np.degrees(float(bias.deviations.max())):.2g}'
+    left_in = '' if bias.taken_off else '; it is left in, as bias.enabled is false'
+    if bias.source == BiasSource.UNKNOWN:
+        return f'not known: it needs three seconds of rest; it may be anything up to {sure} deg/s'
+    if bias.source == BiasSource.PROVISIONAL:
+        return (
+            f'provisional: {rates} deg/s, from the first seconds, which were steady but not quite '
+            f'a rest; known to {sure} deg/s{left_in}'
+        )
+    when = 'kept from the recording before'
+    if bias.source == BiasSource.REST:
+        known = bias.known_at
+        when = 'found at rest' if known is None else f'found after {known:.1f} s'
+    return f'{rates} deg/s, {when}; at the end known to {sure} deg/s{left_in}'
+
+
+def _about_heading(verdict: Verdict) -> str:
+    heading, bias = verdict.heading, verdict.bias
+    sure = per_minute(heading.left)
+    if bias.source == BiasSource.UNKNOWN:
+        return f'drifts with the bias, by up to {sure} deg/min or so: the filter can not tell'
+    text = (
+        f'the raw rates drift by {per_minute(abs(heading.raw))} +- {sure} deg/min about the '
+        'vertical'
+    )
+    if not bias.taken_off:
+        return f'{text}, and so do the filtered ones'
+    text += f"; what is left of it, by the filter's own account, is some {sure} deg/min"
+    if abs(heading.before) > _VISIBLE:
+        text += (
+            f', and a turn of {abs(np.degrees(heading.before)):.1f} deg from before the bias was '
+            'known'
+        )
+    scale = _SCALE * heading.turned
+    if scale > 5.0 * heading.left * verdict.seconds and scale > 10.0 * _VISIBLE:
+        text += (
+            f'. It turned by {np.degrees(heading.turned):.0f} deg in all, so each percent that the '
+            f"scale is off makes up to {np.degrees(scale):.0f} deg: 'gyro_drift calibrate'"
+        )
+    return text
+
+
+def _about_outliers(verdict: Verdict) -> str:
+    held, count = verdict.held_back, verdict.held_back.at_rest + verdict.held_back.in_motion
+    if held.first is None or held.last is None or held.busiest is None:
+        return 'none'
+    if count == 1:
+        where = 'at rest' if held.at_rest else 'in motion'
+        return f'1 sample held back, {where} at {held.first:.1f} s'
+    text = (
+        f'{count} samples held back ({_of_axes(map(str, held.axes.tolist()))}), {held.at_rest} of '
+        f'them at rest; from {held.first:.1f} to {held.last:.1f} s'
+    )
+    if held.in_busiest < count and held.in_busiest > 1:
+        text += f', most in the ten seconds from {held.busiest:.1f} s on ({held.in_busiest})'
+    return text
+
+
+def _of_axes(texts: Iterable[str]) -> str:
+    return ', '.join(f'{axis} {text}' for axis, text in zip(AXES, texts, strict=True))
+
+
+def _counted(count: int, what: str) -> str:
+    return f'{count} {what}{"" if count == 1 else "s"}'
+
+
+def _was(count: int) -> str:
+    return 'was' if count == 1 else 'were'
+
+
+def _listed(parts: list[str]) -> str:
+    """Return parts as a list in words, with a comma before the last one where figures may meet."""
+    if len(parts) < 3:
+        return ' and '.join(parts)
+    return f'{", ".join(parts[:-1])}, and {parts[-1]}'

@@ -1,0 +1,359 @@
+"""The report page: its figures, its text, and how it does in a real browser."""
+
+import json
+import os
+import re
+import shutil
+import time
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.report.figures import autocorrelation, reduced
+from gyro_drift_filter.report.page import LARGEST_PAGE, points_for
+from gyro_drift_filter.report.signals import Signals
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from support.bags import write
+from support.chunks import imus_of, piece_of
+
+EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory):
+    """Path of a simulated bag: twenty seconds at rest, twenty in motion with outliers."""
+    folder = tmp_path_factory.mktemp('report')
+    write_simulation(folder / 'bag', simulate(SimulationSettings(7, 100.0, 20.0, 20.0)))
+    return folder / 'bag'
+
+
+def report(source, folder, *options, bags=1):
+    """Return the page of a bag, as often as `bags` says, as text, and its verdicts."""
+    arguments = ['report', *bags * [str(source)], '-o', str(folder / 'page.html')]
+    arguments += ['--json', str(folder / 'v.json'), *map(str, options)]
+    assert main(arguments) == 0
+    verdicts = json.loads((folder / 'v.json').read_text())['verdicts']
+    return (folder / 'page.html').read_text(), verdicts
+
+
+class Cells(HTMLParser):
+    """Collects the figures of a page, and the text of all but scripts and styles."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.values, self.tags, self.text, self._within = {}, [], '', ''
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self._within = tag
+        self.tags.append((tag, dict(attributes)))
+        found = dict(attributes)
+        if 'data-name' in found:
+            self.values.setdefault(found['data-name'], float(found['data-value']))
+
+    def handle_data(self, data):
+        if self._within not in ('script', 'style'):
+            self.text += data
+
+
+def value_in(verdict, name):
+    """Return the figure of a name like bias.rates.2 in a verdict that was read from JSON."""
+    for part in name.split('.'):
+        verdict = verdict[int(part) if part.isdigit() else part]
+    return verdict
+
+
+def check_figures(values, verdict):
+    checked = 0
+    for name, value in values.items():
+        if name in ('median_ratio', 'largest_change', 'outliers'):  # made of several
+            continue
+        assert value == value_in(verdict, name), name
+        checked += 1
+    return checked
+
+
+def test_the_page_shows_the_figures_of_the_verdict(source, tmp_path, capsys):
+    text, (verdict,) = report(source, tmp_path)
+    cells = Cells(text)
+    assert check_figures(cells.values, verdict) == 21
+    assert 'It helped: ' in cells.text
+    assert 'It helped: ' in capsys.readouterr().out
+    main(['replay', str(source), '-o', str(tmp_path / 'out'), '--json', str(tmp_path / 'r.json')])
+    (replayed,) = json.loads((tmp_path / 'r.json').read_text())['verdicts']
+    assert replayed == verdict
+    figures = [attributes['id'] for tag, attributes in cells.tags if tag == 'figure']
+    assert figures == [
+        f'{name}-0'
+        for name in (
+            'rates', 'angles', 'bias', 'innovations', 'noise',
+            'spectrum', 'allan', 'autocorrelation', 'histogram',
+        )
+    ]  # fmt: skip
+
+
+def test_the_page_asks_for_nothing_beside_itself(source, tmp_path):
+    cells = Cells(report(source, tmp_path)[0])
+    for _, attributes in cells.tags:
+        assert not {'src', 'href', 'srcset', 'action'} & attributes.keys()
+    (policy,) = [a['content'] for t, a in cells.tags if t == 'meta' and 'http-equiv' in a]
+    assert "default-src 'none'" in policy
+    assert 'unsafe-inline' not in policy.split('script-src')[1].split(';')[0]
+
+
+def evil_bag(path):
+    stamps = [10**18 + 10**7 * k for k in range(700)]
+    rates = [(0.1, k % 7 * 1e-3, 0.0) for k in range(700)]
+    samples = zip(stamps, rates, strict=True)
+    imu = [(stamp, imu_message(stamp, rate, (0, 0, 9.8), EVIL)) for stamp, rate in samples]
+    return write(path, {(f'/imu/{EVIL}', IMU_TYPE): imu})
+
+
+def test_what_the_bag_names_stays_text(tmp_path):
+    text, _ = report(evil_bag(tmp_path / 'in'), tmp_path)
+    assert 'alert(1)</script>' not in text
+    cells = Cells(text)
+    assert f'/imu/{EVIL}' in cells.text
+    assert f'frame {EVIL}' in cells.text
+    assert sum(tag == 'script' for tag, _ in cells.tags) == 3
+    assert not any(tag == 'img' for tag, _ in cells.tags)
+
+
+def test_a_replayed_bag_is_told_to_be_the_same_or_another_one(source, tmp_path):
+    replay(source, tmp_path / 'same', parameters=Parameters())
+    replay(source, tmp_path / 'other', parameters=Parameters(outlier_threshold=3.0))
+    (tmp_path / 'a').mkdir()
+    (tmp_path / 'b').mkdir()
+    same = Cells(report(tmp_path / 'same', tmp_path / 'a')[0])
+    assert 'is what the filter makes here, bit for bit' in same.text
+    assert 'filtered, as recorded' not in same.text
+    other = Cells(report(tmp_path / 'other', tmp_path / 'b')[0])
+    assert 'is another one than the filter makes here' in other.text
+    assert 'filtered, as recorded' in other.text
+
+
+def test_methods_and_bags_are_compared(source, tmp_path):
+    text, verdicts = report(source, tmp_path, '--methods', 'kalman', 'adaptive', bags=2)
+    assert [v['method'] for v in verdicts] == ['kalman', 'adaptive'] * 2
+    assert len(text) < LARGEST_PAGE
+    cells = Cells(text)
+    assert 'noise at rest, ratio' in cells.text
+    assert [a['id'] for t, a in cells.tags if t == 'section'] == ['bag-0', 'bag-1']
+
+
+@pytest.mark.slow
+def test_the_figures_as_pictures(source, tmp_path):
+    report(source, tmp_path, '--png', tmp_path / 'png', '--start', 15, '--end', 25)
+    pictures = list((tmp_path / 'png').glob('*.png'))
+    assert {'rates.png', 'angles.png', 'bias.png'} < {path.name for path in pictures}
+    assert all(path.read_bytes().startswith(b'\x89PNG') for path in pictures)
+
+
+def test_points_share_the_room():
+    assert points_for(1) > 500_000
+    assert points_for(4) == pytest.approx(points_for(1) / 4, abs=1)
+
+
+@given(st.lists(st.floats(-1e6, 1e6, width=32) | st.just(np.nan), max_size=400), st.integers(4, 60))
+def test_a_reduced_signal_keeps_its_extremes(values, room):
+    values = np.array(values, np.float32)
+    where = reduced(values, room)
+    finite = values[np.isfinite(values)]
+    assert len(where) <= room or len(where) == len(finite) <= room
+    assert (np.diff(where) > 0).all()
+    if len(finite):
+        assert values[where].min() == finite.min()
+        assert values[where].max() == finite.max()
+
+
+def test_autocorrelation_is_that_of_its_definition(random):
+    values = np.convolve(random.standard_normal(5000), [1.0, 0.5, 0.2], 'valid')
+    centred = values - values.mean()
+    expected = [centred[k:] @ centred[:-k] / (centred @ centred) for k in (1, 2, 3)]
+    np.testing.assert_allclose(autocorrelation(values, 3), expected, atol=1e-9)
+
+
+def test_angles_are_the_integral_by_the_stamps(random):
+    """With a gap that the stamps tell, and jumps and rates that count for a period or nothing."""
+    n = 600
+    stamps = 10**18 + 10**7 * np.arange(n)
+    stamps[200:] += 5 * 10**7
+    stamps[400:] += 10**11
+    rates = 0.1 + 0.01 * random.standard_normal((n, 3))
+    rates[300, 0] = np.nan
+    messages = [
+        imu_message(t, r, (0.0, 0.0, 9.8)) for t, r in zip(stamps.tolist(), rates, strict=True)
+    ]
+    imus = imus_of(piece_of(messages))
+    filter_ = Filter()
+    imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
+    signals = Signals(filter_)
+    for first, stop in ((0, 1), (1, 250), (250, n)):
+        signals.take(imus[first:stop], stamps[first:stop])
+    steps = np.diff(stamps, prepend=stamps[0] - 10**7) * 1e-9
+    steps[400] = 0.01
+    expected = np.cumsum(np.nan_to_num(rates) * steps[:, None], axis=0)
+    got = np.column_stack([np.asarray(c) for c in signals.columns['raw_angle']])
+    np.testing.assert_allclose(got, expected, rtol=2e-3)
+    np.testing.assert_allclose(got[1:250], expected[1:250], rtol=1e-5)
+
+
+def test_a_recording_without_rest_or_with_a_dead_axis_has_a_page(tmp_path):
+    seconds = np.arange(900) / 100
+    rates = np.column_stack([np.sin(3 * seconds), np.cos(2 * seconds), 0 * seconds + 0.5])
+    rates[100] = np.nan
+    imu = [
+        (10**18 + 10**7 * k, imu_message(10**18 + 10**7 * k, rate, (0, 0, 9.8)))
+        for k, rate in enumerate(rates)
+    ]
+    text, (verdict,) = report(write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu}), tmp_path)
+    assert verdict['outcome'] == 'useless'
+    assert verdict['silent'][2].startswith('dead, always')
+    assert 'NaN' not in re.findall(r'<script type="application/json".*?</script>', text, re.S)[0]
+
+
+def test_wrong_options_are_told_before_the_work(source, tmp_path, capsys):
+    page = tmp_path / 'page.html'
+    page.write_text('mine')
+    assert main(['report', str(source), '-o', str(page)]) == 1
+    assert 'exists already' in capsys.readouterr().err
+    assert page.read_text() == 'mine'
+    other = str(tmp_path / 'other.html')
+    assert main(['report', str(source), '-o', other, '--start', '5', '--end', '2']) == 1
+    assert main(['report', str(source), '-o', other, '--start', '5000']) == 1
+    assert 'no message with an angular velocity in that time' in capsys.readouterr().err
+    assert main(['report', str(source), '-o', other, '--png', str(tmp_path / 'a.png')]) == 1
+    assert '--png' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(['report', str(source), '-o', other, '--methods', 'magic'])
+
+
+def test_libraries_that_are_missing_are_named(source, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(__import__('sys').modules, 'tsdownsample', None)
+    assert main(['report', str(source), '-o', str(tmp_path / 'page.html')]) == 1
+    assert 'pip install plotly tsdownsample' in capsys.readouterr().err
+
+
+@pytest.fixture(scope='module')
+def browser():
+    """Start the system's Chromium without a window, or skip."""
+    programs = [shutil.which(name) for name in ('chromium', 'chromedriver')]
+    if None in programs:
+        pytest.skip('there is no Chromium: apt-get install chromium chromium-driver')
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs[0]
+    for argument in ('--headless=new', '--no-sandbox', '--disable-gpu', '--window-size=1200,900'):
+        options.add_argument(argument)
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    service = Service(programs[1], env=os.environ | {'SE_OFFLINE': 'true'})
+    driver = webdriver.Chrome(options=options, service=service)
+    yield driver
+    driver.quit()
+
+
+def wait_for(condition):
+    end = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def opened(browser, page):
+    """Open a page and wait until it has drawn something."""
+    for log in ('browser', 'performance'):  # of the page before
+        browser.get_log(log)
+    browser.get(page.as_uri())
+    wait_for(lambda: browser.execute_script('return Number(document.body.dataset.drawn || 0)'))
+
+
+def range_of(browser, number):
+    script = f"return document.querySelectorAll('.plot')[{number}]._fullLayout.xaxis.range"
+    return browser.execute_script(script)
+
+
+def click(browser, selector):
+    browser.execute_script(f'document.querySelector({selector!r}).click()')
+
+
+@pytest.mark.slow
+def test_the_page_in_a_browser(browser, source, tmp_path):
+    _, (verdict,) = report(source, tmp_path)
+    opened(browser, tmp_path / 'page.html')
+    cells = browser.execute_script(
+        "return [...document.querySelectorAll('td[data-name]')].map(c => "
+        '[c.dataset.name, c.dataset.value, c.textContent])'
+    )
+    assert check_figures({name: float(value) for name, value, _ in cells}, verdict) == 21
+    shown = {name: text for name, _, text in cells}
+    assert shown['bias.rates.1'] == f'{np.degrees(verdict["bias"]["rates"][1]):.4f}'
+    # All figures are drawn as they come into sight.
+    count = browser.execute_script("return document.querySelectorAll('.plot').length")
+    for k in range(count):
+        node = f"document.querySelectorAll('.plot')[{k}]"
+        browser.execute_script(f'{node}.scrollIntoView()')
+        wait_for(lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
+    browser.execute_script("document.querySelectorAll('.plot')[4].scrollIntoView()")
+    # A zoom by a button, by a key and within a figure moves all figures over time.
+    click(browser, 'button[data-action=closer]')
+    wait_for(lambda: range_of(browser, 4) == pytest.approx([10.0, 30.0], abs=0.1))
+    browser.execute_script(
+        "document.querySelectorAll('.plot')[4].dispatchEvent(new KeyboardEvent('keydown', "
+        "{key: 'ArrowRight', bubbles: true}))"
+    )
+    wait_for(lambda: range_of(browser, 4) == pytest.approx([15.0, 35.0], abs=0.1))
+    browser.execute_script(
+        "Plotly.relayout(document.querySelectorAll('.plot')[4], "
+        "{'xaxis.range[0]': 25, 'xaxis.range[1]': 26})"
+    )
+    for k in (3, 0):
+        browser.execute_script(f"document.querySelectorAll('.plot')[{k}].scrollIntoView()")
+        wait_for(lambda k=k: range_of(browser, k) == pytest.approx([25.0, 26.0]))
+    # So close, each sample is there.
+    points = browser.execute_script(
+        "return document.querySelectorAll('.plot')[0].data.find(t => t.name === 'x raw').x.length"
+    )
+    assert 100 <= points <= 104
+    names = "return document.querySelectorAll('.plot')[0].data.map(t => t.name)"
+    assert 'y raw' in browser.execute_script(names)
+    click(browser, 'button[data-role=raw]')
+    assert 'y raw' not in browser.execute_script(names)
+    click(browser, 'button[data-axis=z]')
+    assert not [name for name in browser.execute_script(names) if name.startswith('z')]
+    back = 'return getComputedStyle(document.body).backgroundColor'
+    before = browser.execute_script(back)
+    click(browser, '#theme')
+    assert browser.execute_script(back) != before
+    check_quiet(browser, tmp_path / 'page.html')
+
+
+def check_quiet(browser, page):
+    """Nothing was said on the console, and nothing asked for but the page itself."""
+    assert browser.get_log('browser') == []
+    events = [json.loads(entry['message'])['message'] for entry in browser.get_log('performance')]
+    asked = [
+        event['params']['request']['url']
+        for event in events
+        if event['method'] == 'Network.requestWillBeSent'
+    ]
+    left = [url for url in asked if not url.startswith(('data:', 'blob:'))]
+    assert set(left) <= {page.as_uri()}
+
+
+@pytest.mark.slow
+def test_what_the_bag_names_runs_nothing_in_a_browser(browser, tmp_path):
+    report(evil_bag(tmp_path / 'in'), tmp_path)
+    opened(browser, tmp_path / 'page.html')
+    heading = browser.execute_script("return document.querySelector('h1').textContent")
+    assert EVIL in heading
+    check_quiet(browser, tmp_path / 'page.html')

@@ -1,0 +1,278 @@
+"""The verdict on a run of the filter: right where the truth is known, and in plain words."""
+
+import json
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.replay_run import Watch
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.report.run_sums import BLOCK_SECONDS, add_run, end_run, no_sums
+from gyro_drift_filter.report.verdict import RunWatch
+from gyro_drift_filter.report.wording import as_text, headline
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
+from gyro_drift_filter.simulation.sensor import START
+from support.bags import write
+from support.chunks import imus_of, piece_of
+from support.sensor import at_rest, by_hand
+
+DEGREE = np.pi / 180
+
+
+def bag(path, rates, accelerations, stamps=None):
+    """Write a bag of Imu messages at 100 Hz."""
+    if stamps is None:
+        stamps = START + 10**7 * np.arange(len(rates))
+    samples = zip(stamps.tolist(), rates, accelerations, strict=True)
+    imu = [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
+    return write(path, {(TOPIC, IMU_TYPE): imu})
+
+
+def judged(source, folder, parameters=None, memory=None):
+    """Return the verdict of a replay."""
+    watches = []
+
+    def watcher(topic, filter_):
+        watches.append(RunWatch(filter_))
+        return watches[-1]
+
+    (summary,) = replay(
+        source,
+        folder / 'out',
+        parameters=parameters or Parameters(),
+        memory=memory,
+        force=True,
+        watch=Watch(watcher=watcher),
+    )
+    return watches[0].verdict(summary)
+
+
+def of_simulation(data, folder):
+    return judged(
+        bag(folder / 'in', data.angular_velocity, data.linear_acceleration, data.stamps), folder
+    )
+
+
+def heading_drift(data):
+    """Return the mean of the bias about the true vertical in rad/s."""
+    seconds = np.diff(data.stamps, append=data.stamps[-1]) * 1e-9
+    rotation, about = Rotation.identity(), 0.0
+    for rate, step in zip(data.truth - data.bias, seconds, strict=True):
+        about += data.bias @ rotation.inv().apply([0.0, 0.0, 1.0]) * step
+        rotation = rotation * Rotation.from_rotvec(rate * step)
+    return about / seconds.sum()
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('kind', ['level', 'handled'])
+def test_the_drift_of_the_heading_is_that_of_the_truth(kind, seed, tmp_path):
+    if kind == 'level':
+        # Gravity stays on z there, whatever the rates are.
+        data = simulate(SimulationSettings(seed=seed, static_seconds=15, dynamic_seconds=15))
+        truth = data.bias[2]
+    else:
+        bias = (0.03, -0.02, 0.04)
+        data = simulate_handling(HandlingSettings(seed=seed, motions=1, bias=bias))
+        truth = heading_drift(data)
+    verdict = of_simulation(data, tmp_path)
+    heading = verdict.heading
+    assert heading.raw == pytest.approx(truth, rel=0.25)
+    assert abs(heading.raw - truth) < 3.0 * heading.left
+    assert heading.left < 0.25 * abs(truth)
+    assert (np.abs(verdict.bias.rates - data.bias) < 3.5 * verdict.bias.deviations).all()
+    turned = np.linalg.norm(data.truth - data.bias, axis=1).sum() * 0.01
+    assert heading.turned == pytest.approx(turned, rel=0.1)
+    assert verdict.outcome == 'helped'
+
+
+def test_the_bias_counts_from_before_it_was_known(tmp_path, random):
+    rates, accelerations = at_rest(random, 10, (0.0, 0.0, 3.0 * DEGREE))
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    known = verdict.bias.known_at
+    assert 2.0 < known < 4.0
+    assert verdict.heading.raw == pytest.approx(3.0 * DEGREE, rel=0.02)
+    assert 0.0 < verdict.heading.before < 3.0 * DEGREE * known + 1e-3
+    assert 'found after' in as_text(verdict)
+
+
+def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):
+    """A motion that begins gently, and a bias that moves between rests, are no noise."""
+    parts = [at_rest(random, 10, (0.0, 0.0, b)) for b in (0.0, 5e-4)]
+    turn, push = by_hand(random, 5)
+    moved = at_rest(random, 5)
+    rates = np.vstack([parts[0][0], moved[0] + turn, parts[1][0]])
+    accelerations = np.vstack([parts[0][1], moved[1] + push, parts[1][1]])
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    expected = np.vstack([part[0][200:] - part[0][200:].mean(0) for part in parts]).std(axis=0)
+    np.testing.assert_allclose(verdict.rests.raw_deviation, expected, rtol=0.05)
+    assert verdict.rests.count >= 2
+    assert (verdict.rests.ratio < 0.5).all()
+    assert 13.0 < verdict.rests.seconds < 18.0
+
+
+def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
+    parts = [at_rest(random, 8), by_hand(random, 4), at_rest(random, 6)]
+    rates, accelerations = (np.vstack(column) for column in zip(*parts, strict=True))
+    accelerations[800:1200] += [0.0, 0.0, 9.8]
+    rates[1500, 1] += 1.0
+    stamps = START + 10**7 * np.arange(len(rates))
+    filter_ = Filter()
+    results = filter_.run(stamps, rates, accelerations)
+    piece = piece_of(
+        [
+            imu_message(t, r, a)
+            for t, r, a in zip(stamps.tolist(), rates, accelerations, strict=True)
+        ]
+    )
+    imus = imus_of(piece)
+    imus['result'] = results
+    matrix = np.eye(3).ravel()
+    both = []
+    for cuts in ([0, len(imus)], [0, 1, 333, 334, 901, len(imus)]):
+        sums = no_sums()
+        for first, stop in pairwise(cuts):
+            add_run(imus[first:stop], stamps[first:stop], matrix, 0.01, 1.0, sums)
+        end_run(sums)
+        both.append(sums)
+    assert both[0].tobytes() == both[1].tobytes()
+    got = both[0][0]
+    resting = results['at_rest'] > 0.0
+    up = accelerations / np.linalg.norm(accelerations, axis=1)[:, None]
+    assert got['samples'] == len(rates)
+    assert got['rest_seconds'] == pytest.approx(0.01 * resting.sum())
+    np.testing.assert_allclose(got['up_seconds'], 0.01 * up.sum(axis=0), rtol=1e-9)
+    assert got['taken'] == pytest.approx(0.01 * (up * results['bias']).sum(), rel=1e-9)
+    changed = results['angular_velocity'] + results['bias'] - rates
+    changed = changed[~resting & ~(results['outlier'] > 0.0).any(axis=1)]
+    np.testing.assert_allclose(got['changed'], (changed**2).sum(axis=0), rtol=1e-9)
+    assert got['outliers']['at_rest'] == (resting & (results['outlier'] > 0).any(axis=1)).sum()
+    squares, block = np.zeros(3), round(BLOCK_SECONDS / 0.01)
+    edges = np.flatnonzero(np.diff(np.r_[0, resting, 0]))
+    for first, stop in edges.reshape(-1, 2):
+        # What is kept of a rest: whole blocks but the last one; the last rest all of it.
+        kept = stop if stop == len(rates) else first + max((stop - first) // block - 1, 0) * block
+        squares += rates[first:kept].var(axis=0) * (kept - first) if kept > first else 0.0
+    np.testing.assert_allclose(got['noise']['raw_squares'], squares, rtol=1e-6)
+
+
+def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 12)
+    verdict = judged(bag(tmp_path / 'in', rates + turn, accelerations + push), tmp_path)
+    assert (verdict.outcome, verdict.gains) == ('useless', [])
+    text = as_text(verdict)
+    assert text.startswith('This filter did nothing useful here: the sensor never stood still')
+    assert 'Let it stand still for ten seconds' in text
+    assert 'the filter can not tell' in text
+    assert verdict.bias.source == 'unknown'
+
+
+def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
+    """As of a drone that idles, and then flies."""
+    rates, accelerations = at_rest(random, 20, (0.0, 0.02, 0.08))
+    shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
+    turn, push = by_hand(random, 18)
+    rates += 0.02 * shake
+    accelerations += 0.5 * shake
+    rates[200:] += turn
+    accelerations[200:] += push
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    assert verdict.bias.source == 'provisional'
+    assert 'provisional: x' in as_text(verdict)
+    np.testing.assert_allclose(verdict.bias.rates, (0.0, 0.02, 0.08), atol=6e-3)
+
+
+def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
+    rest, (turn, push) = at_rest(random, 30), by_hand(random, 25)
+    rates, accelerations = rest[0], rest[1]
+    rates[500:] += turn
+    accelerations[500:] += push
+    source = bag(tmp_path / 'in', rates, accelerations)
+    verdict = judged(source, tmp_path, Parameters(method='kalman'))
+    assert verdict.outcome == 'harmed'
+    assert 'Take the default method, adaptive' in headline(verdict)
+    assert judged(source, tmp_path).outcome == 'helped'
+
+
+def test_outliers_are_counted_where_they_are(tmp_path, random):
+    rates, accelerations = at_rest(random, 30)
+    for k in (500, 1500, 1520, 1540, 2500):
+        rates[k, 2] += 2.0
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    held = verdict.held_back
+    assert held.axes.tolist() == [0, 0, 5]
+    assert (held.first, held.last) == pytest.approx((5.0, 25.0))
+    assert held.in_busiest == 3
+    assert held.at_rest + held.in_motion == 5
+    assert 'outliers' in verdict.gains
+
+
+def test_what_is_unsound_is_told_with_what_to_do(tmp_path, random):
+    rates, accelerations = at_rest(random, 20)
+    stamps = START + 10**7 * np.arange(2000)
+    stamps[500:] += np.repeat(np.arange(15), 100) * 5 * 10**7
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations, stamps), tmp_path)
+    assert 'gaps' in [finding.name for finding in verdict.findings]
+    assert 'a slow disk' in as_text(verdict)
+
+
+def test_a_bias_that_was_kept_is_not_called_found(tmp_path, random):
+    memory, rates = tmp_path / 'bias.yaml', at_rest(random, 10, (0.0, 0.0, 0.05))
+    judged(bag(tmp_path / 'first', *rates), tmp_path, memory=memory)
+    turn, push = by_hand(random, 8)
+    rest = at_rest(random, 8, (0.0, 0.0, 0.05))
+    source = bag(tmp_path / 'second', rest[0] + turn, rest[1] + push)
+    verdict = judged(source, tmp_path, memory=memory)
+    assert verdict.bias.source == 'given'
+    assert 'kept from the recording before' in as_text(verdict)
+    assert verdict.heading.raw == pytest.approx(0.05, rel=0.25)
+
+
+def test_the_verdict_for_programs_says_the_same(tmp_path, random, capsys):
+    source = bag(tmp_path / 'in', *at_rest(random, 10, (0.0, 0.0, 0.05)))
+    arguments = ['replay', str(source), '-o', str(tmp_path / 'out'), '--json']
+    assert main([*arguments, str(tmp_path / 'v.json')]) == 0
+    printed = capsys.readouterr().out
+    (verdict,) = json.loads((tmp_path / 'v.json').read_text())['verdicts']
+    assert f'z {np.degrees(verdict["bias"]["rates"][2]):.3f} deg/s' in printed
+    assert verdict['outcome'] == 'helped'
+    assert main([*arguments, str(tmp_path / 'v.json')]) == 1
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_what_the_bag_names_can_not_write_on_the_terminal(tmp_path, random):
+    verdict = judged(bag(tmp_path / 'in', *at_rest(random, 5)), tmp_path)
+    loud = SimpleNamespace(**vars(verdict))
+    loud.silent = ['\x1b[2J'] * 3
+    assert '\x1b' not in as_text(loud)
+
+
+EXPECTED = {
+    # rests at least, and deg/min by the raw rates
+    'broad_09_fast_rotation_with_breaks': (4, 8, 16),
+    'broad_24_tapping': (2, 2, 10),
+    'multiposition_xsens': (20, 25, 45),
+    'static_adis16405': (1, 12, 20),
+    'static_mpu6050_bursty': (1, 50, 65),
+    'xio_fusion': (2, 0, 3),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', EXPECTED)
+def test_real_recordings(name, real_bag, tmp_path):
+    verdict = judged(real_bag(name), tmp_path)
+    rests, low, high = EXPECTED[name]
+    assert verdict.outcome == 'helped'
+    assert verdict.rests.count >= rests
+    assert low <= abs(np.degrees(verdict.heading.raw)) * 60 <= high
+    assert np.degrees(verdict.heading.left) * 60 < 4
+    assert (verdict.rests.ratio < 0.2).all()
