@@ -27,7 +27,7 @@ def test_as_numpy_has_them_however_the_samples_are_cut(rows, cut):
     in_two.add(imus[cut:], times[cut:])
     usable = (np.abs(raw) <= 1e6).all(axis=1)
     for found, parted, rates in zip(
-        at_once.all(), in_two.all(), (raw[usable], filtered[usable]), strict=True
+        at_once.rates(), in_two.rates(), (raw[usable], filtered[usable]), strict=True
     ):
         np.testing.assert_array_equal(parted.mean, found.mean)
         np.testing.assert_array_equal(parted.deviation, found.deviation)

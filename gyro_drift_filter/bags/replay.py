@@ -79,10 +79,7 @@ def replay(
         hinted = None if hint is None else choose_hint(recording, hint)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
-            run = ReplayRun(recording, output, parameters, inputs, hinted)
-            if memory is not None:
-                run.use_memory(memory)
-            run.be_watched(watch)
+            run = ReplayRun(recording, output, parameters, inputs, hinted, memory, watch)
             done = 0
             for piece, read in selection.pieces(recording):
                 run.take(piece)

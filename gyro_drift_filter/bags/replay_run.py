@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -71,8 +72,6 @@ class Summary:
         unusable: Samples without a usable rate, per axis (3,).
         raw: Statistics of the usable rates as they came.
         filtered: Statistics of the same samples after the filter.
-        rest_raw: As raw, of the samples at rest after the bias was learned, like
-        rest_filtered: of the same samples after the filter.
         bias: (3,) in rad/s at the end.
         bias_known: Log time since the first message of the recording in s from which it was known;
             None where it never was.
@@ -92,8 +91,6 @@ class Summary:
     unusable: NDArray[np.int64]
     raw: Statistics
     filtered: Statistics
-    rest_raw: Statistics
-    rest_filtered: Statistics
     bias: NDArray[np.float64]
     bias_known: float | None
     period: float
@@ -112,6 +109,8 @@ class ReplayRun:
         parameters: Parameters,
         inputs: Mapping[str, Topics],
         hint: str | None,
+        memory: Path | None,
+        watch: Watch,
     ) -> None:
         """Start.
 
@@ -121,23 +120,23 @@ class ReplayRun:
             parameters: Of the filters.
             inputs: The names of the outputs by the Imu topic that they belong to.
             hint: The topic that hints at motion, if there is one.
+            memory: File of the bias that the recording before has left, if there is one.
+            watch: Who sees what goes through the filters.
         """
         self._output = output
         self._report_times = ReportTimes()
         self._filters = [
-            TopicFilter(recording, parameters, topic, names, hint)
+            TopicFilter(
+                recording,
+                parameters,
+                topic,
+                names,
+                hint,
+                memory=memory,
+                watcher=partial(watch.watcher, topic),
+            )
             for topic, names in inputs.items()
         ]
-
-    def be_watched(self, watch: Watch) -> None:
-        """Have the filters be seen by who the caller names."""
-        for filter_ in self._filters:
-            filter_.watcher = watch.watcher(filter_.topic, filter_.messages.filter)
-
-    def use_memory(self, path: Path) -> None:
-        """Have the filters start with the bias of the recording before."""
-        for filter_ in self._filters:
-            filter_.use_memory(path)
 
     def save_memory(self) -> None:
         """Write the bias for the next recording.
@@ -146,8 +145,7 @@ class ReplayRun:
             MemoryFileError: The disk does not take it.
         """
         for filter_ in self._filters:
-            if filter_.memory is not None:
-                filter_.memory.save()
+            filter_.save_memory()
 
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
@@ -198,13 +196,17 @@ class TopicFilter:
         topic: str,
         names: Topics,
         hint: str | None,
+        *,
+        memory: Path | None = None,
+        watcher: Callable[[Filter], Watcher | None] = lambda filter_: None,
     ) -> None:
         self.topic = topic
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
-        self.memory: BiasMemory | None = None
-        self.watcher: Watcher | None = None
+        filter_ = self.messages.filter
+        self._memory = None if memory is None else BiasMemory(memory, names.node, filter_)
+        self._watcher = watcher(filter_)
         self._health = Health(names.node)
         self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
@@ -217,8 +219,8 @@ class TopicFilter:
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
-        if self.memory is not None:
-            self.memory.note(piece, imus)
+        if self._memory is not None:
+            self._memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
         notes: Any = np.zeros(len(reports), NOTE)
@@ -239,13 +241,18 @@ class TopicFilter:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
         log_times = piece.rows['log_time'][imus['row']]
         self._statistics.add(imus, log_times)
-        if self.watcher is not None:
-            self.watcher.take(imus, log_times)
+        if self._watcher is not None:
+            self._watcher.take(imus, log_times)
         return self.messages.reports(notes)
 
-    def use_memory(self, path: Path) -> None:
-        """Start with the bias of the recording before."""
-        self.memory = BiasMemory(path, self._names.node, self.messages.filter)
+    def save_memory(self) -> None:
+        """Write the bias for the next recording, if there is a file for it.
+
+        Raises:
+            MemoryFileError: The disk does not take it.
+        """
+        if self._memory is not None:
+            self._memory.save()
 
     def judge(
         self, of_filter: Sequence[MessageReport], reports: Any
@@ -254,8 +261,8 @@ class TopicFilter:
         statuses = []
         for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
             span, of_input, of_bias = self._health.rules(report, seconds)
-            if self.watcher is not None:
-                self.watcher.judge(span, of_input + of_bias, seconds)
+            if self._watcher is not None:
+                self._watcher.judge(span, of_input + of_bias, seconds)
             statuses.append(self._health.statuses(span, of_input, of_bias))
         return statuses
 
@@ -274,8 +281,7 @@ class TopicFilter:
         """Return what was done, at the end of a recording that started then and lasted so long."""
         state, report = self.messages.filter.state, self.messages.report()
         known_at = self._statistics.known_at
-        raw, filtered = self._statistics.all()
-        rest_raw, rest_filtered = self._statistics.at_rest()
+        raw, filtered = self._statistics.rates()
         return Summary(
             topic=self.topic,
             output_topic=self._names.filtered,
@@ -287,8 +293,6 @@ class TopicFilter:
             unusable=state['checks']['unusable'].copy(),
             raw=raw,
             filtered=filtered,
-            rest_raw=rest_raw,
-            rest_filtered=rest_filtered,
             bias=state['bias']['bias'].copy(),
             bias_known=None if known_at is None else (known_at - start) * 1e-9,
             period=float(state['clock']['mean_period']),

@@ -25,11 +25,7 @@ SUMS = record(Sums)
 
 @entry_kernel(IMU, SUMS, SUMS)
 def add_rates(imus: Sequence[Imu], raw_sums: Sequence[Sums], filtered_sums: Sequence[Sums]) -> None:
-    """Add the rates of messages as they came and filtered, where there are both.
-
-    Sums are (2,): of all messages, and of those at rest. The filter is at rest from the message on
-    with which it has learned the bias of that rest.
-    """
+    """Add the rates of messages as they came and filtered, where there are both, to sums (1,)."""
     for i in range(len(imus)):
         imu = imus[i]
         if imu['kind'] == ImuKind.GOOD and is_published(imu):
@@ -39,9 +35,8 @@ def add_rates(imus: Sequence[Imu], raw_sums: Sequence[Sums], filtered_sums: Sequ
                 and abs(raw[1]) <= LARGEST_RATE
                 and abs(raw[2]) <= LARGEST_RATE
             ):
-                for part in range(2 if result['at_rest'] > 0.0 else 1):
-                    _add(raw, raw_sums[part])
-                    _add(result['angular_velocity'], filtered_sums[part])
+                _add(raw, raw_sums[0])
+                _add(result['angular_velocity'], filtered_sums[0])
 
 
 @kernel
@@ -73,8 +68,8 @@ class RateStatistics:
     """
 
     def __init__(self) -> None:
-        self._raw: Any = np.zeros(2, SUMS)
-        self._filtered: Any = np.zeros(2, SUMS)
+        self._raw: Any = np.zeros(1, SUMS)
+        self._filtered: Any = np.zeros(1, SUMS)
         self.known_at: int | None = None
 
     def add(self, imus: Any, log_times: NDArray[np.int64]) -> None:
@@ -86,13 +81,9 @@ class RateStatistics:
             if known.any():
                 self.known_at = int(log_times[good[np.argmax(known)]])
 
-    def all(self) -> tuple[Statistics, Statistics]:
+    def rates(self) -> tuple[Statistics, Statistics]:
         """Return the statistics of the rates as they came, and of the filtered ones."""
         return _statistics(self._raw[0]), _statistics(self._filtered[0])
-
-    def at_rest(self) -> tuple[Statistics, Statistics]:
-        """Return the same of the messages at rest, after the bias was learned."""
-        return _statistics(self._raw[1]), _statistics(self._filtered[1])
 
 
 def _statistics(sums: Sums) -> Statistics:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_conn
 from gyro_drift_filter.bags.replay_run import Summary, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
@@ -76,18 +77,22 @@ class _Pass:
             self._is_filtered[connection.id] = (
                 connection.topic == names.filtered and connection.msgtype == IMU_TYPE
             )
-        self.filters = {
-            p.method: TopicFilter(recording, p, chosen, names, hint) for p in parameters
-        }
         self.signals: dict[str, Signals] = {}
-        for method, filter_ in self.filters.items():
-            kept = COMPARED if self.signals else VECTORS
-            signals = Signals(filter_.messages.filter, kept)
-            filter_.watcher = self.signals[method] = signals
+        self.filters = {
+            p.method: TopicFilter(
+                recording, p, chosen, names, hint, watcher=partial(self._keep, p.method)
+            )
+            for p in parameters
+        }
         self.report_times = ReportTimes()
         self._recorded_times = Stored(np.int64)
         self._recorded = tuple(Stored() for _ in range(3))
         self._exact = tuple(Stored() for _ in range(3))  # as this filter makes them
+
+    def _keep(self, method: str, filter_: Filter) -> Signals:
+        """Return who keeps the signals of a method, all those of the first one."""
+        self.signals[method] = Signals(filter_, COMPARED if self.signals else VECTORS)
+        return self.signals[method]
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in."""
