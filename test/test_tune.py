@@ -165,10 +165,11 @@ def test_the_same_seed_finds_the_same():
     assert first.gain == again.gain
 
 
-def test_time_limit_leaves_the_defaults():
-    found = tune(material(handled()), Parameters(), seconds=1e-6)
+@pytest.mark.parametrize('method', RANGES)
+def test_time_limit_leaves_the_defaults(method):
+    found = tune(material(handled()), Parameters(method=method), seconds=1e-6)
     assert found.out_of_time
-    assert found.chosen == Parameters()
+    assert found.chosen == Parameters(method=method)
     assert found.evaluations == 1
     assert found.sensitivities[0].loss is None
 

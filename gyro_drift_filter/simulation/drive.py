@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.simulation.experiments import GRAVITY, START, Simulation
+from gyro_drift_filter.simulation.experiments import Simulation
+from gyro_drift_filter.simulation.sensor import GRAVITY, even_stamps
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def simulate_drive(
     forces = np.array([0.0, 0.0, GRAVITY]) + ACCELERATION_NOISE * random.standard_normal((n, 3))
     forces[:, 0] += 0.5 * gentle * np.sin(2 * np.pi * 0.4 * time)
     recording = Simulation(
-        stamps=START + np.round(time * 1e9).astype(np.int64),
+        stamps=even_stamps(n, SAMPLE_RATE),
         angular_velocity=measured + np.where(outliers, sizes, 0.0),
         linear_acceleration=forces,
         truth=rates + bias,

@@ -97,12 +97,21 @@ def search(
         evaluations: That `cost` makes.
         budget: How many times `cost` is called at most.
         seed: Of the random numbers.
+
+    Raises:
+        TimeIsUpError: There was no time for any place.
     """
     dimensions = len(start)
     places = np.vstack([start, _spread(budget // 2 - 1, dimensions, seed)])
     found = evaluations.side_by_side(cost, places)
-    ranked = zip(found, places.tolist(), strict=True)
-    best = min((value, place) for value, place in ranked if value is not None)
+    ranked = [
+        (value, place)
+        for value, place in zip(found, places.tolist(), strict=True)
+        if value is not None
+    ]
+    if not ranked:
+        raise TimeIsUpError
+    best = min(ranked)
 
     def noted(trial: Floats) -> float:
         nonlocal best

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -161,11 +162,12 @@ class _Run:
             return self._total(self._evaluations.costs(parameters)[~held_back])
 
         start = np.array([range_.place(before, noise) for range_ in self._ranges])
-        place = search(cost, start, self._evaluations, budget, seed)
+        best = before
+        with suppress(TimeIsUpError):
+            place = search(cost, start, self._evaluations, budget, seed)
+            best = at_places(self._ranges, place.tolist(), before, noise)
         self._evaluations.deadline = self._end
-        best = self._without_the_idle(
-            at_places(self._ranges, place.tolist(), before, noise), ~held_back
-        )
+        best = self._without_the_idle(best, ~held_back)
         costs = self._evaluations.costs(best)
         gain = self._gain(default, costs, held_back)
         chosen = best if gain.is_worth_it else before
