@@ -9,6 +9,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import numpy as np
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from support.paths import NAMES, RECORDINGS
 
@@ -19,6 +20,11 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # examples in each run, to search for what these do not show.
 settings.register_profile('repeatable', derandomize=True, print_blob=True)
 settings.load_profile('repeatable')
+# Hypothesis also draws numbers that it finds in the modules that are loaded, and which those are
+# depends on what ran before in the same process.
+if hasattr(providers, '_get_local_constants'):  # not in every version
+    _NO_CONSTANTS = providers._local_constants
+    providers._get_local_constants = lambda: _NO_CONSTANTS
 
 
 def path_of(name):

@@ -10,6 +10,8 @@ from gyro_drift_filter.core.methods.adaptive import (
     COMPENSATION_SECONDS,
     COMPENSATION_SHARE,
     LARGEST_COMPENSATION,
+    SMOOTHING_DEVIATIONS,
+    SMOOTHING_SECONDS,
 )
 from gyro_drift_filter.core.methods.mode_set import MODES
 from gyro_drift_filter.simulation.experiments import autoregressive
@@ -201,6 +203,13 @@ def test_never_locked_out_and_always_finite(parts, last, rate):
     off = np.abs(results['angular_velocity'] - last)
     assert (off[len(begin) + 19] <= tolerance + LARGEST_COMPENSATION / COMPENSATION_SECONDS).all()
     left = LARGEST_COMPENSATION / COMPENSATION_SECONDS * np.exp(-3.0 * rate * COMPENSATION_SHARE)
+    # What smoothing has not put out, of the size of the noise, is given back slowly; and where the
+    # noise is found to be less, at once.
+    noise = results['measurement_noise'][-round(rate) :]
+    angle = SMOOTHING_DEVIATIONS * np.sqrt(0.5 * noise.max(axis=0) * SMOOTHING_SECONDS / rate)
+    at_once = min(1.0 / COMPENSATION_SECONDS, COMPENSATION_SHARE * rate)
+    falls = noise[-1] < 0.999 * noise.max(axis=0)
+    left = left + angle * np.where(falls, at_once, 1.0 / SMOOTHING_SECONDS)
     assert (off[-1] <= tolerance + 1e-3 + left).all()
 
 

@@ -359,7 +359,8 @@ def reduced(values: NDArray[Any], room: int) -> NDArray[np.int64]:
         return finite
     found = values if len(finite) == len(values) else values[finite]
     where = MinMaxDownsampler().downsample(np.ascontiguousarray(found), n_out=room // 2 * 2)
-    return np.asarray(finite[where.astype(np.int64)])
+    # The least and the largest value of a part without any change are the same one.
+    return np.asarray(finite[np.unique(where.astype(np.int64))])
 
 
 def autocorrelation(values: Floats, lags: int) -> Floats:

@@ -154,7 +154,7 @@ def _add_heading(imu: Imu, step: float, log_time: int, sums: RunSums) -> None:
 
 @kernel
 def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums) -> None:
-    """Add the noise of a sample, where it is one at rest."""
+    """Add the noise of a sample, where it is one at rest; what was held back is no noise."""
     result, raw, block = imu['result'], imu['sample']['angular_velocity'], sums['block']
     if result['at_rest'] == 0.0:
         if sums['resting']:
@@ -172,6 +172,8 @@ def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums)
         sums['rests'] += 1
     sums['resting'] = True
     sums['rest_seconds'] += step
+    if result['outlier'][0] + result['outlier'][1] + result['outlier'][2] > 0.0:
+        return
     block['count'] += 1
     block['seconds'] += step
     share = 1.0 / block['count']
