@@ -176,12 +176,13 @@ def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
         (20_000, 20_000, 200_000, 1_000_000) if quick else (100_000, 200_000, 1_000_000, 10_000_000)
     )
     bags = {n: write_tiled(rows, n, folder / f'{name}_{n}') for n in {small, plain, large, huge}}
-    out = folder / 'out'
+    out, page = folder / 'out', folder / 'page.html'
 
     def cleared(command: Sequence[str]) -> Callable[[], Sequence[str]]:
         def clear() -> Sequence[str]:
             shutil.rmtree(out, ignore_errors=True)
             out.unlink(missing_ok=True)
+            page.unlink(missing_ok=True)
             return command
 
         return clear
@@ -203,6 +204,7 @@ def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
             'replay, all': cleared(ours(large, '--diagnostics')),
             'loop, all': cleared(by_hand('loop', bags[plain], '--diagnostics')),
             'small': cleared(ours(small)),
+            'page': cleared([REPLAY, 'report', str(bags[large]), '-o', str(page), '--quiet']),
         },
         repetitions,
     )
@@ -226,6 +228,23 @@ def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
         'copy of its output',
         each['replay'] / copy,
         3.0,
+    )
+    made = costs['page']
+    yield Figure(
+        f'report of {large:,}',
+        f'{made.seconds:.1f} s',
+        f'{costs["replay"].seconds:.1f} s',
+        'replay of the same',
+        made.seconds / costs['replay'].seconds,
+        3.0,
+    )
+    yield Figure(
+        f'report of {large:,}, memory',
+        f'{made.memory:.0f} MB',
+        '1500 MB',
+        'limit',
+        made.memory / 1500.0,
+        1.0,
     )
     nothing = folder / 'nothing'
     write_tiled(rows, 100, nothing)

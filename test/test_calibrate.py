@@ -1,5 +1,7 @@
 """Scale and misalignment from turns by hand: against simulated sensors, and one that is real."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,7 +10,7 @@ from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.turning import Leg, rotations, turn, turn_alone
-from gyro_drift_filter.simulation.turns import Faults, lay_down, random_faults, sides
+from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 from support.paths import RECORDINGS
 
 UP = Rotation.identity()
@@ -65,9 +67,7 @@ def test_a_nominal_scale_that_is_far_off_is_no_harm(random):
 def test_several_recordings_each_with_its_own_bias(random):
     faults, first = laid_down(random, [UP, about('x', 90), about('x', 175)], rate=50.0)
     poses = [about('x', 90), about('x', 90) * about('y', 120), about('z', 90) * about('x', 40)]
-    moved = Faults(
-        faults.matrix, -faults.bias, 0.0, faults.accelerometer, faults.accelerometer_bias
-    )
+    moved = replace(faults, bias=-faults.bias, wander=0.0)
     second = lay_down(random, poses, moved, rate=50.0)
     both = calibrate([samples(first), samples(second)])
     alone = calibrate([samples(first)])

@@ -14,13 +14,7 @@ from gyro_drift_filter.cli.doctor_recording import read_recording
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.doctor.rotations import (
-    from_vector,
-    inverse,
-    product,
-    rotate,
-    running_product,
-)
+from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
 from support.doctored import handled, write
 from support.paths import RECORDINGS
 
@@ -104,7 +98,7 @@ def about_one_axis(simulation, axis, signs=(1.0, 1.0, 1.0)):
     """Return the same turned about one axis alone, which lies level."""
     only = np.eye(3)[axis] * (simulation.truth - simulation.bias)
     noise = simulation.angular_velocity - simulation.truth
-    gravity = rotate(inverse(running_product(from_vector(only / 100.0))[1:]), UP)
+    gravity = rotate(inverse(running_products(from_vectors(only / 100.0))), UP)
     return replace(
         simulation,
         angular_velocity=only * signs + simulation.bias + noise,
@@ -352,8 +346,8 @@ def test_no_rest(found):
 
 
 def orientations(simulation):
-    """Return the true orientations of the sensor (n, 4): w, x, y, z."""
-    return running_product(from_vector((simulation.truth - simulation.bias) / 100.0))[1:]
+    """Return the true orientations of the sensor (n, 4): x, y, z, w."""
+    return running_products(from_vectors((simulation.truth - simulation.bias) / 100.0))
 
 
 def poses(simulation, rotations):
@@ -361,7 +355,7 @@ def poses(simulation, rotations):
     header, time = (message_type(kind) for kind in ('std_msgs/msg/Header', TIME))
     topic = []
     for stamp, rotation in zip(simulation.stamps[::4].tolist(), rotations[::4], strict=True):
-        w, x, y, z = map(float, rotation)
+        x, y, z, w = map(float, rotation)
         pose = message_type('geometry_msgs/msg/Pose')(
             message_type('geometry_msgs/msg/Point')(0.0, 0.0, 0.0),
             message_type('geometry_msgs/msg/Quaternion')(x, y, z, w),
@@ -373,7 +367,7 @@ def poses(simulation, rotations):
 
 def test_the_orientation_of_the_messages_themselves(found):
     simulation = handled()
-    own = orientations(simulation)[:, [1, 2, 3, 0]]
+    own = orientations(simulation)
     findings = found(simulation, orientations=own)
     assert faults(findings) == set()
     assert 'orientation /imu/data_raw' in of_verdict(findings, Verdict.SOUND)
@@ -387,7 +381,7 @@ def test_an_orientation_that_turns_the_other_way(found):
         angular_velocity=simulation.angular_velocity * [1.0, -1.0, 1.0],
         linear_acceleration=np.full_like(simulation.linear_acceleration, np.nan),
     )
-    own = orientations(simulation)[:, [1, 2, 3, 0]]
+    own = orientations(simulation)
     findings = found(wrong, orientations=own)
     assert faults(findings) == {'orientation /imu/data_raw'}
     assert findings[0].values['way'] == '(x, -y, z)'
@@ -409,8 +403,8 @@ def test_an_orientation_that_nobody_measures(found):
 )
 def test_poses_of_a_body_that_the_sensor_is_mounted_on(found, signs, accelerometer, expected):
     simulation = handled()
-    mount = from_vector(np.array([0.3, 1.2, -0.7]))
-    topics = poses(simulation, product(orientations(simulation), mount))
+    mount = from_vectors(np.array([0.3, 1.2, -0.7]))
+    topics = poses(simulation, multiply(orientations(simulation), mount))
     force = simulation.linear_acceleration * (1.0 if accelerometer else np.nan)
     turned = replace(
         simulation,
@@ -431,7 +425,7 @@ def test_a_robot_on_a_floor_is_told_by_its_odometry(found, sign, expected):
         angular_velocity=sign * upright * [1.0, -1.0, -1.0] + simulation.bias + noise,
         linear_acceleration=np.array([0.0, 0.0, -9.81]) + 10.0 * noise,
     )
-    topics = poses(simulation, running_product(from_vector(upright / 100.0))[1:])
+    topics = poses(simulation, running_products(from_vectors(upright / 100.0)))
     findings = found(down, topics=topics, deviations=(2e-3, 0.02))
     assert 'orientation /mocap' in of_verdict(findings, expected)
     assert 'axes' in of_verdict(findings, Verdict.UNKNOWN)

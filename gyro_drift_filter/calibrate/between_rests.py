@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.rests import GRAVITY, Rest, Rests, Track
-from gyro_drift_filter.calibrate.rotations import from_matrix, to_vectors
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
 from gyro_drift_filter.calibrate.unknowns import (
@@ -282,7 +282,7 @@ class _Blocks:
 
 def _vector(rotation: Floats) -> Floats:
     """Return the rotation vector (3,) of a matrix."""
-    return np.asarray(to_vectors(from_matrix(rotation)[None])[0])
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
 def _between(a: Floats, b: Floats) -> Floats:

@@ -19,15 +19,9 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import Track
-from gyro_drift_filter.calibrate.rotations import (
-    from_vectors,
-    inverse,
-    multiply,
-    to_matrices,
-    to_vectors,
-)
 from gyro_drift_filter.calibrate.turning import rotations
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
+from gyro_drift_filter.rotations import from_vectors, inverse, multiply, to_vectors
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -120,7 +114,7 @@ class ReferenceOfOneRecording:
         self._rotations = quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
         self._track, self._density = track, float(density.mean())
         self._variance = np.radians(0.5) ** 2
-        up = to_matrices(self._rotations)[:, 2, 2]
+        up = Rotation.from_quat(self._rotations).as_matrix()[:, 2, 2]
         self.level = bool(np.quantile(np.arccos(np.clip(up, -1.0, 1.0)), 0.9) < LEVEL)
         self._spans: list[_Span] = []
         self.inflation = 1.0
@@ -211,7 +205,7 @@ class ReferenceOfOneRecording:
             inverse(self._rotations[first : stop - 1]), self._rotations[first + 1 : stop]
         )
         turned = to_vectors(steps).sum(axis=0) / (at[stop - 1] - at[first])
-        body = to_matrices(self._mount.rotation[None])[0] @ turned
+        body = Rotation.from_quat(self._mount.rotation).apply(turned)
         return np.asarray(track.rates[ends[0] : ends[1] + 1].mean(axis=0) - body)
 
     def residuals(self, unknowns: Floats) -> Residuals:
@@ -277,7 +271,7 @@ class ReferenceOfOneRecording:
         steps = np.diff(seconds)
         before, middle = rotations(raw, steps, matrix)
         mean = 0.5 * (raw[1:] + raw[:-1])
-        axes = to_matrices(middle)
+        axes = Rotation.from_quat(middle).as_matrix()
         by_matrix = np.einsum('kai,kj,k->kaij', axes, mean, steps).reshape(-1, 3, 9)
         by_bias = -np.einsum('kai,ij,k->kaj', axes, matrix, steps)
         at = self._seconds[span.first : span.stop] - unknowns[LATE]
@@ -287,6 +281,7 @@ class ReferenceOfOneRecording:
         rate = raw @ matrix.T
         now = rate[low] + share[:, None] * (rate[low + 1] - rate[low])
         turned = multiply(before[low], from_vectors(part[:, None] * (rate[low] + now)))
+        turns = Rotation.from_quat(turned).as_matrix()
 
         def until(each: Floats) -> Floats:
             total = np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
@@ -300,8 +295,8 @@ class ReferenceOfOneRecording:
         jacobian = np.zeros((len(at), 3, UNKNOWNS))
         jacobian[:, :, MATRIX] = -until(by_matrix)
         if not self.level:
-            jacobian[:, :, TURNED] = -to_matrices(turned)
-        jacobian[:, :, LATE] = np.einsum('kai,ki->ka', to_matrices(turned), now)
+            jacobian[:, :, TURNED] = -turns
+        jacobian[:, :, LATE] = np.einsum('kai,ki->ka', turns, now)
         angle = float(np.linalg.norm(rate[:-1] * steps[:, None], axis=1).sum())
         return vectors, jacobian, -until(by_bias), angle
 
@@ -327,7 +322,7 @@ class ReferenceOfOneRecording:
 
     def _up(self) -> Floats:
         """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
-        return np.asarray(to_matrices(self._mount.rotation[None])[0][:, 2])
+        return np.asarray(Rotation.from_quat(self._mount.rotation).as_matrix()[:, 2])
 
     def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
         """Return values, dependence and nuisances side by side (n c, ...), and nuisances' count."""

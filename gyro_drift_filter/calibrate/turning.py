@@ -11,15 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.rests import Rest, Track
-from gyro_drift_filter.calibrate.rotations import (
-    from_vectors,
-    multiply,
-    product,
-    running_products,
-    to_matrices,
-)
+from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 
 Floats = NDArray[np.float64]
 
@@ -142,21 +137,21 @@ def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Sensitivity]:
     """Return what a leg is with a matrix (3, 3), and what that depends on."""
     before, middle = rotations(leg.raw, leg.steps, matrix)
     mean = 0.5 * (leg.raw[1:] + leg.raw[:-1]) * leg.steps[:, None]
-    axes = to_matrices(middle)
+    axes = Rotation.from_quat(middle).as_matrix()
     # Of the axis i of the turned sensor, times the raw rate j, in the axes of the start.
     by_matrix = (axes.reshape(-1, 9).T @ mean).reshape(3, 9)
     weighted = -leg.steps[:, None, None] * axes
     behind = np.tensordot(leg.share, weighted, 1) @ matrix
     whole = weighted.sum(axis=0) @ matrix
-    way = Turn(to_matrices(before[-1:])[0], _angle(mean @ matrix.T))
+    way = Turn(Rotation.from_quat(before[-1]).as_matrix(), _angle(mean @ matrix.T))
     return way, Sensitivity(by_matrix, (whole - behind, behind))
 
 
 def turn_alone(leg: Leg, matrix: Floats) -> Turn:
     """Return what a leg is with a matrix (3, 3)."""
     vectors = step_vectors(leg.raw @ matrix.T, leg.steps)
-    rotation = to_matrices(product(from_vectors(vectors))[None])[0]
-    return Turn(rotation, _angle(vectors))
+    rotation = running_products(from_vectors(vectors))[-1]
+    return Turn(Rotation.from_quat(rotation).as_matrix(), _angle(vectors))
 
 
 def _angle(vectors: Floats) -> float:

@@ -54,10 +54,10 @@ class _Orientations:
         self._columns = tuple(Stored() for _ in range(4))
 
     def add(self, stamps: NDArray[np.int64], quaternions: NDArray[np.float64]) -> None:
-        """Add stamps (n,) in ns and quaternions (n, 4) in ROS's order: x, y, z, w."""
+        """Add stamps (n,) in ns and quaternions (n, 4) in the order x, y, z, w."""
         self._stamps.append(stamps)
-        for column, index in zip(self._columns, (3, 0, 1, 2), strict=True):
-            column.append(quaternions[:, index])
+        for column, values in zip(self._columns, quaternions.T, strict=True):
+            column.append(values)
 
     def reference(self) -> Reference | None:
         """Return what was added, None where nothing was."""

@@ -9,8 +9,8 @@ and that of the accelerometer a, both as measured:
 
 with the rates w and the accelerations f. Its one measurement is that no robot gets away: the
 velocity is zero within `SPEED`, anew every `SPEED_SECONDS`, or within as much as it has been of
-late. The heading is not in the state, so that nothing leaks into it: a bias about the vertical is
-left as it is.
+late, and anew as much later. The heading is not in the state, so that nothing leaks into it: a
+bias about the vertical is left as it is.
 
 State and measurement are taken every hundredth of a second or so, covariances every `BLOCK_SECONDS`
 by the transition over the block. As directions turn with the body, R = exp(-[angle]) of each value,
@@ -47,9 +47,13 @@ BLOCK_SECONDS = 0.4
 # The largest time without samples over which the body's turn is known well enough, in s.
 LONGEST_GAP = 0.05
 
-# A robot or a hand has about this velocity, in m/s, and another one after so long, in s. What it
-# has been of late counts, if it is more, for so long: that of a car.
-SPEED, SPEED_SECONDS, SPEED_MEMORY = 1.0, 3.0, 30.0
+# A robot or a hand has about this velocity, in m/s, and another one after so long, in s. What is
+# faster keeps its velocity for longer in proportion, as it gains and loses it no faster: a car.
+# What it has been of late counts, if more, for so many s: what has been fast will be again. No
+# velocity lies beyond so many of its deviations, and no robot on the road or in the air has a
+# larger one than the last of these, in m/s: a tilt that is taken for speed must not feed itself.
+SPEED, SPEED_SECONDS, SPEED_MEMORY = 1.0, 3.0, 120.0
+SPEED_DEVIATIONS, LARGEST_SPEED = 2.0, 50.0
 # Vibration moves a bias by up to a share of what it makes of the values' deviation at rest, and by
 # no more than this, in rad/s: on ten flights of EuRoC by 0.2, 0.8, and 1.2e-3. What is no more than
 # a share of the noise does no harm where it is mistaken.
@@ -113,7 +117,7 @@ class MotionBias(TypedDict):
     covariance: Covariance
     shift: Shift
     growth: float  # (rad/s)^2, of both biases, since it was last added
-    speed_variance: float  # (m/s)^2, of late
+    speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
@@ -157,6 +161,7 @@ MOTION_WORKSPACE = record(MotionWorkspace)
 @kernel
 def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     """Begin with a shift (3,) in rad/s and its variance (3,), infinite where it is not known."""
+    state['speed_deviation'] = SPEED
     for axis in range(3):
         known = variance[axis] < np.inf
         state['shift']['known'][axis] = known
@@ -198,7 +203,6 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         shift['in_motion'][axis] = shift['variance'][axis]
         shift['at_rest'][axis] = 0.0
     state['growth'] = 0.0
-    state['speed_variance'] = SPEED * SPEED
     state['moving_seconds'] = 0.0
     state['moving'] = False
 
@@ -340,7 +344,7 @@ def _take_value(
     if not state['moving']:
         _start_motion(state, REST_DIRECTION)
         return
-    left = math.exp(-seconds / SPEED_SECONDS)
+    left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
         i = VELOCITY + axis
         gained = speed[axis] - values[ACCELERATION + axis] * seconds
@@ -470,7 +474,7 @@ def _predict_covariance(
     values, turn, integral = state['values'], state['turn'], state['turn_integral']
     covariance, forward = state['covariance'], workspace['transition']
     product, seconds = workspace['product'], state['block_seconds']
-    left = math.exp(-seconds / SPEED_SECONDS)
+    left = math.exp(-seconds / _speed_seconds(state))
     for i in range(STATES):
         for k in range(STATES):
             forward[i, k] = 1.0 if i == k else 0.0
@@ -510,6 +514,12 @@ def _predict_covariance(
 
 
 @kernel
+def _speed_seconds(state: MotionBias) -> float:
+    """Return for how long a velocity lasts, in s."""
+    return SPEED_SECONDS * state['speed_deviation'] / SPEED
+
+
+@kernel
 def _settle_growth(state: MotionBias) -> None:
     """Add what both biases have walked since the last time."""
     for axis in range(3):
@@ -522,15 +532,17 @@ def _settle_growth(state: MotionBias) -> None:
 def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Measure that the velocity is zero, within what it has been of late."""
     values, covariance = state['values'], state['covariance']
-    seconds, squares = state['block_seconds'], 0.0
+    seconds = state['block_seconds']
+    deviation = max((1.0 - seconds / SPEED_MEMORY) * state['speed_deviation'], SPEED)
     for axis in range(3):
         i = VELOCITY + axis
-        squares += max(values[i] * values[i] - covariance[i, i], 0.0) / 3.0
-    share = min(seconds / SPEED_MEMORY, 1.0)
-    state['speed_variance'] += share * (squares - state['speed_variance'])
-    variance = max(state['speed_variance'], SPEED * SPEED)
+        # What the velocity itself is uncertain by shows nothing.
+        square = max(values[i] * values[i] - covariance[i, i], 0.0)
+        deviation = max(deviation, math.sqrt(square) / SPEED_DEVIATIONS)
+    deviation = min(deviation, LARGEST_SPEED)
+    state['speed_deviation'] = deviation
     # A velocity that lasts is measured once in its time.
-    variance *= 2.0 * SPEED_SECONDS / seconds
+    variance = deviation * deviation * 2.0 * _speed_seconds(state) / seconds
     for axis in range(3):
         i = VELOCITY + axis
         spread = covariance[i, i] + variance

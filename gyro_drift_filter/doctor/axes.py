@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.doctor.rotations import from_vector, rotate, running_product
 from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.rotations import from_vectors, rotate, running_products
 
 Floats = NDArray[np.float64]
 
@@ -182,8 +182,9 @@ def _errors(turned: Floats, force: Floats, matrices: Floats) -> Floats:
     force = force[::stride][: len(steps) + 1]
     steps = steps[: len(force) - 1]
     half = len(force) // 2
-    orientation = running_product(from_vector(np.einsum('mij,nj->mni', matrices, steps)))
-    world = rotate(orientation, np.broadcast_to(force, (len(matrices), *force.shape)))
+    steps = np.vstack([np.zeros(3), steps])
+    turns = from_vectors(np.einsum('mij,nj->mni', matrices, steps))
+    world = rotate(running_products(turns), force)
     return _angles(world[:, :half].mean(axis=1), world[:, half:].mean(axis=1))
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.doctor.rotations import inverse, product, rotate, to_vector
 from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.rotations import inverse, multiply, rotate, to_vectors
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Reference:
     Attributes:
         name: Of the topic.
         stamps: (m,) in ns.
-        orientations: Four columns (m,): w, x, y, z of the rotation from the body into the world.
+        orientations: Four columns (m,): x, y, z, w of the rotation from the body into the world.
         own: Whether it is that of the Imu messages, in the axes of the rates.
     """
 
@@ -115,7 +115,7 @@ def _turn(reference: Reference, imu: Any, start: int, stop: int) -> Floats | Non
     before, after = ends[0] / size[0], ends[1] / size[1]
     # The mean rate, which is no angle that goes round, also where it is in degrees.
     turned = 0.5 * (rate[:-1] + rate[1:]).mean(axis=0) * (until - since) * 1e-9
-    inside = to_vector(product(inverse(before), after))
+    inside = to_vectors(multiply(inverse(before), after))
     vertical = rotate(before, inside)[2]
     up = force / max(float(np.linalg.norm(force)), 1e-12)
     return np.concatenate([inside, [vertical], turned, up])
@@ -218,7 +218,7 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
 def _is_invented(reference: Reference) -> bool:
     """Tell whether orientations are always the identity or zeros, which nobody measures."""
     step = max(len(reference.stamps) // 1000, 1)
-    w, *others = (
+    *others, w = (
         np.array([_at(column, k) for k in range(0, len(reference.stamps), step)])
         for column in reference.orientations
     )

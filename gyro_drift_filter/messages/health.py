@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.health_rules import (
@@ -165,7 +164,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
-        'Rest the noise was learned from (s)': [BLOCK_SECONDS * n for n in state.noise_blocks],
+        'Rest the noise was learned from (s)': span.noise_seconds,
         'Bias (rad/s)': state.bias,
         'Bias deviation (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,

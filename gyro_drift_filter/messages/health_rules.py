@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS, LEAST_BLOCK
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
@@ -29,6 +30,8 @@ _LONG_WITHOUT_REST = 120.0
 _CORRELATED = 0.6
 _SLOW_LOW_PASS = 15.0
 _LEAST_NOISE = 2e-5  # rad/s: half of it is what a sensor that shows no noise is given
+# Noise that was learned from less rest than this, in s, is known to a tenth at best.
+_LITTLE_REST = 3.0
 
 
 class Span(NamedTuple):
@@ -79,6 +82,13 @@ class Span(NamedTuple):
         if correlation < _CORRELATED or min(state.noise_blocks) == 0:
             return math.nan
         return -math.log(correlation) * self.expected_rate / (2.0 * math.pi)
+
+    @property
+    def noise_seconds(self) -> list[float]:
+        """The time at rest that the noise was learned from, in s, of each axis."""
+        state = self.now.telemetry
+        block = max(BLOCK_SECONDS, LEAST_BLOCK * state.period)
+        return [block * count for count in state.noise_blocks]
 
     @property
     def advice(self) -> Advice:
@@ -247,6 +257,14 @@ def _has_no_bias(span: Span) -> bool:
     """Return whether the bias that is to be taken off is not known."""
     state = span.now.telemetry
     return span.now.parameters.bias_enabled and state.samples > 0 and not state.bias_known
+
+
+def _is_noise_unsure(span: Span) -> bool:
+    """Return whether the bias is known, and the noise by little rest only."""
+    parameters = span.now.parameters
+    learned = span.advice.learns_noise and not any(parameters.model_noise_deviation)
+    known = span.now.telemetry.bias_known
+    return learned and known and min(span.noise_seconds) < _LITTLE_REST
 
 
 INPUT_RULES = (
@@ -459,4 +477,13 @@ FILTER_RULES = (
         _NO_BIAS + ' (the heading drifts until then)',
     ),
     Rule('no bias', Level.OK, _has_no_bias, _NO_BIAS),
+    Rule(
+        'little rest',
+        Level.OK,
+        _is_noise_unsure,
+        lambda span: (
+            f'filtering; the noise is known from {min(span.noise_seconds):.1f} s of rest only: '
+            'stand still for some seconds more'
+        ),
+    ),
 )

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-GRAVITY = 9.80665  # m/s^2
-START = 1_600_000_000_000_000_000  # ns
+from gyro_drift_filter.simulation.sensor import GRAVITY, even_stamps
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ def simulate(settings: SimulationSettings) -> Simulation:
     for axis in range(3):
         outliers[:, axis] = _add_outliers(random, measured[:, axis], static, settings)
     return Simulation(
-        stamps=START + np.round(np.arange(n) * (1e9 / settings.sample_rate)).astype(np.int64),
+        stamps=even_stamps(n, settings.sample_rate),
         angular_velocity=measured,
         linear_acceleration=np.tile([0.0, 0.0, GRAVITY], (n, 1))
         + 0.02 * random.standard_normal((n, 3)),

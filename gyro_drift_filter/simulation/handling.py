@@ -3,11 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyro_drift_filter.simulation.experiments import GRAVITY, START, Simulation
-
-Floats = NDArray[np.float64]
+from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
+from gyro_drift_filter.simulation.experiments import Simulation
+from gyro_drift_filter.simulation.sensor import (
+    GRAVITY,
+    Faults,
+    Motion,
+    Noise,
+    even_stamps,
+    measure,
+    smooth,
+)
 
 
 @dataclass(frozen=True)
@@ -50,58 +57,31 @@ def simulate_handling(settings: HandlingSettings = HandlingSettings()) -> Simula
     )
     n = rest + settings.motions * (motion + rest)
     rates, pushes, moving = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, bool)
+    frequency, rate = settings.frequency, settings.sample_rate
     for k in range(settings.motions):
         where = slice((k + 1) * rest + k * motion, (k + 1) * (rest + motion))
-        rates[where] = settings.turning * _smooth(random, motion, settings)
-        pushes[where] = settings.pushing * _smooth(random, motion, settings)
+        rates[where] = settings.turning * smooth(random, motion, rate, frequency)
+        pushes[where] = settings.pushing * smooth(random, motion, rate, frequency)
         moving[where] = True
-    gravity = _gravity(rates / settings.sample_rate)
-    bias = np.array(settings.bias)
-    accelerations = gravity + pushes
+    # Half of a turn before each sample, half behind it, as rates are those at the sample.
+    half = from_vectors(rates / (2.0 * rate))
+    turns = half.copy()
+    turns[1:] = multiply(half[:-1], half[1:])
+    orientations = running_products(turns)
+    forces = rotate(inverse(orientations), np.array([0.0, 0.0, GRAVITY])) + pushes
+    root = np.sqrt(0.5 * rate)
+    measured = measure(
+        random,
+        Motion(rate, rates, forces, orientations),
+        Faults(np.array(settings.bias)),
+        Noise(settings.noise / root, settings.acceleration_noise / root),
+    )
     return Simulation(
-        stamps=START + np.round(np.arange(n) * (1e9 / settings.sample_rate)).astype(np.int64),
-        angular_velocity=rates + bias + settings.noise * random.standard_normal((n, 3)),
-        linear_acceleration=accelerations
-        + settings.acceleration_noise * random.standard_normal((n, 3)),
-        truth=rates + bias,
+        stamps=even_stamps(n, rate),
+        angular_velocity=measured.rates,
+        linear_acceleration=measured.accelerations,
+        truth=rates + measured.bias,
         outliers=np.zeros((n, 3), bool),
         moving=moving,
-        bias=bias,
+        bias=np.array(settings.bias),
     )
-
-
-def _smooth(random: np.random.Generator, n: int, settings: HandlingSettings) -> Floats:
-    """Return (n, 3) of motion of deviation 1 that begins and ends gently, with a mean of 0."""
-    spectrum = np.fft.rfft(random.standard_normal((n, 3)), axis=0)
-    spectrum[np.fft.rfftfreq(n, 1.0 / settings.sample_rate) > settings.frequency] = 0.0
-    spectrum[0] = 0.0
-    motion = np.fft.irfft(spectrum, n, axis=0)
-    ramp = min(n // 2, round(0.5 * settings.sample_rate))
-    edge = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
-    motion[:ramp] *= edge[:, None]
-    motion[n - ramp :] *= edge[::-1, None]
-    return np.asarray(motion / motion.std())
-
-
-def _gravity(turns: Floats) -> Floats:
-    """Return what an accelerometer shows of gravity (n, 3) that turns by vectors (n, 3) in rad."""
-    gravity, now = np.empty_like(turns), np.array([0.0, 0.0, GRAVITY])
-    # Half of a turn before each sample, half behind it, as rates are those at the sample.
-    for k, turn in enumerate(turns):
-        now = _turned(now, -0.5 * turn)
-        gravity[k] = now
-        now = _turned(now, -0.5 * turn)
-    return gravity
-
-
-def _turned(vector: Floats, turn: Floats) -> Floats:
-    """Return a vector (3,) turned by a rotation vector (3,), after Rodrigues."""
-    angle = float(np.sqrt(turn @ turn))
-    if angle == 0.0:
-        return vector
-    axis = turn / angle
-    x, y, z = axis
-    a, b, c = vector
-    across = np.array([y * c - z * b, z * a - x * c, x * b - y * a])
-    along = axis * (axis @ vector) * (1.0 - np.cos(angle))
-    return np.asarray(vector * np.cos(angle) + across * np.sin(angle) + along)

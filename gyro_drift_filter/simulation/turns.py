@@ -8,37 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyro_drift_filter.simulation.experiments import GRAVITY, START
+from gyro_drift_filter.simulation.sensor import (
+    DEGREE,
+    GRAVITY,
+    Faults,
+    Motion,
+    Noise,
+    even_stamps,
+    measure,
+)
 
 Floats = NDArray[np.float64]
 
-DEGREE = float(np.radians(1.0))
-# An MPU6050: noise densities by its data sheet, per root of Hz, and counts of the ranges that are
-# fast enough for a hand.
-RATE_DENSITY, ACCELERATION_DENSITY = 0.005 * DEGREE, 400e-6 * GRAVITY
-RATE_COUNT, ACCELERATION_COUNT = DEGREE / 65.5, GRAVITY / 16384
+# An MPU6050 by its data sheet, with counts of the ranges that are fast enough for a hand.
+SENSOR_NOISE = Noise(
+    rate_density=0.005 * DEGREE,
+    acceleration_density=400e-6 * GRAVITY,
+    rate_count=DEGREE / 65.5,
+    acceleration_count=GRAVITY / 16384,
+)
 # From the point about which a hand turns it, in m.
 _LEVER = np.array([0.08, -0.03, 0.05])
 _STEP = 1e-4  # s, for differences
-
-
-@dataclass(frozen=True)
-class Faults:
-    """What is wrong with a sensor: raw = inverse(matrix) true + bias, for both its halves.
-
-    Attributes:
-        matrix: (3, 3) of the gyroscope.
-        bias: (3,) in rad/s.
-        wander: Of the bias, in rad/s per root of a second.
-        accelerometer: (3, 3) upper triangular.
-        accelerometer_bias: (3,) in m/s^2.
-    """
-
-    matrix: Floats
-    bias: Floats
-    wander: float
-    accelerometer: Floats
-    accelerometer_bias: Floats
 
 
 @dataclass(frozen=True)
@@ -70,11 +61,11 @@ def random_faults(random: np.random.Generator) -> Faults:
         )
 
     return Faults(
-        matrix(),
-        random.uniform(-3.0, 3.0, 3) * DEGREE,
-        0.002 * DEGREE,
-        np.triu(matrix()),
-        random.uniform(-0.05, 0.05, 3) * GRAVITY,
+        matrix=matrix(),
+        bias=random.uniform(-3.0, 3.0, 3) * DEGREE,
+        wander=0.002 * DEGREE,
+        accelerometer=np.triu(matrix()),
+        accelerometer_bias=random.uniform(-0.05, 0.05, 3) * GRAVITY,
     )
 
 
@@ -149,17 +140,12 @@ def lay_down(
     slope = (angular(times + _STEP) - angular(times - _STEP)) / (2.0 * _STEP)
     force = now.inv().apply([0.0, 0.0, GRAVITY]) + np.cross(slope, _LEVER)
     force += np.cross(omega, np.cross(omega, _LEVER))
-    noise = random.standard_normal((2, count, 3)) * np.sqrt(0.5 * rate)
-    bias = (
-        faults.bias + faults.wander * np.cumsum(random.standard_normal((count, 3)), 0) / rate**0.5
-    )
-    rates = omega @ np.linalg.inv(faults.matrix).T + bias + RATE_DENSITY * noise[0]
-    accelerations = force @ np.linalg.inv(faults.accelerometer).T + faults.accelerometer_bias
-    accelerations += ACCELERATION_DENSITY * noise[1]
+    motion = Motion(rate, omega, force, now.as_quat())
+    measured = measure(random, motion, faults, SENSOR_NOISE)
     return Turns(
-        START + np.round(times * 1e9).astype(np.int64),
-        RATE_COUNT * np.round(rates / RATE_COUNT),
-        ACCELERATION_COUNT * np.round(accelerations / ACCELERATION_COUNT),
-        now.as_quat(),
+        even_stamps(count, rate),
+        measured.rates,
+        measured.accelerations,
+        motion.orientations,
         faults,
     )

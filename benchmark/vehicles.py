@@ -1,0 +1,181 @@
+"""Heading and attitude of simulated vehicles, with the bias in motion and without it.
+
+    python -m benchmark.vehicles [--seeds N] [--only NAME ...] [--check] [--data FOLDER]
+
+A drone, a car, a legged robot and a sensor in the hand (`simulation/vehicles.py`) are integrated by
+the filtered rates alone for ten minutes, each with `bias.in_motion` off and on, and with the best
+constant bias, known in hindsight:
+
+    heading   error about the vertical in the end, deg, where gravity keeps the tilt
+    attitude  root mean square of the angle to the true orientation, deg, with no correction at all
+    tilt      root mean square of the error of the bias across the vertical, 1e-3 rad/s
+    inside    share of time in which the bias of an axis lies within two of its published deviations
+
+FOLDER holds recordings of flights and walks with a known bias, of which `inside` is told, too.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.rotations import (
+    from_vectors,
+    inverse,
+    multiply,
+    rotate,
+    running_products,
+    to_vectors,
+)
+from gyro_drift_filter.simulation.vehicles import VEHICLES, WARM_UP, Ride, ride
+
+Array = NDArray[np.float64]
+
+# Nowhere worse: the mean of the differences, over all seeds, is at most so many of its standard
+# errors above zero, or this share of the error without.
+STANDARD_ERRORS, NOISE = 2.0, 0.05
+# Where the body tilts, gravity shows the bias: at most this share of the error without is left.
+# What stays level, or leans into what speeds it up, shows less.
+BETTER = {('drone', 'tilt'): 0.8, ('hand', 'tilt'): 0.8}
+# Shares of time within two deviations, on the mean of all.
+INSIDE = (0.85, 0.99)
+# A sensor at its temperature, and one that warms up: deviation of what its bias moves by, in rad/s.
+SENSORS = {'steady': 0.0, 'warming up': WARM_UP}
+FIGURES = ('heading', 'attitude', 'tilt')
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One ride: three errors (see above) without the bias in motion, with it, and the best."""
+
+    off: Array
+    on: Array
+    best: Array
+    inside: float
+
+
+def judge(of: Ride) -> Judged:
+    """Filter a ride with the bias in motion and without it."""
+    given = of.stamps, of.rates, of.accelerations
+    off, on = (
+        Filter(Parameters(bias_in_motion=followed)).run(*given) for followed in (False, True)
+    )
+    best = np.broadcast_to(of.bias.mean(axis=0), of.bias.shape)
+    return Judged(
+        _errors(of, off['angular_velocity'], off['bias']),
+        _errors(of, on['angular_velocity'], on['bias']),
+        _errors(of, of.rates - best, best),
+        share_inside(given, on, of.bias),
+    )
+
+
+def _errors(of: Ride, rates: Array, bias: Array) -> Array:
+    """Return heading and attitude in deg, tilt in 1e-3 rad/s, by rates and bias (n, 3) in rad/s."""
+    period = np.gradient(of.stamps * 1e-9)[:, None]
+    steps = to_vectors(multiply(inverse(of.orientations[:-1]), of.orientations[1:]))
+    true = np.zeros_like(rates)
+    true[1:-1] = 0.5 * (steps[:-1] + steps[1:]) / period[1:-1]
+    heading = (rotate(of.orientations, rates - true) * period)[:, 2].sum()
+    turns = from_vectors(0.5 * (rates[1:] + rates[:-1]) * period[1:])
+    whole = np.vstack([of.orientations[:1], multiply(of.orientations[:1], running_products(turns))])
+    angles = np.linalg.norm(to_vectors(multiply(whole, inverse(of.orientations))), axis=1)
+    across = rotate(of.orientations, bias - of.bias)[:, :2]
+    moving = np.linalg.norm(across[of.moving], axis=1)
+    return np.array([abs(np.degrees(heading)), np.degrees(_rms(angles)), 1e3 * _rms(moving)])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def share_inside(
+    given: tuple[NDArray[np.int64], Array, Array], results: NDArray[Any], bias: Array
+) -> float:
+    """Return in which share of time the bias of an axis lies within two published deviations.
+
+    Args:
+        given: Stamps (n,), rates and accelerations (n, 3) that were filtered.
+        results: (n,) of the filter.
+        bias: The true one, (3,) or (n, 3) in rad/s.
+    """
+    # The rest of the variance is the same where the bias is left in.
+    without = Filter(Parameters(bias_enabled=False)).run(*given)
+    variance = results['angular_velocity_variance'] - without['angular_velocity_variance']
+    return float(np.mean(np.square(results['bias'] - bias) <= 4.0 * variance))
+
+
+def recorded(folder: Path) -> Iterator[tuple[str, float]]:
+    """Yield names of real flights and walks with their share within two deviations.
+
+    Their bias is the constant one that explains the orientation best, in hindsight.
+    """
+    for path in sorted((folder / 'dead_reckoning').glob('*.npz')):
+        data = np.load(path)
+        given = data['t'], data['rate'].astype(float), data['acc'].astype(float)
+        yield path.stem, share_inside(given, Filter().run(*given), data['hindsight_bias'])
+
+
+def misses(name: str, of_vehicle: Sequence[Judged]) -> list[str]:
+    """Return the bars that do not hold for the rides of a vehicle, in words."""
+    found = []
+    off, on = (np.array([getattr(one, which) for one in of_vehicle]) for which in ('off', 'on'))
+    for k, figure in enumerate(FIGURES):
+        worse = on[:, k] - off[:, k]
+        error = worse.std(ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
+        if worse.mean() > max(STANDARD_ERRORS * error, NOISE * off[:, k].mean()):
+            found.append(f'{name}: {figure} is worse')
+        share = on[:, k].mean() / off[:, k].mean()
+        if share > BETTER.get((name, figure), np.inf):
+            found.append(f'{name}: {100 * share:.0f} % of the error of {figure} is left')
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; return 1 where a bar is checked and does not hold."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--seeds', type=int, default=6, help='default %(default)s')
+    parser.add_argument('--only', nargs='+', choices=VEHICLES, default=list(VEHICLES))
+    parser.add_argument('--check', action='store_true', help='exit 1 where a bar does not hold')
+    parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
+    options = parser.parse_args(arguments)
+    rows = [['', *(f'{name}: off  on  best' for name in FIGURES), 'inside, %']]
+    missed, inside = [], []
+    for name in options.only:
+        for kind, warm_up in SENSORS.items():
+            tell(f'riding: {name}, {kind} ...')
+            judged = [
+                judge(ride(VEHICLES[name], seed, warm_up=warm_up)) for seed in range(options.seeds)
+            ]
+            missed += misses(name, judged)
+            inside.append(float(np.mean([one.inside for one in judged])))
+            means = [
+                np.mean([getattr(one, which) for one in judged], axis=0)
+                for which in ('off', 'on', 'best')
+            ]
+            cells = (
+                f'{off:.2f}  {on:.2f}  {best:.2f}' for off, on, best in zip(*means, strict=True)
+            )
+            rows.append([f'{name}, {kind}', *cells, f'{100.0 * inside[-1]:.1f}'])
+    for name, share in recorded(options.data) if options.data else ():
+        inside.append(share)
+        rows.append([name, '', '', '', f'{100.0 * share:.1f}'])
+    print(table(rows))
+    if not INSIDE[0] <= np.mean(inside) <= INSIDE[1]:
+        missed.append(f'{100.0 * np.mean(inside):.1f} % of the time within two deviations')
+    for line in missed:
+        print(f'FALLS SHORT  {line}')
+    return int(options.check and bool(missed))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

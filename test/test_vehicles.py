@@ -1,0 +1,84 @@
+"""Simulated vehicles: what their sensors show fits how they move, and the bias in motion helps."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('scipy', reason='scipy is not installed')
+
+from benchmark import vehicles as benchmark
+from benchmark.vehicles import Judged, judge, misses
+from gyro_drift_filter.rotations import (
+    from_vectors,
+    inverse,
+    multiply,
+    rotate,
+    running_products,
+    to_vectors,
+)
+from gyro_drift_filter.simulation.sensor import GRAVITY
+from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
+from support.paths import REPOSITORY
+
+PERIOD = 0.005
+
+
+@pytest.mark.parametrize('name', VEHICLES)
+def test_rates_and_forces_are_those_of_the_motion(name):
+    """Integrated without the bias they lead to the attitude, and gravity is left of the forces."""
+    found = ride(VEHICLES[name], 1, seconds=90.0, warm_up=0.0)
+    turns = from_vectors((found.rates - found.bias)[1:] * PERIOD)
+    after = multiply(found.orientations[0], running_products(turns))
+    off = np.linalg.norm(to_vectors(multiply(after, inverse(found.orientations[1:]))), axis=1)
+    # What is left of the faults of a calibrated sensor, its noise, and what clips.
+    assert np.degrees(off.max()) < 2.0
+    mean = rotate(found.orientations, found.accelerations).mean(axis=0)
+    np.testing.assert_allclose(mean, [0.0, 0.0, GRAVITY], atol=0.25)
+    assert found.moving.mean() > 0.5
+
+
+@pytest.mark.parametrize('name', VEHICLES)
+def test_they_begin_with_a_rest_and_are_those_of_their_seed(name):
+    first, again, other = (ride(VEHICLES[name], seed, seconds=40.0) for seed in (3, 3, 4))
+    assert (first.rates == again.rates).all()
+    assert (first.accelerations == again.accelerations).all()
+    assert (first.rates != other.rates).mean() > 0.9
+    still = first.orientations[: round(3.0 / PERIOD)]
+    np.testing.assert_allclose(still, still[:1] * np.ones((len(still), 1)), atol=1e-12)
+    assert not first.moving[: len(still)].any()
+    assert first.moving.any()
+
+
+def test_gravity_shows_the_bias_of_a_drone():
+    judged = [judge(ride(VEHICLES['drone'], seed, 300.0)) for seed in range(3)]
+    off, on = (np.mean([getattr(one, which)[2] for one in judged]) for which in ('off', 'on'))
+    assert on < 0.8 * off
+
+
+def test_a_car_that_keeps_its_speed_is_not_taken_for_one_that_tilts():
+    """Speed that lasts was taken for tilt, and moved the bias by 1.7e-3 rad/s."""
+    judged = [judge(ride(VEHICLES['car'], seed, 300.0, warm_up=0.0)) for seed in range(4)]
+    assert np.mean([one.on[2] for one in judged]) < 1.0
+
+
+def made(off, on):
+    return Judged(np.full(3, off), np.full(3, on), np.zeros(3), 0.9)
+
+
+def test_what_is_worse_or_hardly_better_is_told():
+    worse = [made(1.0, 2.0), made(1.1, 2.0), made(1.0, 2.1)]
+    assert [line for line in misses('car', worse) if 'attitude is worse' in line]
+    assert misses('car', [made(2.0, 1.9), made(2.0, 2.0), made(1.0, 1.1)]) == []
+    assert misses('drone', worse[:1] * 2) != []
+    assert misses('drone', [made(2.0, 1.0), made(2.0, 1.2)]) == []
+    hardly = misses('drone', [made(2.0, 1.8), made(2.0, 1.7)])
+    assert hardly == ['drone: 88 % of the error of tilt is left']
+
+
+def test_the_benchmark_fails_where_a_bar_does_not_hold(monkeypatch, capsys):
+    monkeypatch.setattr(benchmark, 'ride', lambda *arguments, **options: None)
+    monkeypatch.setattr(benchmark, 'judge', lambda of: made(1.0, 2.0))
+    assert benchmark.main(['--only', 'car', '--seeds', '2', '--check']) == 1
+    assert 'FALLS SHORT  car: heading is worse' in capsys.readouterr().out
+    monkeypatch.setattr(benchmark, 'judge', lambda of: made(1.0, 1.0))
+    assert benchmark.main(['--only', 'car', '--seeds', '2', '--check']) == 0
+    assert 'benchmark.vehicles' in (REPOSITORY / 'Makefile').read_text()
