@@ -100,6 +100,7 @@ def test_what_was_not_turned_is_told_and_stays_as_it_is(poses, well, told, rando
     faults, turns = laid_down(random, poses, rate=50.0)
     found = calibrate([samples(turns)])
     assert any(told in text for text in found.unknown), found.unknown
+    assert not any('e+' in text for text in found.unknown), found.unknown
     assert (np.abs(found.matrix - faults.matrix) < 4.0 * found.deviation).all()
     scales = np.diag(found.deviation)
     for axis, name in enumerate('xyz'):
@@ -172,6 +173,7 @@ def test_gaps_and_the_end_of_the_range_break_a_turn(random):
             'the acceleration at rest is 0.994 where gravity',
         ),
         (lambda s, w, a: s.fill(0), 'are the stamps zero'),
+        (lambda s, w, a: w.fill(np.nan), 'samples can be used: no rate is a number'),
     ],
 )
 def test_other_faults_than_scale_are_no_calibration(change, message, random):

@@ -138,6 +138,42 @@ def test_the_table_has_words_for_axes_without_figures(tmp_path, random, capsys):
     assert re.match(r'x +not reported +- +-', lines[-4])
 
 
+def test_dead_axes_are_not_called_unusable(tmp_path, capsys):
+    zeros = [(t, imu_message(t, (0, 0, 0), (0, 0, 9.8))) for t, _ in simulated(300)]
+    source = write(tmp_path / 'zeros', {(TOPIC, IMU_TYPE): zeros})
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 0
+    told = ' '.join(capsys.readouterr().out.split())
+    assert 'did nothing useful here: all three axes are dead, each holds one value' in told
+    assert 'usable rate' not in told
+
+
+def test_an_interrupt_while_it_loads_is_one_line(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, 'parser', interrupted)
+    assert main(['doctor', 'bag']) == 130
+    assert capsys.readouterr().err == 'gyro_drift: interrupted, nothing written\n'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_it_compiles_is_one_line(number):
+    """Within a callback of the compiler, where an exception would be lost."""
+    code = f"""
+import ctypes, signal
+from gyro_drift_filter.cli import signals
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with signals.raising(), signals.ending_at_once():
+    ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal({int(number)}))()
+    print('went on')
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 128 + number
+    why = 'interrupted' if number == signal.SIGINT else 'ended by SIGTERM'
+    assert done.stderr == f'gyro_drift: {why}, nothing written\n'
+    assert done.stdout == ''
+
+
 def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch, capsys):
     """With how far it is, in lines where there is no terminal."""
     bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})

@@ -179,6 +179,13 @@ def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
     assert 10 <= findings[0].values['times'] <= 15
 
 
+def test_a_share_of_all_has_no_exponent(found):
+    simulation = handled()
+    findings = found(again(simulation, np.zeros(len(simulation.stamps), int)))
+    (repeats,) = (finding for finding in findings if finding.name == 'repeats')
+    assert '(100 %)' in repeats.text
+
+
 # Rates that come from afar and land near zero tell of counts: it takes more than a hundred.
 LONG = {'motions': 5, 'motion_seconds': 20.0, 'frequency': 3.0}
 

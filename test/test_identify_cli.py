@@ -164,7 +164,12 @@ def missing(rates):
         (None, ['--end', '10'], 'only 10.0 s of rest, the longest 10.0 s, from 0.0 s after the st'),
         (lambda rates: 0 * rates, [], 'all three axes are dead'),
         (deadband, [], 'axis x has a dead band'),
-        (missing, [], 'no rest'),
+        (missing, [], 'no rate about y is a number'),
+        (
+            moving,
+            ['--end', '0.5'],
+            'the recording has no more than 0.51 s: 20 s of rest are needed',
+        ),
         (None, ['--start', '500'], 'no sample between --start 500'),
     ],
 )

@@ -345,6 +345,26 @@ def test_files_for_other_nodes_and_parameters_of_theirs_are_told(tmp_path):
     assert 'into /robot1/imu/data_filtered by sage_husa' in log
 
 
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        (b'/**:\n\tros__parameters:\n', r"found character '\t' that cannot start any token"),
+        (b'/**: {ros__parameters: {method: kalman}}\n---\n/**: {}\n', 'found another document'),
+        ('/**: {ros__parameters: {method: kalman}}'.encode('utf-16'), "'utf-8' codec can't decode"),
+        (b'/**:\n  # f\xfcr\n  ros__parameters: {method: kalman}', "'utf-8' codec can't decode"),
+    ],
+)
+def test_a_parameter_file_that_is_no_yaml_ends_the_node(content, message, tmp_path):
+    """Also where rcl has read part of it: of that nothing would be told."""
+    path = tmp_path / 'p.yaml'
+    path.write_bytes(content)
+    status, log = start('--params-file', str(path), until='filtering /imu')
+    assert status == 1
+    assert log.startswith(f'gyro_drift_filter_node: parameter file {path} is no YAML: ')
+    assert message in log
+    assert log.count('\n') == 1
+
+
 def test_help_and_options_that_do_not_exist():
     def run(*arguments):
         done = subprocess.run([EXECUTABLE, *arguments], capture_output=True, text=True, check=False)

@@ -362,11 +362,17 @@ def test_paths_that_are_no_bag(tmp_path):
     with pytest.raises(BagError, match='no such bag'):
         run(tmp_path / 'none', tmp_path / 'out')
     (tmp_path / 'folder').mkdir()
-    with pytest.raises(BagError, match=r'no metadata\.yaml'):
+    with pytest.raises(BagError, match=r'no metadata\.yaml, and no \.mcap or \.db3'):
+        run(tmp_path / 'folder', tmp_path / 'out')
+    (tmp_path / 'folder' / 'bag_0.mcap').touch()
+    with pytest.raises(BagError, match=r'name a file in it, as .*bag_0\.mcap'):
         run(tmp_path / 'folder', tmp_path / 'out')
     with pytest.raises(BagError, match='can not be opened'):
         run(tmp_path / (300 * 'x'), tmp_path / 'out')
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    with pytest.raises(BagError, match='lies within the bag to be read'):
+        run(tmp_path / 'in', tmp_path / 'in' / 'out')
+    assert not (tmp_path / 'in' / 'out').exists()
     for name in ('junk.mcap', 'junk.db3', 'junk.txt'):
         (tmp_path / name).write_bytes(b'not a bag' * 100)
         with pytest.raises(BagError, match='can not be read as a bag'):

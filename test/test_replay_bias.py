@@ -156,6 +156,9 @@ def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplo
     replay(source, tmp_path / 'out', parameters=Parameters(), memory=memory)
     assert 'the bias of the last recording is not used' in caplog.text
     assert recall(memory, None, FRAME, 1.0, START * 1e-9) is not None
+    with pytest.raises(BagError, match='is a folder: name a file'):
+        replay(source, tmp_path / 'other', parameters=Parameters(), memory=tmp_path)
+    assert not (tmp_path / 'other').exists()
 
 
 def test_a_memory_is_of_one_gyroscope(tmp_path, random):

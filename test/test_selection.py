@@ -175,7 +175,7 @@ def test_a_part_of_the_time_is_as_a_shorter_recording(tmp_path):
     run(source, tmp_path / 'part', start=2.5, end=20.0)
     run(write(tmp_path / 'short', short), tmp_path / 'other')
     assert read(tmp_path / 'part') == read(tmp_path / 'other')
-    with pytest.raises(BagError, match='no messages from 100 to inf s after the begin'):
+    with pytest.raises(BagError, match='no messages from 100 s on, counted from'):
         run(source, tmp_path / 'none', start=100.0)
 
 

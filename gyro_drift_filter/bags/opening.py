@@ -91,10 +91,9 @@ def _check_path(path: Path) -> None:
         if not path.exists():
             raise BagError(f'no such bag: {path}')
         if path.is_dir() and not (path / 'metadata.yaml').exists():
-            raise BagError(
-                f'{path} holds no metadata.yaml, so it is no rosbag2 folder: name the .mcap file '
-                'in it'
-            )
+            files = sorted(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+            advice = f': name a file in it, as {files[0]}' if files else ', and no .mcap or .db3'
+            raise BagError(f'{path} is no rosbag2 folder: it holds no metadata.yaml{advice}')
         if path.suffix == '.bag' and path.is_dir():
             # rosbags judges by the name.
             raise BagError(f'{path}: rename the folder, as names in .bag are taken for ROS 1')

@@ -1,6 +1,5 @@
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -71,6 +70,10 @@ def replay(
         )
     if force and _is_within(source, destination):
         raise BagError(f'{destination} is the bag to be read: choose another name')
+    if source.resolve() in destination.resolve().parents:
+        raise BagError(f'{destination} lies within the bag to be read: choose another name')
+    if memory is not None and memory.is_dir():
+        raise BagError(f'{memory} is a folder: name a file for the bias')
     with open_bag(source) as recording:
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
         if memory is not None and len(inputs) > 1:
@@ -96,9 +99,4 @@ def _why_nothing(summary: Summary, selection: Selection) -> str:
     """Return why nothing came out of a filter."""
     if summary.received:
         return f'nothing of topic {summary.topic} can be filtered: {summary.status[0].message}'
-    if (selection.start, selection.end) == (0.0, math.inf):
-        return f'topic {summary.topic} has no messages'
-    return (
-        f'topic {summary.topic} has no messages from {selection.start:g} to {selection.end:g} s '
-        'after the begin of the recording'
-    )
+    return f'topic {summary.topic} has no messages{selection.when}'

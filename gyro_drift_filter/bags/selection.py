@@ -34,6 +34,14 @@ class Selection:
     end: float = math.inf
     hint: str | None = None
 
+    @property
+    def when(self) -> str:
+        """The time as the end of a sentence; empty where it is all of the recording."""
+        if (self.start, self.end) == (0.0, math.inf):
+            return ''
+        until = f' to {self.end:g} s' if self.end < math.inf else ' s on'
+        return f' from {self.start:g}{until}, counted from the first message of the recording'
+
     def inputs(self, recording: Recording) -> dict[str, Topics]:
         """Return the names of the outputs by the Imu topic that they belong to.
 

@@ -111,9 +111,11 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     # Of what is repeated or late, the first and the latest.
     used &= np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
     if used.sum() < 2 * LEAST_BLOCK:
-        raise CalibrationError(
-            f'only {used.sum()} of {len(stamps)} samples can be used: are the stamps zero?'
-        )
+        why = ''
+        if len(stamps) >= 2 * LEAST_BLOCK:
+            unusable = not np.isfinite(rates).all(axis=1).any()
+            why = ': no rate is a number' if unusable else ': are the stamps zero?'
+        raise CalibrationError(f'only {used.sum()} of {len(stamps)} samples can be used{why}')
     seconds = (stamps[used] - stamps[used][0]) * 1e-9
     steps = np.diff(seconds)
     period = float(np.median(steps))

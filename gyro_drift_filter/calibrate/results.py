@@ -222,13 +222,18 @@ def _unknown(deviation: Floats) -> list[str]:
     for column, turned in enumerate(AXES):
         parts = [
             f'{"the scale of " + turned if row == column else f"{AXES[row]} against {turned}"} is '
-            f'known to {100.0 * deviation[row, column]:.1g} % only'
+            f'known to {_percent(deviation[row, column])} % only'
             for row in range(3)
             if deviation[row, column] > KNOWN
         ]
         if parts:
             out.append(f'turn it about {turned}, too: {", ".join(parts)}')
     return out
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent with one digit that counts, and no exponent."""
+    return f'{float(f"{100.0 * share:.1g}"):g}'
 
 
 def _warnings(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import telling
+from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 
@@ -32,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.accelerate.numba_internals import share_compiled
 
     start = time.monotonic()
-    with telling(share_compiled):
+    with ending_at_once(), telling(share_compiled):
         compile_all()
     try:
         build_extension()

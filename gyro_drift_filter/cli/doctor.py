@@ -39,10 +39,10 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
     command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
     command.add_argument(
-        '--start', type=float, default=0.0, help='s from the begin of the recording on'
+        '--start', type=float, default=0.0, help='s since the first message of the recording'
     )
     command.add_argument(
-        '--end', type=float, default=math.inf, help='s from the begin of the recording on'
+        '--end', type=float, default=math.inf, help='s since the first message of the recording'
     )
     command.set_defaults(run=run)
 

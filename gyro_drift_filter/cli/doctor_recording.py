@@ -162,7 +162,7 @@ def read_recording(
     Args:
         bag: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
         topic: Needed where there are several Imu topics.
-        between: First and last time, in s from the begin of the recording on.
+        between: First and last time, in s since the first message of the recording.
         progress: Called with the number of messages done and their total.
 
     Raises:
@@ -184,7 +184,7 @@ def read_recording(
             progress(done, recording.message_count)
         reading.end()
     if not len(reading.stamps):
-        raise BagError(f'topic {chosen} has no message with an angular velocity in that time')
+        raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
     quantisation = filter_.messages.filter.state['quantisation']
     return chosen, Examined(
         reading.stamps,

@@ -10,9 +10,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Before numpy is loaded: it starts a thread for each processor, which waits busily for products
     # of matrices, and takes 70 ms for that. None is large enough here to gain by them.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    from gyro_drift_filter.cli.command import run
+    # Loading takes a second, in which nothing has begun that could be told of an interrupt.
+    try:
+        from gyro_drift_filter.cli.command import run
 
-    return run(sys.argv[1:] if arguments is None else arguments)
+        return run(sys.argv[1:] if arguments is None else arguments)
+    except KeyboardInterrupt:
+        print('gyro_drift: interrupted, nothing written', file=sys.stderr)
+        return 130
 
 
 if __name__ == '__main__':

@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 
 from gyro_drift_filter.accelerate.kernels import has_to_compile
 from gyro_drift_filter.cli.printing import is_terminal, tell
+from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 # Between two remarks on how far compiling is: on a terminal, and where each is a line of its own.
@@ -70,7 +71,7 @@ def compile_first() -> None:
     tell('compiling the filter for this machine: once, for about a minute')
     start = time.monotonic()
     with suppress(GyroDriftFilterError):
-        with telling(share_compiled):
+        with ending_at_once(), telling(share_compiled):
             compile_all()
         tell(f'compiled in {time.monotonic() - start:.0f} s')
 

@@ -52,10 +52,10 @@ def add_parser(subcommands: Any) -> None:
         help='copy these topics alone; none: write what the filter makes, and nothing else',
     )
     command.add_argument(
-        '--start', type=float, default=0.0, help='s from the begin of the recording on'
+        '--start', type=float, default=0.0, help='s since the first message of the recording'
     )
     command.add_argument(
-        '--end', type=float, default=math.inf, help='s from the begin of the recording on'
+        '--end', type=float, default=math.inf, help='s since the first message of the recording'
     )
     command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
     command.add_argument(

@@ -166,7 +166,7 @@ def filter_recording(
         for method, filter_ in run.filters.items()
     }
     if not len(next(iter(run.signals.values())).log_times):
-        raise BagError(f'topic {chosen} has no message with an angular velocity in that time')
+        raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
     frame = next(iter(run.filters.values())).messages.report().frame
     return Filtered(run.signals, summaries, start, seconds, run.recorded(), frame, count)
 

@@ -1,10 +1,13 @@
 """Signals that end the command: what it has begun is cleaned up, as at an interrupt."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+from gyro_drift_filter.cli.printing import tell
 
 _SIGNALS = signal.SIGTERM, signal.SIGHUP
 
@@ -15,6 +18,36 @@ class EndedBySignal(BaseException):
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
         self.number = number
+
+
+@contextmanager
+def ending_at_once() -> Iterator[None]:
+    """Have an interrupt, SIGTERM and SIGHUP end the process with one line and no exception.
+
+    For what calls back from compiled code, as LLVM does, where an exception is lost; there must be
+    nothing to be cleaned up.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: FrameType | None) -> None:
+        why = (
+            'interrupted' if number == signal.SIGINT else f'ended by {signal.Signals(number).name}'
+        )
+        tell(f'gyro_drift: {why}, nothing written')
+        os._exit(128 + number)
+
+    before = {
+        number: signal.signal(number, end)
+        for number in (signal.SIGINT, *_SIGNALS)
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
         'repeats',
         Verdict.FAULT,
         f'all six values are those of the sample before in {repeated} samples '
-        f'({100.0 * repeated / n:.2g} %), {runs} times',
+        f'({100.0 * repeated / n:.3g} %), {runs} times',
         'the bus or the driver hangs, or polls faster than the sensor measures: poll on its '
         'data-ready signal, and drop what was not read anew',
         found,

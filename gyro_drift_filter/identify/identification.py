@@ -33,7 +33,7 @@ from gyro_drift_filter.identify.models import (
 )
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
 from gyro_drift_filter.identify.quiet import SHORTEST_SECONDS, Quiet, Span, find_quiet
-from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square
+from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square, parts
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
 
@@ -130,7 +130,7 @@ def identify(
     timing, rates = learn_timing(stamps), columns(rates)
     quiet = find_quiet(timing, rates, columns(accelerations))
     begins = tuple(_seconds(stamps, span.first) for span in quiet.spans)
-    seconds = _require_rest(quiet, stamps, timing.period)
+    seconds = _require_rest(quiet, stamps, rates, timing.period)
     dead = [dead_value(rate) for rate in rates]
     if None not in dead:
         raise IdentificationError(
@@ -151,7 +151,9 @@ def _seconds(stamps: NDArray[np.int64] | Stored, index: int) -> float:
     return float(stamps[index : index + 1][0] - stamps[:1][0]) * 1e-9
 
 
-def _require_rest(quiet: Quiet, stamps: NDArray[np.int64] | Stored, period: float) -> float:
+def _require_rest(
+    quiet: Quiet, stamps: NDArray[np.int64] | Stored, rates: Sequence[Values], period: float
+) -> float:
     """Return the length of all rests in s.
 
     Raises:
@@ -166,7 +168,14 @@ def _require_rest(quiet: Quiet, stamps: NDArray[np.int64] | Stored, period: floa
             'no rest can be told: the rates change as slowly as those of a body, and the recording '
             "does not show that this is the sensor's own filter; let it lie still for ten minutes"
         )
+    if quiet.longest is None and len(stamps) * period < SHORTEST_QUIET:
+        raise IdentificationError(
+            f'the recording has no more than {len(stamps) * period:.2g} s: {needed}'
+        )
     if quiet.longest is None:
+        for name, rate in zip(AXES, rates, strict=True):
+            if not any(np.isfinite(part).any() for part in parts(rate)):
+                raise IdentificationError(f'no rate about {name} is a number')
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )

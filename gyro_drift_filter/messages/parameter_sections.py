@@ -10,13 +10,18 @@ from gyro_drift_filter.core.parameters import is_misspelt, unknown_name
 LARGEST_FILE = 1_000_000  # bytes
 
 
+class NoSectionsError(ParameterError):
+    """A parameter file is empty, or holds no names of nodes."""
+
+
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Return the full name of each section, and its parameters by their full names.
 
     In a name `*` stands for one part and `**` for any number.
 
     Raises:
-        ParameterError: The file can't be read or holds no sections.
+        NoSectionsError: The file holds none.
+        ParameterError: It can't be read.
         GyroDriftFilterError: PyYAML is missing.
     """
     sections: dict[str, dict[str, Any]] = {}
@@ -76,7 +81,7 @@ def _load(path: Path) -> dict[Any, Any]:
             f'parameter file {path} is no YAML: {" ".join(str(error).split())}'
         ) from error
     if not isinstance(document, dict):
-        raise ParameterError(f'parameter file {path} holds no node names')
+        raise NoSectionsError(f'parameter file {path} holds no node names')
     return document
 
 

@@ -57,7 +57,7 @@ def headline(verdict: Verdict) -> str:
 def statements(verdict: Verdict) -> list[Statement]:
     """Return what was found, one statement for each question."""
     if all(verdict.silent):
-        found = [Statement('rates', 'no figures: no message had a usable rate on all axes')]
+        found = [Statement('rates', f'no figures: {_why_silent(verdict)}')]
     else:
         found = [
             Statement('rest', _about_rest(verdict)),
@@ -101,7 +101,7 @@ def _large(rate: float) -> str:
 
 def _why_useless(verdict: Verdict) -> str:
     if all(verdict.silent):
-        return 'no message had a usable rate on all axes'
+        return _why_silent(verdict)
     why = []
     if not verdict.rests.count:
         why.append(
@@ -119,6 +119,12 @@ def _why_useless(verdict: Verdict) -> str:
         why.append('what it held back is too much to be outliers' if many else 'no outlier came')
     advice = '' if verdict.rests.count else '. Let it stand still for ten seconds at the start'
     return _listed(why) + advice
+
+
+def _why_silent(verdict: Verdict) -> str:
+    if all(text.startswith('dead') for text in verdict.silent):
+        return 'all three axes are dead, each holds one value throughout'
+    return 'no message had a usable rate on all axes'
 
 
 def _about_rest(verdict: Verdict) -> str:

@@ -1,7 +1,7 @@
 """What the node's process is called with: ROS's own arguments, and --help."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
 
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.messages.parameter_sections import NoSectionsError, read_sections
 
 USAGE = """\
 usage: gyro_drift_filter_node [--help] [--ros-args ...]
@@ -40,11 +41,17 @@ class UsageError(GyroDriftFilterError):
 
 
 @contextmanager
-def reporting_rcl() -> Iterator[None]:
-    """Turn what rcl says of arguments or a parameter file that it can't read into one line."""
+def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
+    """Turn what rcl says of arguments or a parameter file that it can't read into one line.
+
+    Of a file rcl tells no more than "Error parsing a event near line 1"; PyYAML says what is wrong.
+    """
     try:
         yield
     except RuntimeError as error:
+        for path in parameter_files(arguments) if 'params file' in str(error) else ():
+            with suppress(NoSectionsError):
+                read_sections(path)
         reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
         raise GyroDriftFilterError(reason) from error
 
@@ -56,7 +63,7 @@ def asks_for_help(arguments: Sequence[str]) -> bool:
         UsageError: There is one that neither ROS nor the node knows.
         GyroDriftFilterError: One that is for ROS can't be read.
     """
-    with reporting_rcl():
+    with reporting_rcl(arguments):
         try:
             left = remove_ros_args(list(arguments))[1:]
         except rclpy_implementation.UnknownROSArgsError as error:

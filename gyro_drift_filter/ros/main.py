@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _start(arguments: Sequence[str]) -> Node:
-    with reporting_rcl():
+    with reporting_rcl(arguments):
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     spare_linear_algebra()
     # Imported here, as it loads the kernels.

@@ -20,6 +20,7 @@ from gyro_drift_filter.core.parameters import (
     Description,
 )
 from gyro_drift_filter.messages.parameter_sections import (
+    NoSectionsError,
     is_section_of,
     note_unknown,
     read_sections,
@@ -72,13 +73,18 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self._apply)
 
     def _sections(self, files: Sequence[Path]) -> list[tuple[str, dict[str, Any]]]:
-        """Return the sections of files that are for the node; warn of a file that has none."""
+        """Return the sections of files that are for the node; warn of a file that has none.
+
+        Raises:
+            ParameterError: A file can't be read. rcl may have read it otherwise (several documents,
+                UTF-16), and what it took from there is not known.
+        """
         node, log = self._node.get_fully_qualified_name(), self._node.get_logger()
         ours = []
         for file in files:
             try:
                 sections = read_sections(file)
-            except ParameterError as error:  # rcl has read it
+            except NoSectionsError as error:
                 log.warning(f'{error}: nothing of it is used')
                 continue
             found = [item for item in sections.items() if is_section_of(item[0], node)]
