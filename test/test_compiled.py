@@ -217,7 +217,13 @@ def built(tmp_path_factory):
     for name in ('', 'core/', 'cli/'):
         (small / name).mkdir(exist_ok=True)
         (small / name / '__init__.py').touch()
-    for name in ('errors.py', 'cli/compile.py', 'cli/printing.py', 'cli/progress.py'):
+    for name in (
+        'errors.py',
+        'cli/compile.py',
+        'cli/printing.py',
+        'cli/progress.py',
+        'cli/signals.py',
+    ):
         shutil.copy(package / name, small / name)
     (small / 'core' / 'inner.py').write_text(INNER)
     (small / 'core' / 'outer.py').write_text(OUTER)
