@@ -12,7 +12,7 @@ from gyro_drift_filter.bags.recording import BagError, Recording, messages
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
 # Where the quaternion stands in a message, by its type.
-_PLACES = {
+PLACES = {
     'geometry_msgs/msg/PoseStamped': 'pose.orientation',
     'geometry_msgs/msg/PoseWithCovarianceStamped': 'pose.pose.orientation',
     'geometry_msgs/msg/TransformStamped': 'transform.rotation',
@@ -55,14 +55,20 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
             message: Any = recording.typestore.deserialize_cdr(data, kind)
             if kind == IMU_TYPE and message.orientation_covariance[0] == -1.0:
                 continue  # not reported (REP-145)
-            stamp, value = message.header.stamp, message
-            for part in _PLACES[kind].split('.'):
-                value = getattr(value, part)
-            stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-            rows.append((value.x, value.y, value.z, value.w))
+            stamp, quaternion = orientation_of(message, kind)
+            stamps.append(stamp)
+            rows.append(quaternion)
     if not rows:
         raise BagError(f'topic {name} has no message with an orientation')
     return OrientationArrays(np.array(stamps, np.int64), np.array(rows))
+
+
+def orientation_of(message: Any, kind: str) -> tuple[int, tuple[float, float, float, float]]:
+    """Return stamp in ns and quaternion x, y, z, w of a message of one of the types of PLACES."""
+    stamp, value = message.header.stamp, message
+    for part in PLACES[kind].split('.'):
+        value = getattr(value, part)
+    return stamp.sec * 1_000_000_000 + stamp.nanosec, (value.x, value.y, value.z, value.w)
 
 
 def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
@@ -70,11 +76,11 @@ def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
     types = {connection.topic: connection.msgtype for connection in recording.connections}
     for topic, kind in types.items():
         if topic.strip('/') == wanted.strip('/'):
-            if kind in _PLACES:
+            if kind in PLACES:
                 return topic, kind
-            listed = ', '.join(name.rpartition('/')[2] for name in _PLACES)
+            listed = ', '.join(name.rpartition('/')[2] for name in PLACES)
             raise BagError(f'topic {topic} is of type {kind}, not one of {listed}')
-    having = [topic for topic, kind in sorted(types.items()) if kind in _PLACES]
+    having = [topic for topic, kind in sorted(types.items()) if kind in PLACES]
     raise BagError(
         f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
     )

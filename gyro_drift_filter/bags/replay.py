@@ -83,11 +83,8 @@ def replay(
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
             run = ReplayRun(recording, output, parameters, inputs, hinted, memory, watch)
-            done = 0
-            for piece, read in selection.pieces(recording):
+            for piece in selection.pieces(recording, watch.progress):
                 run.take(piece)
-                done += read
-                watch.progress(done, recording.message_count)
             summaries = run.finish()
             if not any(summary.written for summary in summaries):
                 raise BagError(_why_nothing(summaries[0], selection))

@@ -32,6 +32,8 @@ TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
 # be a report for each second.
 _PART = 8192
 _PART_SPAN = 100 * BATCH_SPAN
+# What the last report comes with.
+NO_MESSAGES = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
 
 
 class Watcher(Protocol):
@@ -177,8 +179,7 @@ class ReplayRun:
         Raises:
             BagError: The output can't be written.
         """
-        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
-        self._filter(nothing, self._report_times.at_end())
+        self._filter(NO_MESSAGES, self._report_times.at_end())
         times = self._report_times.start, self._report_times.seconds
         return [
             filter_.summary(written, self._output.left_out, *times)

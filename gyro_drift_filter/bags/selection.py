@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,13 +86,13 @@ class Selection:
             raise BagError(f'no topic /{min(missing)} in the bag; it holds {listed}')
         return found
 
-    def pieces(self, recording: Recording) -> Iterator[tuple[Piece, int]]:
-        """Yield what lies within the time, and how many messages have been read for each piece.
+    def pieces(self, recording: Recording, progress: Callable[[int, int], None]) -> Iterator[Piece]:
+        """Yield what lies within the time; tell how many messages are done, and their total.
 
         Raises:
             BagError: The recording is damaged from some message on.
         """
-        begin = None
+        begin, done = None, 0
         for piece in recording.pieces():
             times = piece.rows['log_time']
             if not len(times):
@@ -101,7 +101,9 @@ class Selection:
             seconds = 1e-9 * (times - begin)
             first = np.searchsorted(seconds, self.start)
             stop = np.searchsorted(seconds, self.end, 'right')
-            yield Piece(piece.data, piece.rows[first:stop]), len(times)
+            yield Piece(piece.data, piece.rows[first:stop])
+            done += len(times)
+            progress(done, recording.message_count)
             if stop < len(times):
                 return
 

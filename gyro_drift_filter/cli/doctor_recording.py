@@ -1,6 +1,6 @@
 """The recording that `gyro_drift doctor` examines: through the filter once, and kept in files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.orientations import PLACES, orientation_of
 from gyro_drift_filter.bags.recording import (
     BagError,
     Piece,
@@ -17,30 +18,20 @@ from gyro_drift_filter.bags.recording import (
     by_connection,
     is_cdr,
 )
-from gyro_drift_filter.bags.replay_run import TopicFilter, small_parts
+from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.cli.progress import compile_first
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
-from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.doctor.reference import Reference
 from gyro_drift_filter.identify.series import Stored
-from gyro_drift_filter.mcap.message_kernels import ROW
-from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.imu import ImuKind, all_doubles
+from gyro_drift_filter.messages.health_rules import Rule, Span
+from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
 
-# Where the orientation stands in messages that have one.
-_ORIENTATIONS = {
-    'nav_msgs/msg/Odometry': ('pose', 'pose', 'orientation'),
-    'geometry_msgs/msg/PoseWithCovarianceStamped': ('pose', 'pose', 'orientation'),
-    'geometry_msgs/msg/PoseStamped': ('pose', 'orientation'),
-    'geometry_msgs/msg/TransformStamped': ('transform', 'rotation'),
-    'geometry_msgs/msg/QuaternionStamped': ('quaternion',),
-}
 # Where the covariances start among the doubles of an Imu: those of QUANTITIES.
 _COVARIANCES = (4, 16, 28)
 
@@ -66,6 +57,17 @@ class _Orientations:
         return Reference(self.name, self._stamps, self._columns, self.own)
 
 
+class _RuleWatcher(RuleLog):
+    """Watches a filter for the rules that apply to its reports."""
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages, of which rules say nothing."""
+
+    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
+        """See which rules apply to a report, so many s after the one before."""
+        self.add(span, rules, seconds)
+
+
 class _Reading:
     """One pass through a recording."""
 
@@ -75,19 +77,17 @@ class _Reading:
         self.is_imu[[connection.id for connection in connections]] = True
         self.connections = len(connections)
         self.filter = filter_
-        self.rules = RuleLog()
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
         self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
         self.resting = Stored(np.uint8)
         self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
-        self._health = Health()
         self._report_times = ReportTimes()
         self._typestore = recording.typestore
         self._own = _Orientations(topic, own=True)
         self._others = {
             connection.id: (connection, _Orientations(connection.topic, own=False))
             for connection in recording.connections
-            if connection.msgtype in _ORIENTATIONS and is_cdr(connection)
+            if connection.msgtype in PLACES.keys() - {IMU_TYPE} and is_cdr(connection)
         }
 
     def take(self, piece: Piece) -> None:
@@ -101,19 +101,13 @@ class _Reading:
 
     def end(self) -> None:
         """Make the last report."""
-        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
-        self._filter(nothing, self._report_times.at_end())
+        self._filter(NO_MESSAGES, self._report_times.at_end())
 
     def _filter(self, piece: Piece, reports: Any) -> None:
         imus = read_imus(piece, self.is_imu)
-        self._report(self.filter.take(piece, imus, reports), reports)
+        self.filter.judge(self.filter.take(piece, imus, reports), reports)
         good = imus[imus['kind'] == ImuKind.GOOD]
         self._keep(piece, good)
-
-    def _report(self, of_filter: Any, reports: Any) -> None:
-        for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
-            span, of_input, of_bias = self._health.rules(report, seconds)
-            self.rules.add(span, of_input + of_bias, seconds)
 
     def _keep(self, piece: Piece, good: Any) -> None:
         sample = good['sample']
@@ -134,11 +128,8 @@ class _Reading:
         connection, orientations = self._others[channel]
         stamp, quaternion = 0, np.zeros((1, 4))
         with suppress(Exception):
-            message: Any = self._typestore.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            for name in _ORIENTATIONS[connection.msgtype]:
-                message = getattr(message, name)
-            quaternion[0] = message.x, message.y, message.z, message.w
+            message = self._typestore.deserialize_cdr(data, connection.msgtype)
+            stamp, quaternion[0] = orientation_of(message, connection.msgtype)
         if stamp:
             orientations.add(np.array([stamp]), quaternion)
 
@@ -175,17 +166,16 @@ def read_recording(
     with open_bag(bag) as recording:
         ((chosen, names),) = selection.inputs(recording).items()
         compile_first()
-        filter_ = TopicFilter(recording, parameters, chosen, names, None)
+        rules = _RuleWatcher()
+        filter_ = TopicFilter(
+            recording, parameters, chosen, names, None, watcher=lambda filter_: rules
+        )
         reading = _Reading(recording, chosen, filter_)
-        done = 0
-        for piece, read in selection.pieces(recording):
+        for piece in selection.pieces(recording, progress):
             reading.take(piece)
-            done += read
-            progress(done, recording.message_count)
         reading.end()
     if not len(reading.stamps):
         raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
-    quantisation = filter_.messages.filter.state['quantisation']
     return chosen, Examined(
         reading.stamps,
         reading.log_times,
@@ -195,7 +185,7 @@ def read_recording(
         reading.stated,
         reading.references(),
         reading.connections,
-        reading.rules,
+        rules,
         filter_.messages.report().telemetry,
-        float(quantisation['wide_zero']) < -0.5 * SURE,
+        is_not_cut(filter_.messages.filter),
     )

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_connection
-from gyro_drift_filter.bags.replay_run import Summary, TopicFilter, small_parts
+from gyro_drift_filter.bags.replay_run import NO_MESSAGES, Summary, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored
-from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
 from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
 
@@ -103,8 +102,7 @@ class _Pass:
 
     def end(self) -> None:
         """Make the last report."""
-        nothing = Piece(np.empty(0, np.uint8), np.empty(0, ROW))
-        self._filter(nothing, self.report_times.at_end())
+        self._filter(NO_MESSAGES, self.report_times.at_end())
 
     def _filter(self, piece: Piece, reports: Any) -> None:
         main = next(iter(self.filters))
@@ -153,11 +151,8 @@ def filter_recording(
     with open_bag(bag) as recording:
         ((chosen, names),) = selection.inputs(recording).items()
         run = _Pass(recording, parameters, chosen, names, selection.hint)
-        done = 0
-        for piece, read in selection.pieces(recording):
+        for piece in selection.pieces(recording, progress):
             run.take(piece)
-            done += read
-            progress(done, recording.message_count)
         run.end()
         count = recording.message_count
     start, seconds = run.report_times.start, run.report_times.seconds

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health_rules import Rule, Span
@@ -18,6 +20,11 @@ _LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bia
 _SETTLING_SHARE = 0.1
 # As much as a scale factor that is off by so much, which is that of a good gyroscope.
 _MISSING_SHARE = 1e-3
+
+
+def is_not_cut(filter_: Filter) -> bool:
+    """Return whether motion has shown that counts are not cut towards zero."""
+    return float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
 
 
 @dataclass

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
-from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.imu import ImuKind
@@ -244,10 +243,9 @@ class RunWatch:
         if lagging > _LAGGING_SHARE:
             outcome = Outcome.HARMED
         moving = int(total['moving'])
-        not_cut = float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
         # Of a filter that lags, what it takes for outliers says nothing of the recording.
         following = {'outliers', 'diverged'} if outcome == Outcome.HARMED else set()
-        found = self._rules.findings(not_cut, following)
+        found = self._rules.findings(is_not_cut(filter_), following)
         faults = [finding for finding in found if finding.verdict == FindingVerdict.FAULT]
         return Verdict(
             topic=run.topic,
