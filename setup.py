@@ -5,7 +5,7 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-root = Path(__file__).parent
+root = Path(__file__).resolve().parent  # `colcon build --symlink-install` links this file
 package = ElementTree.parse(root / 'package.xml').getroot()
 name = package.findtext('name', '')
 
@@ -19,7 +19,21 @@ setup(
     name=name,
     version=package.findtext('version', ''),
     description=package.findtext('description', ''),
+    long_description=(root / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license=package.findtext('license', ''),
+    maintainer=package.findtext('maintainer', ''),
+    maintainer_email=next(package.iter('maintainer')).get('email', ''),
+    keywords=['ROS', 'IMU', 'gyroscope', 'drift', 'Kalman filter', 'Allan deviation'],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
     packages=find_packages(include=[name, f'{name}.*']),
     package_data={name: ['py.typed', 'report/page.css', 'report/page.js']},
     data_files=[
@@ -29,35 +43,39 @@ setup(
         (f'share/{name}/config/layouts', files('config/layouts/*')),
         (f'share/{name}/launch', files('launch/*.launch.py')),
     ],
-    python_requires='>=3.11',
-    install_requires=['setuptools', 'numpy>=1.26', 'PyYAML'],
-    extras_require={
+    python_requires='>=3.11,<3.13',
+    # What all commands need. None of it is declared in package.xml, but for numpy and PyYAML: the node
+    # runs on these two, and colcon installs nothing of what stands here.
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'PyYAML',
         # Compiled kernels: the same numbers, some hundred times faster. What numba does not promise
         # to keep is used by accelerate/numba_internals.py alone. To raise the upper bound: install
         # the new version, read that file's head, and run test/test_compiled.py, test_node.py and
-        # `make bench`; nothing may fail, nor be skipped that was not before.
-        'fast': ['numba>=0.59,<0.69'],
-        # Bags: replay and simulate.
-        'offline': ['rosbags>=0.11,<0.12'],
-        # Identification of the drift model, calibration, tuning, and their figures.
-        'identify': [
-            'allantools>=2024.6',
-            'matplotlib>=3.8',
-            'scipy>=1.11',
-            'statsmodels>=0.14',
-        ],
-        # The report: a page that needs no network, with long signals reduced.
-        'report': ['plotly>=6', 'tsdownsample>=0.1.3'],
+        # `make bench`; nothing may fail, nor be skipped that was not before. Where numba has no
+        # wheels, kernels run as plain Python.
+        'numba>=0.59,<0.69; platform_machine in "x86_64 AMD64 aarch64 arm64"',
+        # Bags.
+        'rosbags>=0.11,<0.12',
+        # Identification of the drift model, calibration, doctor and tuning.
+        'allantools>=2024.6',
+        'scipy>=1.11',
+        'statsmodels>=0.14',
+        # Figures, and the page of the report: it needs no network, and has long signals reduced.
+        'matplotlib>=3.8',
+        'plotly>=6',
+        'tsdownsample>=0.1.3',
+    ],
+    extras_require={
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',
             'ros-jazzy-common-interfaces==5.3.6',
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
         ],
-        # The demo's figures.
-        'demo': ['matplotlib>=3.8'],
         # What the benchmark compares with.
-        'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'psutil>=5.9', 'scipy>=1.11'],
+        'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'psutil>=5.9'],
         'test': [
             'colcon-common-extensions>=0.3',
             'colcon-ros>=0.5',
@@ -68,7 +86,6 @@ setup(
             'pytest>=8',
             'pytest-xdist>=3.7',
             'ruff>=0.14',
-            'scipy>=1.11',
             'selenium>=4.20',
             'shtab>=1.7',
             'types-PyYAML',

@@ -1,0 +1,39 @@
+"""Two filters in one process, as its several nodes: less memory than two processes.
+
+ros2 run starts each node in a process of its own, as `two_imus.launch.py` does. Nodes of rclpy need not:
+they are objects, and one executor runs the callbacks of all. Both take turns on one processor.
+
+python3 examples/one_process.py --ros-args --params-file both.yaml
+"""
+
+import signal
+import sys
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from gyro_drift_filter.ros.node import GyroDriftFilterNode
+
+
+def main() -> None:
+    """Filter /front/imu/data_raw and /rear/imu/data_raw until SIGINT or SIGTERM."""
+    asked: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: asked.append(number))
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    nodes = [GyroDriftFilterNode(namespace=namespace) for namespace in ('front', 'rear')]
+    for node in nodes:
+        executor.add_node(node)
+    # EventsExecutor.spin() of rclpy 7.1 turns without running a callback; spin_once does not.
+    while not asked:
+        executor.spin_once(timeout_sec=0.2)
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()  # keeps the bias for the next start
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,34 @@
+"""An example: two gyroscopes side by side, each with a filter in its own namespace.
+
+/front/imu/data_raw becomes /front/imu/data_filtered, /rear/imu/data_raw becomes /rear/imu/data_filtered.
+
+ros2 launch gyro_drift_filter two_imus.launch.py rear_params_file:=rear.yaml
+"""
+
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.launch_description import LaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.substitutions import FindPackageShare
+
+NAMESPACES = ('front', 'rear')
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description: the launch file of the filter, twice."""
+    share = FindPackageShare('gyro_drift_filter')
+    shipped = PathJoinSubstitution([share, 'config', 'gyro_drift_filter.yaml'])
+    filter_launch = PathJoinSubstitution([share, 'launch', 'gyro_drift_filter.launch.py'])
+    description = LaunchDescription()
+    for namespace in NAMESPACES:
+        file = f'{namespace}_params_file'
+        arguments = {'namespace': namespace, 'params_file': LaunchConfiguration(file)}
+        include = IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(filter_launch), launch_arguments=arguments.items()
+        )
+        description.add_action(
+            DeclareLaunchArgument(file, default_value=shipped, description='ROS 2 parameter file')
+        )
+        # In a group, as arguments would otherwise go on from one to the next.
+        description.add_action(GroupAction([include]))
+    return description
