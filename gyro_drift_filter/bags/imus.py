@@ -1,15 +1,17 @@
 """The Imu messages of a piece of a recording, read all at once."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, read_only
-from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.mcap.message_kernels import ROW, Row
 from gyro_drift_filter.messages.imu import IMU, Imu, read_imu
+
+if TYPE_CHECKING:  # `gyro_drift compile` imports this where rosbags is not installed
+    from gyro_drift_filter.bags.recording import Piece
 
 
 @entry_kernel(read_only(np.uint8), ROW, np.bool_, IMU)
@@ -27,7 +29,7 @@ def list_imus(
     return count
 
 
-def read_imus(piece: Piece, is_imu: NDArray[np.bool_]) -> Any:
+def read_imus(piece: 'Piece', is_imu: NDArray[np.bool_]) -> Any:
     """Return an IMU for each message of those channels that are Imu, without a result.
 
     `is_imu` says so by the `id` of a connection.
