@@ -44,8 +44,8 @@ setup(
         (f'share/{name}/launch', files('launch/*.launch.py')),
     ],
     python_requires='>=3.11,<3.13',
-    # What all commands need. None of it is declared in package.xml, but for numpy and PyYAML: the node
-    # runs on these two, and colcon installs nothing of what stands here.
+    # What all commands need. The node needs numpy and PyYAML alone, which package.xml declares;
+    # colcon installs nothing of what stands here.
     install_requires=[
         'setuptools',
         'numpy>=1.26',

@@ -1,7 +1,7 @@
 """Two filters in one process, as its several nodes: less memory than two processes.
 
-ros2 run starts each node in a process of its own, as `two_imus.launch.py` does. Nodes of rclpy need not:
-they are objects, and one executor runs the callbacks of all. Both take turns on one processor.
+A node of rclpy is an object: one executor runs the callbacks of several, in turns on one processor.
+`two_imus.launch.py` starts a process for each instead, which takes two processors where they are.
 
 python3 examples/one_process.py --ros-args --params-file both.yaml
 """

@@ -14,7 +14,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-# It turns accelerations and rates into roll and pitch, and passes the rates and their covariance on.
+# It makes roll and pitch of accelerations and rates, and passes the rates on with their covariance.
 MADGWICK = {
     'use_mag': False,
     'zeta': 0.0,  # it would take the bias off a second time

@@ -1,6 +1,6 @@
 """An example: two gyroscopes side by side, each with a filter in its own namespace.
 
-/front/imu/data_raw becomes /front/imu/data_filtered, /rear/imu/data_raw becomes /rear/imu/data_filtered.
+/front/imu/data_raw becomes /front/imu/data_filtered, and so for /rear.
 
 ros2 launch gyro_drift_filter two_imus.launch.py rear_params_file:=rear.yaml
 """
