@@ -1,6 +1,8 @@
 """What the tests share: real recordings where they are there, and bags made on the spot."""
 
 import os
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 # As in the command, before numpy is loaded: threads beside those of other workers wait busily.
@@ -33,6 +35,45 @@ def path_of(name):
     if not path.exists():
         pytest.skip(f'the real recording {name} is not beside this clone')
     return path
+
+
+# What ROS 2 from apt does not bring. `make test` installs all of it; `colcon test` on a robot's
+# computer leaves the tests out that need it.
+NOT_FROM_APT = (
+    *('allantools', 'filterpy', 'matplotlib', 'mcap', 'plotly', 'rosbags', 'scipy', 'selenium'),
+    *('shtab', 'statsmodels', 'tsdownsample'),
+)
+MISSING = [f"No module named '{name}" for name in NOT_FROM_APT if find_spec(name) is None]
+
+
+@contextmanager
+def skipping_what_is_not_installed(whole_file):
+    """Skip where an exception says that a library is missing which apt does not bring."""
+    try:
+        yield
+    except Exception as error:
+        for reason in MISSING:
+            if reason in str(error):
+                pytest.skip(reason + "'", allow_module_level=whole_file)
+        raise
+
+
+class Module(pytest.Module):
+    """A file of tests."""
+
+    def collect(self):
+        with skipping_what_is_not_installed(whole_file=True):
+            return list(super().collect())
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    return Module.from_parent(parent, path=module_path)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    with skipping_what_is_not_installed(whole_file=False):
+        return (yield)
 
 
 # Files whose tests stay together in one of several workers: they wait for the real node, and would

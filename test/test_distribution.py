@@ -1,0 +1,177 @@
+"""What is handed on: wheel, source distribution, their metadata, and the files beside the code."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from importlib.metadata import requires, version
+from pathlib import Path
+
+import pytest
+import yaml
+from packaging.metadata import Metadata
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+from support.paths import REPOSITORY
+
+PACKAGE = REPOSITORY / 'gyro_drift_filter'
+DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib'}
+# rosbags brings lz4 and the Zstandard of the standard library to come.
+WITH_ROSBAGS = {'lz4', 'backports', 'compression'}
+WORKFLOW = REPOSITORY / '.github' / 'workflows' / 'ci.yml'
+
+
+def imported(path):
+    """Yield the names of the packages that a file imports."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield str(node.module).split('.')[0]
+
+
+def test_what_the_commands_import_is_installed_with_them():
+    """But for the node, whose libraries come with ROS 2."""
+    needed = set()
+    for path in PACKAGE.rglob('*.py'):
+        if path.parent.name != 'ros':
+            needed |= set(imported(path))
+    needed -= set(sys.stdlib_module_names) | WITH_ROSBAGS | {'gyro_drift_filter'}
+    assert {'numpy', 'rosbags', 'scipy', 'plotly', 'matplotlib'} <= needed
+    required = {
+        requirement.name.lower()
+        for requirement in map(Requirement, requires('gyro_drift_filter') or ())
+        if 'extra' not in str(requirement.marker)
+    }
+    assert {DISTRIBUTION_OF.get(name, name).lower() for name in needed} <= required
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory):
+    """The source distribution of a copy of this repository."""
+    copy = tmp_path_factory.mktemp('source') / 'copy'
+    hidden = shutil.ignore_patterns(
+        *('.git', '.venv', '.*_cache', '.hypothesis', '__pycache__', '*.egg-info'),
+        *('build', 'install', 'log', 'site', '*_output', '.coverage.*'),
+    )
+    shutil.copytree(REPOSITORY, copy, ignore=hidden)
+    done = subprocess.run(
+        [sys.executable, 'setup.py', '--quiet', 'sdist'],
+        cwd=copy,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'warning' not in done.stdout + done.stderr
+    (path,) = (copy / 'dist').glob('*.tar.gz')
+    return path
+
+
+@pytest.mark.slow
+def test_the_source_distribution_holds_what_the_tests_need(source):
+    with tarfile.open(source) as archive:
+        held = {name.partition('/')[2] for name in archive.getnames()}
+    for folder in ('benchmark', 'config', 'demo', 'docs', 'harness', 'launch', 'test', 'tools'):
+        for path in (REPOSITORY / folder).rglob('*'):
+            if path.is_file() and '__pycache__' not in path.parts:
+                assert str(path.relative_to(REPOSITORY)) in held
+    assert {'package.xml', 'LICENSE', 'Makefile', 'pytest.ini', 'ruff.toml', 'mypy.ini'} <= held
+
+
+@pytest.mark.slow
+def test_the_wheel_is_pure_and_whole(source, tmp_path):
+    """It is built of the source distribution, by pip with what it needs for that."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '-w', tmp_path, source],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    (path,) = tmp_path.glob('*.whl')
+    assert path.name == f'gyro_drift_filter-{version("gyro_drift_filter")}-py3-none-any.whl'
+    with zipfile.ZipFile(path) as wheel:
+        names = set(wheel.namelist())
+        information = path.name.removesuffix('-py3-none-any.whl') + '.dist-info'
+        assert 'Root-Is-Purelib: true' in wheel.read(f'{information}/WHEEL').decode()
+        scripts = wheel.read(f'{information}/entry_points.txt').decode()
+        metadata = Metadata.from_email(wheel.read(f'{information}/METADATA'), validate=True)
+    for file in PACKAGE.rglob('*'):
+        if file.is_file() and '__pycache__' not in file.parts:
+            assert str(file.relative_to(REPOSITORY)) in names
+    share = f'{path.name.removesuffix("-py3-none-any.whl")}.data/data/share'
+    assert f'{share}/gyro_drift_filter/launch/gyro_drift_filter.launch.py' in names
+    assert f'{share}/ament_index/resource_index/packages/gyro_drift_filter' in names
+    assert 'gyro_drift = gyro_drift_filter.cli.main:main' in scripts
+    assert metadata.description == (REPOSITORY / 'README.md').read_text()
+    assert metadata.description_content_type == 'text/markdown'
+    assert metadata.requires_python == SpecifierSet('>=3.11,<3.13')
+
+
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse')  # catkin_pkg's, of docutils
+def test_package_xml_and_the_changelog_are_read_by_catkin_tools_without_a_warning():
+    changelog = pytest.importorskip('catkin_pkg.changelog')
+    from catkin_pkg.package import parse_package
+
+    warnings = []
+    package = parse_package(str(REPOSITORY / 'package.xml'), warnings=warnings)
+    assert warnings == []
+    released = changelog.get_changelog_from_path(str(REPOSITORY), package.name)
+    newest = max(v for v, _, _ in released.foreach_version() if re.match(r'\d', str(v)))
+    assert str(newest) == package.version
+
+
+def test_the_citation_names_the_version_and_the_paper():
+    citation = yaml.safe_load((REPOSITORY / 'CITATION.cff').read_text())
+    assert citation['cff-version'] == '1.2.0'
+    assert {'message', 'title', 'authors'} <= set(citation)
+    assert citation['version'] == version('gyro_drift_filter')
+    assert citation['references'][0]['doi'] == '10.1088/1757-899X/187/1/012005'
+
+
+def test_the_workflow_runs_what_there_is():
+    """Each target of make that it calls, and each version of Python that setup.py allows."""
+    text = WORKFLOW.read_text()
+    makefile = (REPOSITORY / 'Makefile').read_text()
+    targets = re.findall(r'run: make (\w+)', text)
+    assert 'test' in targets
+    for target in targets:
+        assert re.search(rf'^{target}:', makefile, re.M), f'make {target}'
+    jobs = yaml.safe_load(text)['jobs']
+    pythons = jobs['test']['strategy']['matrix']['python']
+    assert all(python in SpecifierSet('>=3.11,<3.13') for python in pythons)
+    assert all('timeout-minutes' in job for job in jobs.values())
+
+
+def test_the_workflow_is_valid():
+    if shutil.which('actionlint') is None:
+        pytest.skip('actionlint is not installed: go install github.com/rhysd/actionlint/cmd/...')
+    done = subprocess.run(
+        ['actionlint', WORKFLOW], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_pre_commit_checks_what_make_lint_does():
+    hooks = yaml.safe_load((REPOSITORY / '.pre-commit-config.yaml').read_text())
+    commands = [hook['entry'] for repository in hooks['repos'] for hook in repository['hooks']]
+    makefile = (REPOSITORY / 'Makefile').read_text()
+    recipe = re.search(r'^lint:.*\n((\t.*\n)+)', makefile, re.M)[1]
+    linted = [line.strip().replace('$(BIN)', '.venv/bin') for line in recipe.splitlines()]
+    assert commands == [line.removesuffix(' .') for line in linted]
+
+
+def test_issue_forms_ask_for_what_helps():
+    folder = REPOSITORY / '.github' / 'ISSUE_TEMPLATE'
+    form = yaml.safe_load((folder / 'bug.yml').read_text())
+    asked = {field['id'] for field in form['body']}
+    assert {'what', 'doctor', 'diagnostics', 'versions'} <= asked
+    for name in ('SECURITY.md', 'CODE_OF_CONDUCT.md', 'CONTRIBUTING.md', 'LICENSE'):
+        assert Path(REPOSITORY, name).read_text()
