@@ -96,7 +96,7 @@ setup(
     entry_points={
         'console_scripts': [
             'gyro_drift = gyro_drift_filter.cli.main:main',
-            'gyro_drift_filter_node = gyro_drift_filter.ros.main:main',
+            'gyro_drift_filter_node = gyro_drift_filter.ros.command:main',
         ],
     },
 )

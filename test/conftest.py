@@ -71,6 +71,12 @@ def pytest_pycollect_makemodule(module_path, parent):
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    with skipping_what_is_not_installed(whole_file=False):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
     with skipping_what_is_not_installed(whole_file=False):
         return (yield)

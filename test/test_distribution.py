@@ -175,3 +175,17 @@ def test_issue_forms_ask_for_what_helps():
     assert {'what', 'doctor', 'diagnostics', 'versions'} <= asked
     for name in ('SECURITY.md', 'CODE_OF_CONDUCT.md', 'CONTRIBUTING.md', 'LICENSE'):
         assert Path(REPOSITORY, name).read_text()
+
+
+def test_the_node_without_ros_says_what_it_needs():
+    code = """
+import sys
+sys.modules['rclpy'] = None
+from gyro_drift_filter.ros.command import main
+sys.exit(main())
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert re.fullmatch(r'gyro_drift_filter_node: the node needs ROS 2 .*rclpy.*\n', done.stderr)
