@@ -61,7 +61,9 @@ $(VENV)/.installed: setup.py package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo 'the venv module is missing: apt install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --editable '.[jazzy,benchmark,test]'
+	@$(BIN)/pip install --quiet --editable '.[jazzy,benchmark,test]' || { \
+	  echo 'not all could be installed; docs/installation.md says what to do without a network,' >&2; \
+	  echo 'behind a proxy, and on an ARM processor' >&2; exit 1; }
 	touch $@
 
 clean:

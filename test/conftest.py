@@ -45,6 +45,13 @@ NOT_FROM_APT = (
 )
 MISSING = [f"No module named '{name}" for name in NOT_FROM_APT if find_spec(name) is None]
 
+# Files that filter little. The others would take hours where numba is not installed.
+RUNS_UNCOMPILED = {
+    *('test_cold_start.py', 'test_distribution.py', 'test_identify_timing.py', 'test_kernels.py'),
+    *('test_layers.py', 'test_linters.py', 'test_memory.py', 'test_package.py'),
+    *('test_parameters.py', 'test_statistics.py'),
+}
+
 
 @contextmanager
 def skipping_what_is_not_installed(whole_file):
@@ -119,6 +126,10 @@ def pytest_collection_modifyitems(items):
         return 1 if item.get_closest_marker('slow') else 2
 
     items.sort(key=rank)
+    if find_spec('numba') is None:
+        for item in items:
+            if item.path.name not in RUNS_UNCOMPILED:
+                item.add_marker(pytest.mark.skip("No module named 'numba': it would take hours"))
 
 
 @pytest.fixture(params=NAMES)
