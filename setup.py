@@ -80,6 +80,12 @@ setup(
             'colcon-common-extensions>=0.3',
             'colcon-ros>=0.5',
             'coverage>=7.10',
+            # With the plugins of ROS 2's ament_flake8.
+            'flake8>=6',
+            'flake8-builtins>=2',
+            'flake8-comprehensions>=3',
+            'flake8-docstrings>=1.7',
+            'flake8-quotes>=3',
             'hypothesis>=6.100',
             'mcap>=1.2',
             'mypy>=1.13',

@@ -125,7 +125,7 @@ def one_euro(recording: Recording) -> Filtered:
 
 
 def filterpy_kalman(recording: Recording) -> Filtered:
-    """A constant-rate Kalman filter with the noise level for R and a tenth of it for Q."""
+    """Filter by a constant-rate Kalman filter: R is the noise level, Q a tenth of it."""
     out = np.empty_like(recording.rates)
     variance = recording.deviation**2
     for axis in range(3):

@@ -117,7 +117,7 @@ def _polled(speed: float, random: np.random.Generator) -> Delivery:
 
 
 def _clipped(speed: float, random: np.random.Generator) -> Delivery:
-    """A range of 250 deg/s; judged where the motion is within it, and taken for true elsewhere."""
+    """Deliver a range of 250 deg/s; judge where the motion is within it."""
     delivery = deliver(100.0, 2.0 * speed, random)
     limit = np.radians(250.0)
     delivery.given = np.clip(delivery.given, -limit, limit)
@@ -125,7 +125,7 @@ def _clipped(speed: float, random: np.random.Generator) -> Delivery:
 
 
 def _low_passed(speed: float, random: np.random.Generator) -> Delivery:
-    """The sensor's own low-pass at some 8 Hz, slow motion, and a bias."""
+    """Deliver the sensor's own low-pass at some 8 Hz, slow motion, and a bias."""
     delivery = deliver(100.0, 0.1 * speed, random)
     delivery.truth, given = lag(delivery.truth, 0.45), lag(delivery.given, 0.45)
     delivery.bias = np.radians([1.0, -0.5, 0.7])
@@ -152,7 +152,7 @@ def _jittered(speed: float, random: np.random.Generator) -> Delivery:
 
 
 def _coarse(speed: float, random: np.random.Generator) -> Delivery:
-    """Counts of 0.5 deg/s, rounded."""
+    """Deliver counts of 0.5 deg/s, rounded."""
     delivery = deliver(100.0, speed, random)
     count = np.radians(0.5)
     delivery.given = np.round(delivery.given / count) * count

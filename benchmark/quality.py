@@ -124,7 +124,7 @@ class Scored:
         )
 
     def static(self) -> None:
-        """A motionless recording, even and in bursts."""
+        """Score a motionless recording, even and in bursts."""
         world = self._world
         random = np.random.default_rng([world.seed, 1])
         n = len(world.noise) // 2
@@ -142,7 +142,7 @@ class Scored:
                 self._add('static.nis', _worst_nis(out.normalised, late))
 
     def slow(self) -> None:
-        """Turns about the vertical that no dead band may swallow."""
+        """Score turns about the vertical that no dead band may swallow."""
         world = self._world
         n = len(world.noise) // 2
         time = np.arange(n) / world.sample_rate

@@ -147,7 +147,7 @@ def _fast(time: Array, random: np.random.Generator) -> Array:
 
 
 def _turn(time: Array, random: np.random.Generator) -> Array:
-    """A steady turn, as wheels make it, between 0.02 and 1.5 rad/s."""
+    """Return a steady turn, as wheels make it, between 0.02 and 1.5 rad/s."""
     window = _edges(time, random.uniform(0.1, 0.6))[:, None]
     size = random.choice([0.02, 0.1, 0.5, 1.5])
     return np.asarray(size * window * random.standard_normal(3))

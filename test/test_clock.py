@@ -141,7 +141,7 @@ def test_zero_stamps_are_filtered_sample_by_sample():
 
 
 def bursts(n, size, period=10 * MS):
-    """Samples taken evenly, handed over `size` at a time in steps of 0.2 periods."""
+    """Return samples taken evenly, handed over `size` at a time in steps of 0.2 periods."""
     block = np.arange(n) // size
     return START + block * size * period + (np.arange(n) % size) * (period // 5)
 

@@ -210,7 +210,7 @@ def counted(text):
 
 @pytest.fixture(scope='module')
 def built(tmp_path_factory):
-    """The small package, with its kernels compiled."""
+    """Make the small package, with its kernels compiled."""
     root = tmp_path_factory.mktemp('small')
     package, small = REPOSITORY / 'gyro_drift_filter', root / 'gyro_drift_filter'
     shutil.copytree(package / 'accelerate', small / 'accelerate')
@@ -261,7 +261,7 @@ class Small:
 
 @pytest.fixture
 def small(built, tmp_path):
-    """The small package without an extension module."""
+    """Copy the small package without an extension module."""
     copied = Small(built[0], tmp_path)
     copied.extension.unlink(missing_ok=True)
     return copied
@@ -269,7 +269,7 @@ def small(built, tmp_path):
 
 @pytest.fixture
 def extended(built, tmp_path):
-    """The small package with one."""
+    """Copy the small package with one."""
     if 'no extension module' in built[1]:
         pytest.skip(f'no C++ compiler here: {built[1]}')
     return Small(built[0], tmp_path)

@@ -52,7 +52,7 @@ def test_what_the_commands_import_is_installed_with_them():
 
 @pytest.fixture(scope='module')
 def source(tmp_path_factory):
-    """The source distribution of a copy of this repository."""
+    """Make the source distribution of a copy of this repository."""
     copy = tmp_path_factory.mktemp('source') / 'copy'
     hidden = shutil.ignore_patterns(
         *('.git', '.venv', '.*_cache', '.hypothesis', '__pycache__', '*.egg-info'),

@@ -37,14 +37,14 @@ SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
 @pytest.fixture(scope='module')
 def live():
-    """A node with the shipped parameters; tests set it back to its start by `fresh`."""
+    """Start a node with the shipped parameters; tests set it back to its start by `fresh`."""
     with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
         yield node
 
 
 @pytest.fixture
 def fresh(live):
-    """The node as it is after its start."""
+    """Return the node as it is after its start."""
     # A bias that is given replaces the one that was learned.
     assert set_parameters(live, bias__initial=[0.1, 0.1, 0.1])[0].successful
     for name, value in Parameters().names().items():

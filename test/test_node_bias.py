@@ -40,7 +40,7 @@ def deviations_of(messages):
 
 @pytest.fixture
 def home(tmp_path, monkeypatch):
-    """A folder for ROS_HOME, here and in the node."""
+    """Return a folder for ROS_HOME, here and in the node."""
     folder = tmp_path / 'ros_home'
     monkeypatch.setenv('ROS_HOME', str(folder))
     return folder
@@ -143,7 +143,7 @@ def live():
 
 @pytest.fixture
 def fresh(live):
-    """The node without a bias and without a sample."""
+    """Return the node without a bias and without a sample."""
     for initial in ([0.1, 0.1, 0.1], [0.0, 0.0, 0.0]):
         assert set_parameters(live, bias__initial=initial)[0].successful
     assert call(live, Trigger, 'reset', Trigger.Request()).success

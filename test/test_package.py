@@ -82,7 +82,7 @@ def test_the_launch_file_loads_where_launch_is_installed():
 
 @pytest.fixture(scope='module')
 def workspace(tmp_path_factory):
-    """A clean workspace with the package, built by colcon."""
+    """Make a clean workspace with the package, built by colcon."""
     root = tmp_path_factory.mktemp('workspace')
     shutil.copytree(
         REPOSITORY,

@@ -1,4 +1,4 @@
-"""`gyro_drift doctor`: can this recording be trusted?"""
+"""`gyro_drift doctor`: whether a recording can be trusted."""
 
 import argparse
 import json

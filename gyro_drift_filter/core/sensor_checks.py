@@ -1,4 +1,4 @@
-"""What the raw values say of the sensor: is it stuck, at the end of its range, or in degrees?"""
+"""Whether a sensor is stuck, at the end of its range, or in degrees, by its raw values."""
 
 from enum import IntEnum
 from typing import Annotated, TypedDict

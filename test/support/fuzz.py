@@ -130,7 +130,7 @@ def in_one_line(kind):
 
 
 def check_cdr(data, folder):
-    """The kernel and a plain reader agree, and nothing but finite numbers comes out."""
+    """Check that the kernel and a plain reader agree, and nothing but finite numbers comes out."""
     filtered, imu = FILTER.take(data), read_message(data)
     fault = fault_of(data)
     assert (imu['kind'] == ImuKind.MALFORMED) == (fault is not None)
@@ -147,7 +147,7 @@ def check_cdr(data, folder):
 
 
 def check_mcap(data, folder):
-    """The reader of chunks walks the file, or says why not."""
+    """Check that the reader of chunks walks the file, or says why not."""
     path = folder / 'in.mcap'
     path.write_bytes(data)
     layout = read_layout(path)
@@ -160,7 +160,7 @@ def check_mcap(data, folder):
 
 
 def check_recovery(data, folder):
-    """What is cut off is recovered as a sound file, or it says why not."""
+    """Check that what is cut off is recovered as a sound file, or it says why not."""
     path, copy = folder / 'cut.mcap', folder / 'copy.mcap'
     path.write_bytes(data)
     if not is_cut_off(path):
@@ -181,7 +181,7 @@ def check_parameters(data, folder):
 
 
 def check_memory(data, folder):
-    """A bias, or one line."""
+    """Check that there is a bias, or one line."""
     path = folder / 'bias.json'
     path.write_bytes(data)
     with in_one_line(MemoryFileError):
