@@ -118,7 +118,7 @@ def test_the_wheel_is_pure_and_whole(source, tmp_path):
 @pytest.mark.filterwarnings('ignore:nodes.Node.traverse')  # catkin_pkg's, of docutils
 def test_package_xml_and_the_changelog_are_read_by_catkin_tools_without_a_warning():
     changelog = pytest.importorskip('catkin_pkg.changelog')
-    from catkin_pkg.package import parse_package
+    parse_package = pytest.importorskip('catkin_pkg.package').parse_package
 
     warnings = []
     package = parse_package(str(REPOSITORY / 'package.xml'), warnings=warnings)
@@ -163,7 +163,7 @@ def test_pre_commit_checks_what_make_lint_does():
     hooks = yaml.safe_load((REPOSITORY / '.pre-commit-config.yaml').read_text())
     commands = [hook['entry'] for repository in hooks['repos'] for hook in repository['hooks']]
     makefile = (REPOSITORY / 'Makefile').read_text()
-    recipe = re.search(r'^lint:.*\n((\t.*\n)+)', makefile, re.M)[1]
+    ((recipe, _),) = re.findall(r'^lint:.*\n((\t.*\n)+)', makefile, re.M)
     linted = [line.strip().replace('$(BIN)', '.venv/bin') for line in recipe.splitlines()]
     assert commands == [line.removesuffix(' .') for line in linted]
 
