@@ -141,11 +141,11 @@ def simulated_folder(folder: Path) -> Path:
         messages = [(row[0], imu_message(*row, FRAME, *stated)) for row in rows]
         write(folder / name, {(TOPIC, IMU_TYPE): messages})
 
-    drive = simulate_drive().recording
+    drive = simulate_drive(motions=2).recording
     write_imu('drive', drive.stamps, drive.angular_velocity, drive.linear_acceleration)
-    settings = SimulationSettings(static_seconds=90.0, dynamic_seconds=0.0)
+    settings = SimulationSettings(static_seconds=60.0, dynamic_seconds=0.0)
     write_simulation(folder / 'motionless', simulate(settings))
     random = np.random.default_rng(0)
-    turns = lay_down(random, sides(random), random_faults(random))
+    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
     write_imu('turns', turns.stamps, turns.rates, turns.accelerations)
     return folder
