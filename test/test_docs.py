@@ -1,4 +1,4 @@
-"""The pages of the documentation: commands that work, tables that are those of the code, the site."""
+"""The documentation: commands that work, tables that are those of the code, a site that builds."""
 
 import os
 import re

@@ -19,8 +19,8 @@ REPOSITORY = Path(__file__).parent.parent
 _WIDTH = 100
 _YAML_HEAD = """\
 # Parameters of gyro_drift_filter, all at their defaults. The node and `gyro_drift replay --params`
-# read this file as it is; docs/tuning.md says when to change which. `make parameters` writes it from
-# gyro_drift_filter/core/parameters.py: change that.
+# read this file as it is; docs/tuning.md says when to change which. `make parameters` writes it
+# from gyro_drift_filter/core/parameters.py: change that.
 /**:
   ros__parameters:
 """
