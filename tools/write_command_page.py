@@ -81,7 +81,7 @@ def _named(action: argparse.Action) -> str:
 def _text(action: argparse.Action) -> str:
     """Return the help of an argument, its default filled in, as a cell of a table."""
     text = (action.help or '') % (vars(action) | {'prog': 'gyro_drift'})
-    if action.choices and not any(str(choice) in text for choice in action.choices):
+    if action.choices and not all(str(choice) in text for choice in action.choices):
         text = f'{text}: {", ".join(map(str, action.choices))}'
     needed = ' (needed)' if action.required and action.option_strings else ''
     return f'{text}{needed}'.replace('|', '\\|')

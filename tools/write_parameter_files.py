@@ -85,8 +85,13 @@ def _markdown_row(description: Description) -> str:
 
 
 def _groups() -> list[tuple[str, list[Description]]]:
-    """Return the parameters by groups in the order of the table; '' holds what has none."""
-    by_group = groupby(DESCRIPTIONS, lambda description: description.name.rpartition('.')[0])
+    """Return the parameters by groups in the order of the table; '' comes first, with no group."""
+
+    def group_of(description: Description) -> str:
+        return description.name.rpartition('.')[0]
+
+    without_group_first = sorted(DESCRIPTIONS, key=lambda description: group_of(description) != '')
+    by_group = groupby(without_group_first, group_of)
     return [(group, list(described)) for group, described in by_group]
 
 
