@@ -19,7 +19,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, imu_fields, text
 from support.messages import simulated as simulated_messages
 
@@ -131,21 +131,16 @@ def mixed(random: np.random.Generator, seconds: int = 6) -> list[Row]:
 def simulated_folder(folder: Path) -> Path:
     """Write the bags that the documentation names: drive, motionless, turns; return the folder."""
     from gyro_drift_filter.simulation.bag import write_simulation
-    from gyro_drift_filter.simulation.drive import ACCELERATION_NOISE, NOISE, simulate_drive
+    from gyro_drift_filter.simulation.drive import simulate_drive
     from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
     from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 
-    def write_imu(name: str, stamps: Any, rates: Any, forces: Any) -> None:
-        stated = np.diag(3 * [NOISE**2]).ravel(), np.diag(3 * [ACCELERATION_NOISE**2]).ravel()
-        rows = zip(stamps.tolist(), rates, forces, strict=True)
-        messages = [(row[0], imu_message(*row, FRAME, *stated)) for row in rows]
-        write(folder / name, {(TOPIC, IMU_TYPE): messages})
-
-    drive = simulate_drive(motions=2).recording
-    write_imu('drive', drive.stamps, drive.angular_velocity, drive.linear_acceleration)
+    write_simulation(folder / 'drive', simulate_drive(motions=2).recording)
     settings = SimulationSettings(static_seconds=60.0, dynamic_seconds=0.0)
     write_simulation(folder / 'motionless', simulate(settings))
     random = np.random.default_rng(0)
     turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
-    write_imu('turns', turns.stamps, turns.rates, turns.accelerations)
+    rows = zip(turns.stamps.tolist(), turns.rates, turns.accelerations, strict=True)
+    messages = [(row[0], imu_message(*row)) for row in rows]
+    write(folder / 'turns', {(TOPIC, IMU_TYPE): messages})
     return folder
