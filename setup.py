@@ -74,6 +74,12 @@ setup(
             'ros-jazzy-common-interfaces==5.3.6',
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
         ],
+        # The site of the documentation, `make docs`.
+        'docs': [
+            'mkdocs>=1.6,<2',
+            'mkdocs-material>=9.6,<10',
+            'mkdocstrings[python]>=0.30,<2',
+        ],
         # What the benchmark compares with.
         'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'psutil>=5.9'],
         'test': [
