@@ -16,7 +16,7 @@ from packaging.metadata import Metadata
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from support.paths import REPOSITORY
+from support.paths import NOT_COPIED, REPOSITORY
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib'}
@@ -54,11 +54,7 @@ def test_what_the_commands_import_is_installed_with_them():
 def source(tmp_path_factory):
     """Make the source distribution of a copy of this repository."""
     copy = tmp_path_factory.mktemp('source') / 'copy'
-    hidden = shutil.ignore_patterns(
-        *('.git', '.venv', '.*_cache', '.hypothesis', '__pycache__', '*.egg-info'),
-        *('build', 'install', 'log', 'site', '*_output', '.coverage.*'),
-    )
-    shutil.copytree(REPOSITORY, copy, ignore=hidden)
+    shutil.copytree(REPOSITORY, copy, ignore=NOT_COPIED)
     done = subprocess.run(
         [sys.executable, 'setup.py', '--quiet', 'sdist'],
         cwd=copy,

@@ -17,9 +17,10 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import simulated
-from support.paths import REPOSITORY
+from support.paths import NOT_COPIED, REPOSITORY
 
 BIN = Path(sys.executable).parent
+MAIN = 'gyro_drift_filter.launch.py'
 
 
 def test_the_version_stands_once():
@@ -76,23 +77,23 @@ def test_the_launch_file_loads_where_launch_is_installed():
     pytest.importorskip('launch_ros', reason='launch comes with ROS 2 from apt, not from PyPI')
     import runpy
 
-    path = REPOSITORY / 'launch' / 'gyro_drift_filter.launch.py'
-    description = runpy.run_path(str(path))['generate_launch_description']()
-    assert len(description.entities) == 10
+    for name, entities in ((MAIN, 10), ('robot.launch.py', 7), ('two_imus.launch.py', 4)):
+        path = REPOSITORY / 'launch' / name
+        description = runpy.run_path(str(path))['generate_launch_description']()
+        assert len(description.entities) == entities
 
 
-@pytest.fixture(scope='module')
-def workspace(tmp_path_factory):
-    """Make a clean workspace with the package, built by colcon."""
-    root = tmp_path_factory.mktemp('workspace')
+def build(root, *options):
+    """Build the package by colcon in a clean workspace; return where it is installed."""
     shutil.copytree(
         REPOSITORY,
         root / 'src' / 'gyro_drift_filter',
-        ignore=shutil.ignore_patterns('.*', 'build', 'install', 'log', '*_output', '*.egg-info'),
+        ignore=NOT_COPIED,
     )
     environment = os.environ | {'PATH': f'{BIN}:{os.environ["PATH"]}', 'COLCON_HOME': str(root)}
+    environment.pop('PYTHONDONTWRITEBYTECODE', None)  # setuptools warns of it
     done = subprocess.run(
-        ['colcon', 'build', '--event-handlers', 'console_direct+'],
+        ['colcon', 'build', '--event-handlers', 'console_direct+', *options],
         cwd=root,
         env=environment,
         capture_output=True,
@@ -102,7 +103,37 @@ def workspace(tmp_path_factory):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert '1 package finished' in done.stdout
+    assert 'stderr output' not in done.stdout, done.stderr
     return root / 'install' / 'gyro_drift_filter'
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """Make a clean workspace with the package, built by colcon."""
+    return build(tmp_path_factory.mktemp('workspace'))
+
+
+@pytest.mark.slow
+def test_colcon_links_what_shall_be_edited(tmp_path):
+    installed = build(tmp_path, '--symlink-install')
+    shipped = installed / 'share' / 'gyro_drift_filter' / 'config' / 'gyro_drift_filter.yaml'
+    assert shipped.resolve().is_relative_to(tmp_path / 'src')
+    assert (installed / 'lib' / 'gyro_drift_filter' / 'gyro_drift_filter_node').exists()
+
+
+@pytest.mark.slow
+def test_the_examples_stand_beside_the_launch_file(workspace):
+    launch = workspace / 'share' / 'gyro_drift_filter' / 'launch'
+    names = {path.name for path in launch.iterdir()}
+    assert names == {path.name for path in (REPOSITORY / 'launch').glob('*.launch.py')}
+    declared = set(re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", (launch / MAIN).read_text()))
+    for name, used in (
+        ('robot.launch.py', {'input', 'motion_hint'}),
+        ('two_imus.launch.py', {'namespace', 'params_file'}),
+    ):
+        text = (launch / name).read_text()
+        assert used <= declared
+        assert all(f"'{argument}': " in text for argument in used)
 
 
 @pytest.mark.slow
