@@ -129,7 +129,9 @@ def pytest_collection_modifyitems(items):
     if find_spec('numba') is None:
         for item in items:
             if item.path.name not in RUNS_UNCOMPILED:
-                item.add_marker(pytest.mark.skip("No module named 'numba': too slow as plain Python"))
+                item.add_marker(
+                    pytest.mark.skip("No module named 'numba': too slow as plain Python")
+                )
 
 
 @pytest.fixture(params=NAMES)
