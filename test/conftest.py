@@ -86,6 +86,15 @@ def real_bag():
     return path_of
 
 
+@pytest.fixture(scope='module')
+def browser():
+    """Start the system's Chromium without a window, or skip."""
+    from support.browser import chromium
+
+    with chromium() as driver:
+        yield driver
+
+
 @pytest.fixture
 def random():
     return np.random.default_rng(20170)
