@@ -61,7 +61,7 @@ $(VENV)/.installed: setup.py package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo 'the venv module is missing: apt install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --editable '.[fast,offline,identify,report,jazzy,demo,benchmark,test]'
+	$(BIN)/pip install --quiet --editable '.[fast,offline,identify,report,fleet,jazzy,demo,benchmark,test]'
 	touch $@
 
 clean:
