@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from benchmark.candidates import CANDIDATES, Candidate, Filtered, Recording
 from benchmark.scenarios import (
-    GRAVITY,
     Trial,
     add_outliers,
     bridge,
@@ -29,6 +28,7 @@ from benchmark.scenarios import (
 )
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.gravity import GRAVITY
 
 # Limits of the median, where there is one, and of the worst.
 Bar = tuple[float | None, float]

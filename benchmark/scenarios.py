@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-GRAVITY = 9.80665
+from gyro_drift_filter.gravity import GRAVITY
+
 START = 1_600_000_000_000_000_000
 
 # Motion is made at this rate in Hz and sampled from it, so that all sample rates see the same.

@@ -34,7 +34,8 @@ _PATIENCE = 300.0  # a first start compiles, which two busy cores may take four 
 _ATTEMPTS = 60
 _BLOCK = 10  # ROS domains of a process
 _BLOCKS = 10  # with more of them, DDS would use ports that the system gives to others
-_count = itertools.count()
+_numbers = itertools.cycle(range(_BLOCK))
+_taken: set[int] = set()  # the domains of the nodes that are running
 
 
 @cache
@@ -52,9 +53,13 @@ def _own_block() -> tuple[int, socket.socket | None]:
 
 
 def own_domain() -> int:
-    """Return a ROS domain that no other process takes, and none of the last nodes of this one."""
+    """Return a ROS domain that no other process takes, and no `LiveNode` of this one.
+
+    Nor is it one that the last nodes of this process had, which may not have left it yet.
+    """
     block, _ = _own_block()
-    return 1 + _BLOCK * block + next(_count) % _BLOCK
+    domains = (1 + _BLOCK * block + number for number in _numbers)
+    return next(domain for domain in domains if domain not in _taken)
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -83,6 +88,7 @@ class LiveNode:
     ) -> None:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         self.domain = domain = own_domain()
+        _taken.add(domain)
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.node = rclpy.create_node('player', context=self._context)
@@ -135,6 +141,7 @@ class LiveNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+        _taken.discard(self.domain)
         self._home.cleanup()
 
     def _note_match(self, info: QoSSubscriptionMatchedInfo) -> None:

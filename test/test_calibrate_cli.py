@@ -69,7 +69,7 @@ def test_errors_are_one_line(tmp_path, capsys, random):
     for arguments, message in (
         ([source], 'gyro_drift calibrate: the sensor was not turned: there is one rest only.'),
         ([source, '--reference', '/body'], 'no topic /body in the bag; with an orientation: '),
-        ([source, '--start', '99'], 'no sample between --start 99'),
+        ([source, '--start', '99'], 'with an angular velocity from 99'),
         ([tmp_path / 'none'], 'none'),
     ):
         assert calibrate(tmp_path, *arguments) == 1

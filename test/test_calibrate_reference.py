@@ -80,7 +80,7 @@ def test_wheels_tell_the_scale_about_the_vertical_alone(random):
         Rotation.from_rotvec([0.0, 0.0, angle]) for angle in np.cumsum(random.uniform(-3, 3, 9))
     ]
     ways = [[0.0, 0.0, (b * a.inv()).as_rotvec()[2]] for a, b in pairwise(poses)]
-    turns = lay_down(random, poses, faults, turns=ways, wobble=0.0)
+    turns = lay_down(random, poses, faults, turns=ways, wobble=0.0, rate=50.0)
     reference = seen(random, turns, mount=Rotation.identity(), noise=0.0)
     yaw = Rotation.from_quat(reference.orientations).as_rotvec()[:, 2:]
     yaw = yaw + 0.2 * DEGREE * random.standard_normal(yaw.shape)
@@ -127,7 +127,7 @@ def whole_turns(random, faults, accelerometer=True):
         poses += [about([0, 0, heading]) * side for heading in headings]
         for sign, step in zip((1, -1, 1), np.diff(headings), strict=True):
             ways.append((4.0 * np.pi * sign + step) * np.eye(3)[axis])
-    turns = lay_down(random, poses, faults, turns=ways, way=6.0, wobble=0.0)
+    turns = lay_down(random, poses, faults, turns=ways, way=6.0, wobble=0.0, rate=50.0)
     accelerations = turns.accelerations if accelerometer else np.zeros_like(turns.accelerations)
     return Samples(turns.stamps, turns.rates, accelerations)
 

@@ -486,6 +486,13 @@ def test_wrong_options_are_told_before_the_work(tmp_path, capsys):
         assert text in capsys.readouterr().err
 
 
+def test_a_recording_too_short_for_a_rest_is_not_said_to_move(tmp_path, capsys):
+    bag = write(tmp_path / 'bag', handled(motions=1))
+    assert main(['doctor', str(bag), '--end', '0.05']) == 3
+    text = ' '.join(capsys.readouterr().out.split())
+    assert 's is too short for a rest of some three: its bias is not known' in text
+
+
 def test_a_time_without_messages_is_told(tmp_path, capsys):
     bag = write(tmp_path / 'bag', handled(motions=1))
     assert main(['doctor', str(bag), '--start', '1000']) == 1

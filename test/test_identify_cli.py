@@ -170,7 +170,7 @@ def missing(rates):
             ['--end', '0.5'],
             'the recording has no more than 0.51 s: 20 s of rest are needed',
         ),
-        (None, ['--start', '500'], 'no sample between --start 500'),
+        (None, ['--start', '500'], 'with an angular velocity from 500'),
     ],
 )
 def test_what_can_not_be_identified_is_said_in_one_line(change, options, message, tmp_path, capsys):

@@ -8,7 +8,7 @@ from support.paths import REPOSITORY, TESTS
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 # Modules that stand below all layers.
-BELOW = {'errors', 'rotations'}
+BELOW = {'errors', 'gravity', 'rotations'}
 # What each layer may import of the others.
 ALLOWED = {
     'accelerate': set(),

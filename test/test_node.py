@@ -271,11 +271,12 @@ def start(*arguments, until=None, domain=None):
     lines = []
     with subprocess.Popen(
         [EXECUTABLE, '--ros-args', *arguments],
-        env=environment(domain or own_domain()),
+        env=environment(domain or own_domain()) | {'PYTHONFAULTHANDLER': '1'},
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        watchdog = threading.Timer(120, process.kill)
+        # Where it hangs, it says in which line.
+        watchdog = threading.Timer(120, process.send_signal, [signal.SIGABRT])
         watchdog.start()
         try:
             for line in process.stderr:
@@ -415,8 +416,8 @@ def test_wrong_type_on_the_topic_is_reported():
     finally:
         other.destroy_node()
         context.try_shutdown()
-    assert status == 0
     assert f'{message} sensor_msgs/msg/Imu: remap imu/data_raw' in log
+    assert status == 0, log
 
 
 def test_two_instances_side_by_side(tmp_path):
@@ -556,3 +557,8 @@ def test_the_output_is_a_message_that_ros_reads(fresh):
     message = deserialize_message(out[-1], Imu)
     assert message.header.frame_id == 'imu_link'
     assert message.angular_velocity_covariance[0] > 0
+
+
+def test_no_other_node_gets_the_domain_of_one_that_runs(live):
+    """Else it would find one of its own name, and tell that instead of what is looked for."""
+    assert live.domain not in {own_domain() for _ in range(100)}

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from harness.live_node import LOSSLESS, LiveNode
@@ -124,6 +125,13 @@ def test_colcon_installs_what_ros_looks_for(workspace):
 @pytest.mark.node
 def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp_path):
     """Nothing of what comes while the kernels are compiled is lost, and the next start is warm."""
+    # What numba compiled before is there, as after an end in the middle of a first start: the
+    # node has to load it, to say that it is complete, and to build the extension module.
+    shutil.copytree(
+        cache.folder(),
+        tmp_path / 'gyro_drift_filter' / cache.folder().name,
+        ignore=shutil.ignore_patterns('*.so', 'complete_*', 'build_*', 'unfinished*'),
+    )
     site = next(workspace.rglob('site-packages'))
     monkeypatch.setenv('PYTHONPATH', str(site))
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))

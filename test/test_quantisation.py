@@ -4,10 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from benchmark.scenarios import motion, stamps
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.rotations import (
+    from_vectors,
+    inverse,
+    multiply,
+    running_products,
+    to_vectors,
+)
 
 RATE = 200.0
 COUNT = np.radians(0.061)
@@ -38,11 +44,8 @@ def recording(seconds, seed, way, noise=1.3):
 
 def turned(rates, truth):
     """Return the angle in deg between where the rates and where the true ones lead."""
-    ends = [Rotation.identity(), Rotation.identity()]
-    for i, values in enumerate((rates, truth)):
-        for step in Rotation.from_rotvec(values / RATE):
-            ends[i] = ends[i] * step
-    return np.degrees((ends[0].inv() * ends[1]).magnitude())
+    ends = [running_products(from_vectors(values / RATE))[-1] for values in (rates, truth)]
+    return np.degrees(np.linalg.norm(to_vectors(multiply(inverse(ends[0]), ends[1]))))
 
 
 def quantisation(filter_):

@@ -501,6 +501,9 @@ def test_simulated_bag_and_truth(tmp_path):
     topics, _ = read(tmp_path / 'bag')
     rates = np.array([imu_fields(message).angular_velocity for _, message in topics[TOPIC]])
     assert (rates == data.angular_velocity).all()
+    stated = STORE.deserialize_cdr(topics[TOPIC][0][1], IMU_TYPE).angular_velocity_covariance
+    noise = (rates - data.truth)[~data.outliers.any(axis=1)]
+    np.testing.assert_allclose(np.sqrt(stated[::4]), noise.std(axis=0))
     assert (archive['truth'] == data.truth).all()
     assert (archive['outliers'] == data.outliers).all()
     error = np.abs(rates - archive['truth'])

@@ -7,6 +7,7 @@ pytest.importorskip('scipy', reason='scipy is not installed')
 
 from benchmark import vehicles as benchmark
 from benchmark.vehicles import Judged, judge, misses
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import (
     from_vectors,
     inverse,
@@ -15,7 +16,6 @@ from gyro_drift_filter.rotations import (
     running_products,
     to_vectors,
 )
-from gyro_drift_filter.simulation.sensor import GRAVITY
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.paths import REPOSITORY
 

@@ -1,5 +1,6 @@
 """The Imu topic of a bag as arrays, in parts or as a whole."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, by_connection
-from gyro_drift_filter.bags.selection import choose_topic
+from gyro_drift_filter.bags.selection import Selection, choose_topic
 from gyro_drift_filter.messages.imu import ImuKind, frame_id
 
 
@@ -59,6 +60,8 @@ def imu_parts(
     bag: Path,
     topic: str | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    between: tuple[float, float] = (0.0, math.inf),
 ) -> Iterator[ImuPart]:
     """Yield the Imu topic of a bag piece by piece.
 
@@ -66,26 +69,28 @@ def imu_parts(
         bag: rosbag2 folder or bare .mcap or .db3 file.
         topic: Needed where there are several Imu topics.
         progress: Called with the number of messages done and their total.
+        between: First and last time to be used, in s of log time since the first message of the
+            recording.
 
     Raises:
-        BagError: The bag can't be read or holds no usable Imu message.
+        BagError: The bag can't be read or holds no usable Imu message in that time.
     """
-    done, good_ones = 0, 0
+    start, end = between
+    selection = Selection(start=start, end=end)
+    good_ones = 0
     with open_bag(bag) as recording:
         chosen = choose_topic(recording, topic)
         is_imu = np.zeros(by_connection(recording), np.bool_)
         is_imu[[c.id for c in recording.connections if c.topic == chosen]] = True
-        for piece in recording.pieces():
+        for piece in selection.pieces(recording, progress):
             imus = read_imus(piece, is_imu)
             good = imus[imus['kind'] == ImuKind.GOOD]
             frame = frame_id(piece.message(good[0]['row']), good[0]) if len(good) else ''
             log_times = np.asarray(piece.rows['log_time'][good['row']])
             good_ones += len(good)
             yield ImuPart(chosen, frame, good['sample'], log_times, len(imus) - len(good))
-            done += len(piece.rows)
-            progress(done, recording.message_count)
     if not good_ones:
-        raise BagError(f'topic {chosen} has no message with an angular velocity')
+        raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
 
 
 def read_imu_arrays(

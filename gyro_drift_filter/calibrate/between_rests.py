@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
-from gyro_drift_filter.calibrate.rests import GRAVITY, Rest, Rests, Track
+from gyro_drift_filter.calibrate.rests import Rest, Rests, Track
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
 from gyro_drift_filter.calibrate.unknowns import (
@@ -21,6 +21,7 @@ from gyro_drift_filter.calibrate.unknowns import (
     Residuals,
     upper,
 )
+from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -30,7 +31,6 @@ DEVIATIONS, MEANS = 3.0, 6.0
 LARGEST_TILT = np.radians(0.1)
 # Beyond what gravity (0.1 deg/s for each g) and warming do to a bias: this is a slow turn.
 LARGEST_BIAS_STEP = np.radians(0.5)
-GRAVITY = 9.80665  # m/s^2
 GAP_PERIODS = 5.0
 # Stamps of which more steps than this share are off by half a period are those of arrival.
 UNEVEN = 0.05

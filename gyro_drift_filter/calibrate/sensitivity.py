@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from gyro_drift_filter.calibrate.rests import GRAVITY, Rests
+from gyro_drift_filter.calibrate.rests import Rests
+from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
 

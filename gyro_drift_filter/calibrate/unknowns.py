@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.calibrate.rests import GRAVITY
+from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from gyro_drift_filter.cli.result_files import (
     without_matplotlib,
     write_whole,
 )
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 
@@ -48,8 +49,7 @@ def add_parser(subcommands: Any) -> None:
         '--kalibr', type=Path, metavar='FILE', help='write it for Kalibr and OpenVINS, too'
     )
     command.add_argument('--topic', help='Imu topic, needed where a bag has several')
-    command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
-    command.add_argument('--end', type=float, help='s from the first sample on')
+    add_time_options(command)
     command.add_argument(
         '--turns',
         action='store_true',
@@ -155,7 +155,7 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
 
     progress = Progress(enabled=True)
     try:
-        found = read_samples(bag, options.topic, (options.start, options.end), None, progress)
+        found = read_samples(bag, options.topic, between(options), None, progress)
     finally:
         progress.finish()
     if found.clock:

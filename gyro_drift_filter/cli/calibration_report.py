@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
-from gyro_drift_filter.calibrate.rests import GRAVITY
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 
 if TYPE_CHECKING:
@@ -38,19 +38,13 @@ def add_parser(subcommands: Any) -> None:
     )
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
     command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
-    command.add_argument(
-        '--start', type=float, default=0.0, help='s since the first message of the recording'
-    )
-    command.add_argument(
-        '--end', type=float, default=math.inf, help='s since the first message of the recording'
-    )
+    add_time_options(command)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the subcommand; return its exit status."""
-    if not options.start < options.end:
-        raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    when = between(options)
     check_targets({'--json': options.json}, None)
     try:
         import scipy.signal  # noqa: F401
@@ -64,9 +58,7 @@ def run(options: argparse.Namespace) -> int:
     compile_first()
     progress = Progress(enabled=True)
     try:
-        topic, examined = read_recording(
-            options.bag, options.topic, (options.start, options.end), progress
-        )
+        topic, examined = read_recording(options.bag, options.topic, when, progress)
     finally:
         progress.finish()
     findings = examine(examined)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts
-from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.identify.series import Stored
 
 
@@ -36,7 +35,7 @@ class Samples:
 def read_samples(
     bag: Path,
     topic: str | None,
-    between: tuple[float, float | None],
+    between: tuple[float, float],
     sample_rate: float | None,
     progress: Callable[[int, int], None],
 ) -> Samples:
@@ -45,39 +44,28 @@ def read_samples(
     Args:
         bag: rosbag2 folder or bare .mcap or .db3 file.
         topic: Needed where there are several Imu topics.
-        between: First and last time to be used, in s from the first sample on.
+        between: First and last time to be used, in s since the first message of the recording.
         sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
         progress: Called with the number of messages done and their total.
 
     Raises:
-        BagError: The bag can't be read or holds no usable Imu message.
-        GyroDriftFilterError: There is no sample in that time.
+        BagError: The bag can't be read or holds no usable Imu message in that time.
     """
     stamps = Stored(np.int64)
     rates, accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
-    name, clock, refused, count, begin, latest = '', '', 0, 0, 0, 0.0
-    start, end = between
-    for part in imu_parts(bag, topic, progress):
+    name, clock, refused, count = '', '', 0, 0
+    for part in imu_parts(bag, topic, progress, between=between):
         name, refused = part.topic, refused + part.refused
         if not len(part.samples):
             continue
         if not count and not part.samples['stamp'].any():
             clock = f'{sample_rate:g} Hz as named' if sample_rate else 'log times'
         times = _times(part, clock, sample_rate, count)
-        begin = begin if count else int(times[0])
         count += len(times)
-        seconds = (times - begin) * 1e-9
-        latest = max(latest, float(seconds.max()))
-        used = (seconds >= start) & (seconds <= (np.inf if end is None else end))
-        stamps.append(times[used])
+        stamps.append(times)
         for axis in range(3):
-            rates[axis].append(part.samples['angular_velocity'][used, axis])
-            accelerations[axis].append(part.samples['linear_acceleration'][used, axis])
-    if not len(stamps):
-        raise GyroDriftFilterError(
-            f'no sample between --start {start:g} and --end {latest if end is None else end:g} s: '
-            f'the recording has {latest:.1f} s'
-        )
+            rates[axis].append(part.samples['angular_velocity'][:, axis])
+            accelerations[axis].append(part.samples['linear_acceleration'][:, axis])
     return Samples(name, refused, stamps, rates, accelerations, clock)
 
 

@@ -13,6 +13,7 @@ from gyro_drift_filter.cli.result_files import (
     without_matplotlib,
     write_whole,
 )
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 
@@ -48,8 +49,7 @@ def add_parser(subcommands: Any) -> None:
         '--kalibr', type=Path, metavar='FILE', help='write the noise for Kalibr and OpenVINS, too'
     )
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
-    command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
-    command.add_argument('--end', type=float, help='s from the first sample on')
+    add_time_options(command)
     command.add_argument(
         '--sample-rate',
         type=_rate,
@@ -116,7 +116,7 @@ def run(options: argparse.Namespace) -> None:
         samples = read_samples(
             options.bag,
             options.topic,
-            (options.start, options.end),
+            between(options),
             options.sample_rate,
             progress,
         )

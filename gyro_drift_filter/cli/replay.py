@@ -11,11 +11,12 @@ from gyro_drift_filter.cli.printing import in_colour, say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_whole
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import as_json
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.errors import GyroDriftFilterError, printable
+from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
@@ -51,12 +52,7 @@ def add_parser(subcommands: Any) -> None:
         metavar='TOPIC',
         help='copy these topics alone; none: write what the filter makes, and nothing else',
     )
-    command.add_argument(
-        '--start', type=float, default=0.0, help='s since the first message of the recording'
-    )
-    command.add_argument(
-        '--end', type=float, default=math.inf, help='s since the first message of the recording'
-    )
+    add_time_options(command)
     command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
     command.add_argument(
         '--diagnostics',
@@ -93,8 +89,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.verdict import RunWatch
 
     spare_linear_algebra()
-    if not options.start < options.end:
-        raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    start, end = between(options)
     check_targets({'--json': options.json}, None)
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
@@ -123,8 +118,8 @@ def run(options: argparse.Namespace) -> None:
                 all_imu=options.all_imu,
                 output_topic=options.output_topic,
                 kept=None if options.topics is None else tuple(options.topics),
-                start=options.start,
-                end=options.end,
+                start=start,
+                end=end,
                 hint=options.motion_hint,
             ),
             diagnostics=options.diagnostics,

@@ -1,7 +1,6 @@
 """`gyro_drift report`: one page that shows whether the filter helped, without a network."""
 
 import argparse
-import math
 import shlex
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ from gyro_drift_filter.cli.result_files import (
     without_matplotlib,
     write_whole,
 )
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import as_json
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -59,12 +59,7 @@ def add_parser(subcommands: Any) -> None:
         help=f'compare these, of {", ".join(METHOD_NAMES)}; the first one is shown in full',
     )
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
-    command.add_argument(
-        '--start', type=float, default=0.0, help='s since the first message of the recording'
-    )
-    command.add_argument(
-        '--end', type=float, default=math.inf, help='s since the first message of the recording'
-    )
+    add_time_options(command)
     command.add_argument(
         '--json', type=Path, metavar='FILE', help='write the figures of the verdicts, for programs'
     )
@@ -77,8 +72,7 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    if not options.start < options.end:
-        raise GyroDriftFilterError(f'--start {options.start:g} is not before --end {options.end:g}')
+    start, end = between(options)
     check_targets({'--output': options.output, '--json': options.json}, options.png, '--png')
     try:
         import allantools  # noqa: F401
@@ -100,7 +94,7 @@ def run(options: argparse.Namespace) -> None:
     parameters = read_parameters(options.params) if options.params else Parameters()
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
     wanted = () if options.topic is None else (options.topic,)
-    selection = Selection(imu_topics=wanted, start=options.start, end=options.end)
+    selection = Selection(imu_topics=wanted, start=start, end=end)
     if not options.quiet:
         compile_first()
     recordings = []

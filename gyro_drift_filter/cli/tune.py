@@ -15,6 +15,7 @@ from gyro_drift_filter.cli.printing import say, take_any_name, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import printable, reason
@@ -53,8 +54,7 @@ def add_parser(subcommands: Any) -> None:
         'written beside the bag',
     )
     command.add_argument('--topic', help='Imu topic, needed where the bag has several')
-    command.add_argument('--start', type=float, default=0.0, help='s from the first sample on')
-    command.add_argument('--end', type=float, help='s from the first sample on')
+    add_time_options(command)
     command.add_argument(
         '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
     )
@@ -85,8 +85,7 @@ def run(options: argparse.Namespace) -> None:
         compile_first()
     progress = Progress(enabled=not options.quiet)
     try:
-        between = options.start, options.end
-        samples = read_samples(options.bag, options.topic, between, None, progress)
+        samples = read_samples(options.bag, options.topic, between(options), None, progress)
     finally:
         progress.finish()
     stamps = np.asarray(samples.stamps)

@@ -16,11 +16,12 @@ from gyro_drift_filter.core.bias import (
     widen,
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
-from gyro_drift_filter.core.motion_bias import GRAVITY, set_shift
+from gyro_drift_filter.core.motion_bias import set_shift
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.settings import SETTINGS, Settings
 from gyro_drift_filter.core.step import derive
+from gyro_drift_filter.gravity import GRAVITY
 
 # A method takes over from another's output where that is so many deviations from the last sample.
 NEAR = 4.0
@@ -48,10 +49,10 @@ def _change_of_bias(before: Settings, after: Settings) -> float:
     for axis in range(3):
         total = 0.0
         for k in range(3):
-            name = 3 * axis + k
+            entry = 3 * axis + k
             change = (
-                after['calibration_acceleration_sensitivity'][name]
-                - before['calibration_acceleration_sensitivity'][name]
+                after['calibration_acceleration_sensitivity'][entry]
+                - before['calibration_acceleration_sensitivity'][entry]
             )
             total += change * change
         largest = max(largest, total)

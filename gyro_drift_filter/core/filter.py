@@ -122,11 +122,15 @@ class Filter:
         """Take the mean rate of the rest under way for the bias, whatever it was before.
 
         Raises:
-            GyroDriftFilterError: The sensor moves, has stood still for less than
-                `bias.calibration_time`, or its rate is beyond `bias.max`; the text says so.
+            GyroDriftFilterError: There is no rate yet, the sensor moves, has stood still for less
+                than `bias.calibration_time`, or its rate is beyond `bias.max`; the text says so.
         """
         bias, needed = self.state['bias'], self.parameters.bias_calibration_time
         seconds = float(bias['still_seconds'])
+        if not self.state['clock']['started']:
+            raise GyroDriftFilterError(
+                'no rate has come yet that can be used: is the driver running?'
+            )
         if seconds < needed:
             what = f'has stood still for {seconds:.1f} s only' if seconds else 'moves'
             raise GyroDriftFilterError(

@@ -35,11 +35,11 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
 from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of
 from gyro_drift_filter.core.sample import Sample
+from gyro_drift_filter.gravity import GRAVITY
 
 STATES = 12
 DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
 
-GRAVITY = 9.81  # m/s^2
 # A mean acceleration between these shares of it is gravity: else there is no accelerometer, or it
 # is in other units.
 LEAST_GRAVITY, LARGEST_GRAVITY = 0.7, 1.3

@@ -65,6 +65,7 @@ class Examined:
     not_cut: bool
 
 
+_SHORTEST_REST = 3.0  # s, that the filter takes to know one from a slow turn
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
@@ -123,13 +124,16 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
 
 def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     """Say whether the sensor rested, and what the bias and the noise are."""
+    advice = 'let it stand still for ten seconds at the start of a recording, and at its end'
+    seconds = state.samples * period
     if not state.segments:
-        return Finding(
-            'rests',
-            Verdict.FAULT,
-            'the sensor never stood still for some three seconds: its bias is not known',
-            'let it stand still for ten seconds at the start of a recording, and at its end',
+        too_short = not seconds >= _SHORTEST_REST
+        what = (
+            f'the recording of {seconds:.2g} s is too short for a rest of some three'
+            if too_short
+            else 'the sensor never stood still for some three seconds'
         )
+        return Finding('rests', Verdict.FAULT, f'{what}: its bias is not known', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
     if np.isnan(noise).any():
         return Finding(
@@ -137,7 +141,7 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             Verdict.UNKNOWN,
             f'hardly a rest: bias {_listed(bias)} deg/s, which is known to '
             f'{math.degrees(max(state.bias_deviation)):.2g} deg/s; the noise is not known',
-            'let it stand still for ten seconds at the start of a recording, and at its end',
+            advice,
         )
     seconds = rests.samples * period
     return Finding(

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 Floats = NDArray[np.float64]
 
-GRAVITY = 9.81  # m/s^2, on the ground within 0.3 %
 # Data sheets allow an accelerometer 3 % of scale and 0.08 g of offset: together it shows gravity to
 # a tenth.
 _ACCELEROMETER = 0.1

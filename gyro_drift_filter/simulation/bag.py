@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
@@ -59,7 +60,8 @@ def truth_path(bag: Path) -> Path:
 def write_simulation(bag: Path, simulation: Simulation) -> Path:
     """Write a bag with the Imu topic, and a numpy archive with the truth; return its path.
 
-    The archive holds the arrays of `Simulation` by name, n samples: stamps, truth, outliers,
+    The messages state the variance of the sensor's own noise, as a driver should. The archive holds
+    the arrays of `Simulation` by name, n samples: stamps, truth, outliers,
     moving, bias.
 
     Raises:
@@ -68,6 +70,7 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
     archive = truth_path(bag)
     if archive.exists():
         raise BagError(f'{archive} exists already: remove it or choose another name')
+    covariances = _covariances(simulation)
     with BagWriter(bag) as writer:
         connection = writer.add_connection(TOPIC, IMU_TYPE)
         for stamp, rate, acceleration in zip(
@@ -76,7 +79,8 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
             simulation.linear_acceleration,
             strict=True,
         ):
-            writer.write(connection, stamp, imu_message(stamp, rate, acceleration))
+            message = imu_message(stamp, rate, acceleration, FRAME, *covariances)
+            writer.write(connection, stamp, message)
     try:
         np.savez_compressed(
             archive,
@@ -90,3 +94,15 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
         archive.unlink(missing_ok=True)
         raise BagError(f'{archive} can not be written: {reason(error)}') from error
     return archive
+
+
+def _covariances(simulation: Simulation) -> list[NDArray[np.float64]]:
+    """Return those of rates and accelerations, (9,) each; zeros, unknown, without samples at rest.
+
+    Motion is no noise of an accelerometer, so its samples at rest count.
+    """
+    noises = (
+        (simulation.angular_velocity - simulation.truth)[~simulation.outliers.any(axis=1)],
+        simulation.linear_acceleration[~simulation.moving],
+    )
+    return [np.diag(noise.var(0)).ravel() if len(noise) else _UNKNOWN for noise in noises]

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.simulation.experiments import Simulation
-from gyro_drift_filter.simulation.sensor import GRAVITY, even_stamps
+from gyro_drift_filter.simulation.sensor import even_stamps
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.simulation.sensor import GRAVITY, even_stamps
+from gyro_drift_filter.gravity import GRAVITY
+from gyro_drift_filter.simulation.sensor import even_stamps
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
 from gyro_drift_filter.simulation.experiments import Simulation
 from gyro_drift_filter.simulation.sensor import (
-    GRAVITY,
     Faults,
     Motion,
     Noise,

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-GRAVITY = 9.80665  # m/s^2
 START = 1_600_000_000_000_000_000  # ns
 DEGREE = float(np.radians(1.0))
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.simulation.sensor import (
     DEGREE,
-    GRAVITY,
     Faults,
     Motion,
     Noise,

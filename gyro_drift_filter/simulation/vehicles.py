@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, to_vectors
 from gyro_drift_filter.simulation.sensor import (
     DEGREE,
-    GRAVITY,
     Faults,
     Floats,
     Motion,
