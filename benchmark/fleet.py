@@ -12,22 +12,23 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from distributed import Client, LocalCluster
+from distributed import Client
 
 from benchmark.speed import Figure
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.fleet.cluster import local_cluster
 from gyro_drift_filter.fleet.columns import read_table
 from gyro_drift_filter.fleet.health import judge_fleet
 from gyro_drift_filter.fleet.measuring import Job, measure
@@ -37,26 +38,9 @@ from gyro_drift_filter.fleet.sources import Bag, find_bags
 from gyro_drift_filter.simulation.fleet import FleetSettings, robot_name, write_fleet
 
 _ROUNDS = 3
+_LIMIT = 2 * 10**9
 _INTERRUPTIONS = 10
 _JOB = Job(Parameters())
-
-
-@contextmanager
-def _cluster(workers: int) -> Iterator[Client]:
-    """Yield a client of a cluster as the command makes it, that has loaded and read a bag."""
-    with (
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit='2GB',
-            host='127.0.0.1',
-            dashboard_address='127.0.0.1:0',
-            scheduler_kwargs={'dashboard': False},
-            silence_logs=40,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
 
 
 def _run(bags: list[Bag], client: Client) -> float:
@@ -104,7 +88,7 @@ def speed(folder: Path) -> Iterator[Figure]:
     write_fleet(folder / 'robots', FleetSettings(6, 10, faults={}, broken_every=0))
     bags = find_bags([str(folder / 'robots')], None)
     times: dict[int, list[float]] = {1: [], 2: []}
-    with _cluster(1) as one, _cluster(2) as two:
+    with local_cluster(1, _LIMIT) as one, local_cluster(2, _LIMIT) as two:
         for workers, client in ((1, one), (2, two)):
             _run(bags[: 4 * workers], client)
         for _ in range(_ROUNDS):
@@ -125,9 +109,11 @@ def speed(folder: Path) -> Iterator[Figure]:
 
 def scheduler(folder: Path, count: int) -> Iterator[Figure]:
     """Count processor time of scheduler and client beside that of the workers."""
-    write_fleet(folder / 'robots', FleetSettings(count // 10, 10, faults={}, broken_every=0))
+    write_fleet(folder / 'robots' / '0', FleetSettings(5, 10, faults={}, broken_every=0))
+    for k in range(1, count // 50):
+        shutil.copytree(folder / 'robots' / '0', folder / 'robots' / str(k))
     bags = find_bags([str(folder / 'robots')], None)
-    with _cluster(2) as client:
+    with local_cluster(2, _LIMIT) as client:
         _run(bags[:8], client)
         before, own = client.run(time.process_time), time.process_time()
         _run(bags, client)
@@ -163,7 +149,7 @@ def memory(folder: Path) -> Iterator[Figure]:
     hour = FleetSettings(1, 1, 3600.0, 200.0, faults={}, broken_every=0)
     write_fleet(folder / 'robots', hour)
     (bag,) = find_bags([str(folder / 'robots')], None)
-    with _cluster(1) as client:
+    with local_cluster(1, _LIMIT) as client:
         cpu = client.submit(_cost, bag).result()
         largest = max(client.run(_largest_memory).values())
     size = sum(bag.sizes.values())

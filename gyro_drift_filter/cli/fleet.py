@@ -1,9 +1,7 @@
 """`gyro_drift fleet`: many bags, one table."""
 
 import argparse
-import logging
 import os
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +15,6 @@ from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from gyro_drift_filter.fleet.sources import Bag
 
 NEEDED = (
@@ -92,6 +88,7 @@ def run(options: argparse.Namespace) -> int | None:
         import allantools  # noqa: F401
         import scipy.signal  # noqa: F401
 
+        from gyro_drift_filter.fleet.cluster import cluster_at, local_cluster
         from gyro_drift_filter.fleet.columns import write_table
         from gyro_drift_filter.fleet.measuring import Job
         from gyro_drift_filter.fleet.results import Results
@@ -117,10 +114,14 @@ def run(options: argparse.Namespace) -> int | None:
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet, unit='bags')
-    with ExitStack() as stack:
-        fleet = FleetRun(
-            bags, job, Results(output / 'results', parameters), _client(options, stack)
-        )
+    workers = options.workers or len(os.sched_getaffinity(0))
+    cluster = (
+        cluster_at(options.scheduler)
+        if options.scheduler
+        else local_cluster(workers, int(options.memory_limit * 1e9))
+    )
+    with cluster as client:
+        fleet = FleetRun(bags, job, Results(output / 'results', parameters), client)
         try:
             fleet.run(progress)
         except (KeyboardInterrupt, EndedBySignal) as error:
@@ -169,34 +170,6 @@ def _make(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GyroDriftFilterError(f'{folder} can not be made: {reason(error)}') from error
-
-
-def _client(options: argparse.Namespace, stack: ExitStack) -> 'Client':
-    """Return a client of the cluster that is named, or of one on this machine."""
-    from distributed import Client, LocalCluster
-
-    # What the cluster says of itself in passing is not for who only waits for a table.
-    logging.getLogger('distributed').setLevel(logging.ERROR)
-    if options.scheduler:
-        try:
-            client: Client = Client(options.scheduler, timeout='20s')
-            return stack.enter_context(client)
-        except (OSError, ValueError) as error:
-            raise GyroDriftFilterError(
-                f'no Dask scheduler answers at {options.scheduler}: {reason(error)}'
-            ) from error
-    cluster = LocalCluster(
-        n_workers=options.workers or len(os.sched_getaffinity(0)),
-        threads_per_worker=1,
-        processes=True,
-        memory_limit=int(options.memory_limit * 1e9),
-        host='127.0.0.1',
-        # No dashboard: it would show the work to all who reach this machine.
-        dashboard_address='127.0.0.1:0',
-        scheduler_kwargs={'dashboard': False},
-        silence_logs=logging.ERROR,
-    )
-    return stack.enter_context(Client(stack.enter_context(cluster)))
 
 
 def _summary(output: Path) -> str:

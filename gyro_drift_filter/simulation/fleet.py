@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.writer import BagWriter
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from gyro_drift_filter.simulation.sensor import GRAVITY, even_stamps
+from gyro_drift_filter.simulation.sensor import even_stamps
 
 Floats = NDArray[np.float64]
 
