@@ -85,15 +85,22 @@ def faults(folder: Path) -> Iterator[Figure]:
 
 def speed(folder: Path) -> Iterator[Figure]:
     """Time one and two workers in turns."""
-    write_fleet(folder / 'robots', FleetSettings(6, 10, faults={}, broken_every=0))
+    write_fleet(folder / 'robots', FleetSettings(3, 10, faults={}, broken_every=0))
     bags = find_bags([str(folder / 'robots')], None)
     times: dict[int, list[float]] = {1: [], 2: []}
     with local_cluster(1, _LIMIT) as one, local_cluster(2, _LIMIT) as two:
         for workers, client in ((1, one), (2, two)):
             _run(bags[: 4 * workers], client)
+        counts: dict[int, list[int]] = {1: [], 2: []}
         for _ in range(_ROUNDS):
             for workers, client in ((1, one), (2, two)):
                 times[workers].append(_run(bags, client))
+                futures = client.map(_count, range(workers), pure=False)
+                counts[workers].append(sum(client.gather(futures)))
+    tell(
+        'two processes that only count reach so many times what one does, as the machine is busy '
+        f'with: {max(counts[2]) / max(counts[1]):.2f}'
+    )
     per_minute = {workers: 60.0 * len(bags) / min(of) for workers, of in times.items()}
     tell(f'seconds for {len(bags)} bags, one and two workers in turns: {times}')
     yield Figure(
@@ -105,6 +112,14 @@ def speed(folder: Path) -> Iterator[Figure]:
         1.7,
         True,
     )
+
+
+def _count(_: int) -> int:
+    """Return how far this process counts in two seconds."""
+    end, number = time.monotonic() + 2.0, 0
+    while time.monotonic() < end:
+        number += 1
+    return number
 
 
 def scheduler(folder: Path, count: int) -> Iterator[Figure]:
