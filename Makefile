@@ -1,7 +1,7 @@
 # make demo: the main job end to end. make check: lint, types and quick tests.
 # make test: lint, types and all tests. make coverage: what of the code the tests run.
-# make bench: how fast. make quality: how good. make parameters: write config/ and
-# docs/parameters.md from the table of parameters.
+# make bench: how fast. make quality: how good. make docs: the site of the documentation, in site/.
+# make parameters, make commands: write the reference pages in docs/, and config/, from the code.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,7 +11,7 @@ WORKERS ?= 2
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo check test ready lint compile bench quality coverage parameters clean
+.PHONY: demo check test ready lint compile bench quality coverage parameters commands docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -50,6 +50,13 @@ coverage: compile
 parameters: $(VENV)/.installed
 	$(BIN)/python -m tools.write_parameter_files
 
+commands: $(VENV)/.installed
+	$(BIN)/python -m tools.write_command_page
+
+docs: $(VENV)/.installed
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo 'open site/index.html'
+
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -61,8 +68,8 @@ $(VENV)/.installed: setup.py package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo 'the venv module is missing: apt install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --editable '.[fast,offline,identify,report,fleet,jazzy,demo,benchmark,test]'
+	$(BIN)/pip install --quiet --editable '.[fast,offline,identify,report,fleet,jazzy,demo,docs,benchmark,test]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo_output benchmark_output.json build install log
+	rm -rf $(VENV) demo_output benchmark_output.json site build install log

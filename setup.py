@@ -59,6 +59,12 @@ setup(
         ],
         # The demo's figures.
         'demo': ['matplotlib>=3.8'],
+        # The site of the documentation, `make docs`.
+        'docs': [
+            'mkdocs>=1.6,<2',
+            'mkdocs-material>=9.6,<10',
+            'mkdocstrings[python]>=0.30,<2',
+        ],
         # What the benchmark compares with.
         'benchmark': ['filterpy>=1.4.5', 'OneEuroFilter>=0.2', 'psutil>=5.9', 'scipy>=1.11'],
         'test': [

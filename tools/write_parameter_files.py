@@ -19,8 +19,8 @@ REPOSITORY = Path(__file__).parent.parent
 _WIDTH = 100
 _YAML_HEAD = """\
 # Parameters of gyro_drift_filter, all at their defaults. The node and `gyro_drift replay --params`
-# read this file as it is; docs/tuning.md says when to turn which. `make parameters` writes it from
-# gyro_drift_filter/core/parameters.py: change that.
+# read this file as it is; docs/tuning.md says when to change which. `make parameters` writes it
+# from gyro_drift_filter/core/parameters.py: change that.
 /**:
   ros__parameters:
 """
@@ -29,9 +29,9 @@ _MARKDOWN_HEAD = """\
 
 <!-- `make parameters` writes this from gyro_drift_filter/core/parameters.py: change that. -->
 
-All parameters, with their defaults. A parameter file holds them as
-[config/gyro_drift_filter.yaml](../config/gyro_drift_filter.yaml) does, and `ros2 param set` changes
-them while the node runs. When to turn which: [tuning.md](tuning.md).
+All parameters, with their defaults. A parameter file holds them as `config/gyro_drift_filter.yaml`
+does, and `ros2 param set` changes them while the node runs. When to change which:
+[tuning.md](tuning.md).
 """
 
 
@@ -85,8 +85,13 @@ def _markdown_row(description: Description) -> str:
 
 
 def _groups() -> list[tuple[str, list[Description]]]:
-    """Return the parameters by groups in the order of the table; '' holds what has none."""
-    by_group = groupby(DESCRIPTIONS, lambda description: description.name.rpartition('.')[0])
+    """Return the parameters by groups in the order of the table; '' comes first, with no group."""
+
+    def group_of(description: Description) -> str:
+        return description.name.rpartition('.')[0]
+
+    without_group_first = sorted(DESCRIPTIONS, key=lambda description: group_of(description) != '')
+    by_group = groupby(without_group_first, group_of)
     return [(group, list(described)) for group, described in by_group]
 
 

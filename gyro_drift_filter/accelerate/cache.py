@@ -5,8 +5,9 @@ old code of one that it calls from another file. Here the folder is named after 
 files that hold kernels, of those that they import, and after what the machine code depends on
 besides. It also works where the package is installed read-only, as by apt.
 
-In a folder are numba's own files, one or more for each kernel; the extension module, with its
-checksum at the end; and empty files as notes, `complete_<version of numba>` and `no_extension`.
+In a folder are numba's own files, one for each kernel that Python calls; the extension module,
+with its checksum at the end; and empty files as notes, `complete_<version of numba>` and
+`no_extension`.
 Only `why_unusable` and what keeps something write to the disk.
 """
 

@@ -79,9 +79,11 @@ def _compilable(function: Function, inner: bool, **options: bool) -> Function:
         **options,
         **numba_internals.options(inner),
     )(function)
-    numba_internals.keep_on_disk(compiled)
+    numba_internals.count_in(compiled)
     if inner:
         numba_internals.compile_for_kernels_alone(compiled)
+    else:
+        numba_internals.keep_on_disk(compiled)
     return compiled
 
 

@@ -8,6 +8,7 @@ setup.py says which versions of numba have been tested. Where a later one lacks
 - `_compile_for_args`: a call with other types than the declared ones compiles another version;
 - `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
   without a C++ compiler;
+- what `_inner_compiler` takes of `numba.core`: compiling takes a quarter longer;
 - `numba.np.arraymath`: see `spare_linear_algebra`, which then spares nothing.
 """
 
@@ -32,18 +33,83 @@ from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.argument_types import ReadOnly
 
 _LOCK = threading.Lock()
-_kept: list[Any] = []  # the dispatchers of all kernels that are kept on disk
+_dispatchers: list[Any] = []  # of all kernels
 
 
-def options(inner: bool) -> dict[str, bool]:
+def options(inner: bool) -> dict[str, Any]:
     """Return options for numba: not to make what the kernels do not need.
 
     That is to count references to arrays, of which no kernel makes any, and a function for C, and,
-    of a kernel that kernels alone call, one for Python.
+    of a kernel that kernels alone call, one for Python and machine code of its own.
     """
     wanted = {'_nrt': False, 'no_cfunc_wrapper': True, 'no_cpython_wrapper': inner}
     known = getattr(import_module('numba.core.options'), 'DefaultOptions', None)
-    return {name: value for name, value in wanted.items() if hasattr(known, name)}
+    found: dict[str, Any] = {name: on for name, on in wanted.items() if hasattr(known, name)}
+    compiler = _inner_compiler() if inner else None
+    return found if compiler is None else found | {'pipeline_class': compiler}
+
+
+@functools.cache
+def _inner_compiler() -> Any:
+    """Return a compiler for kernels that kernels alone call, None where numba has changed too much.
+
+    numba makes machine code of each function, with all that it calls. Of these kernels it would be
+    made once more with each of their callers, and the own one never run. What is left out is to
+    optimise them before their callers hold them, and to translate them.
+    """
+    try:
+        from numba.core.codegen import JITCodeLibrary
+        from numba.core.compiler import CompilerBase, DefaultPassBuilder
+        from numba.core.compiler_machinery import register_pass
+        from numba.core.typed_passes import NativeLowering
+    except ImportError:
+        return None
+    for name in ('_optimize_final_module', '_finalize_final_module', '_finalize_dynamic_globals'):
+        if not hasattr(JITCodeLibrary, name):
+            return None
+
+    class InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
+        """The code of one kernel as it is to be linked into its callers."""
+
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class InnerLowering(NativeLowering):  # type: ignore[misc]
+        """numba's own pass, but for the library and the machine code."""
+
+        _name = 'inner_lowering'
+
+        def run_pass(self, state: Any) -> bool:
+            """Translate the kernel, and tell its callers where it is."""
+            codegen = state.targetctx.codegen()
+            state.library = InnerLibrary(codegen, state.func_id.func_qualname)
+            state.flags.no_compile = True
+            super().run_pass(state)
+            state.flags.no_compile = False
+            found = state.cr._replace(cfunc=object())  # which callers know it by
+            state.targetctx.insert_user_function(found.cfunc, found.fndesc, [state.library])
+            state.cr = found
+            return True
+
+    class InnerCompiler(CompilerBase):  # type: ignore[misc]
+        """numba's own compiler with that pass."""
+
+        def define_pipelines(self) -> list[Any]:
+            """Return the passes."""
+            manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            manager.passes = [
+                (InnerLowering if kind is NativeLowering else kind, name)
+                for kind, name in manager.passes
+            ]
+            manager.finalize()
+            return [manager]
+
+    return InnerCompiler
 
 
 def signature(types: Iterable[Any]) -> tuple[Any, ...]:
@@ -107,12 +173,16 @@ def keep_on_disk(dispatcher: Any) -> None:
     kernel_cache = _cache_class()
     if kernel_cache is not None:
         dispatcher._cache = kernel_cache(dispatcher.py_func)
-        _kept.append(dispatcher)
+
+
+def count_in(dispatcher: Any) -> None:
+    """Have a kernel counted by `share_compiled`."""
+    _dispatchers.append(dispatcher)
 
 
 def share_compiled() -> float:
     """Return the share of all kernels so far that are compiled in this process."""
-    return sum(bool(dispatcher.overloads) for dispatcher in _kept) / max(len(_kept), 1)
+    return sum(bool(dispatcher.overloads) for dispatcher in _dispatchers) / len(_dispatchers)
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
 from gyro_drift_filter.core.settings import settings_of
-from gyro_drift_filter.core.step import step_sample, step_samples
+from gyro_drift_filter.core.step import step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 # In front of a snapshot: other fields, or in another order, may be of the same size.
@@ -170,7 +170,7 @@ class Filter:
             acceleration: Linear acceleration (3,) in m/s^2; NaN where unknown.
 
         Returns:
-            A record of RESULT, valid until the next step.
+            A record of RESULT.
 
         Raises:
             GyroDriftFilterError: The shapes do not agree.
@@ -180,12 +180,8 @@ class Filter:
                 'rate and acceleration must be of three numbers each, not of shapes '
                 f'{np.shape(rate)} and {np.shape(acceleration)}'
             )
-        sample = self._sample[0]
-        sample['stamp'] = stamp
-        sample['angular_velocity'] = rate
-        sample['linear_acceleration'] = acceleration
-        step_sample(self._sample, self.record)
-        return self.state['result']
+        result: Result = self.run(np.array([stamp]), np.array([rate]), np.array([acceleration]))[0]
+        return result
 
     def run(
         self,

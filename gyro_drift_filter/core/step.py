@@ -277,12 +277,6 @@ def _count_result(filter_: FilterRecord) -> None:
 # numba takes arrays from Python faster than their records.
 
 
-@entry_kernel(SAMPLE, FILTER)
-def step_sample(sample: NDArray[np.void], filter_: NDArray[np.void]) -> None:
-    """Take one sample in: `step` for arrays (1,) of its records."""
-    step(sample[0], filter_[0])
-
-
 @entry_kernel(
     read_only(np.int64),
     read_only((np.float64, 2)),

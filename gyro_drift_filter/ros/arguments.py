@@ -32,7 +32,7 @@ Filter a gyroscope while the robot runs: drift, noise and outliers go, motion st
   -p sample_rate:=0.0            Hz, for a driver that does not stamp; 0 learns it from stamps
 
 All of these stand behind --ros-args. 'ros2 param describe /gyro_drift_filter NAME' explains a
-parameter; README.md and docs/parameters.md have them all. 'gyro_drift --help' is for bags.
+parameter; docs/parameters.md has them all. 'gyro_drift --help' is for bags.
 """
 
 

@@ -126,3 +126,21 @@ def mixed(random: np.random.Generator, seconds: int = 6) -> list[Row]:
             warm = message_type(TEMPERATURE)(header(moment, ''), 20.0 + k / 20, 0.0)
             rows.append(('/imu/temperature', TEMPERATURE, time, serialize(warm, TEMPERATURE)))
     return rows
+
+
+def simulated_folder(folder: Path) -> Path:
+    """Write the bags that the documentation names: drive, motionless, turns; return the folder."""
+    from gyro_drift_filter.simulation.bag import write_simulation
+    from gyro_drift_filter.simulation.drive import simulate_drive
+    from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+    from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
+
+    write_simulation(folder / 'drive', simulate_drive(motions=2).recording)
+    settings = SimulationSettings(static_seconds=60.0, dynamic_seconds=0.0)
+    write_simulation(folder / 'motionless', simulate(settings))
+    random = np.random.default_rng(0)
+    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
+    rows = zip(turns.stamps.tolist(), turns.rates, turns.accelerations, strict=True)
+    messages = [(row[0], imu_message(*row)) for row in rows]
+    write(folder / 'turns', {(TOPIC, IMU_TYPE): messages})
+    return folder
