@@ -16,6 +16,7 @@ _BY_THE_CLOCK = {
     'distributed.scheduler.active-memory-manager.start': False,
     'distributed.admin.tick.interval': '1s',
     'distributed.admin.system-monitor.interval': '5s',
+    'distributed.worker.memory.monitor-interval': '1s',
 }
 
 
