@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmark.quality import make_world
+from benchmark.scenarios import stamps
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods.adaptive import (
     COMPENSATION_SECONDS,
@@ -369,3 +371,20 @@ def test_a_knock_that_was_held_back_does_not_turn_the_heading(knock, random):
     turned = (out['angular_velocity'] - z)[1900:2600, 1].sum() * 0.0035
     assert turned == pytest.approx(0.0 if knock else -3.0 * 0.0035, abs=6e-4)
     assert np.abs(out['angular_velocity'][2000:, 1]).max() < 0.06
+
+
+def test_fast_motion_from_power_on_is_not_taken_for_noise():
+    """At 50 Hz a jerk in a block of few samples looks like noise; calmer blocks tell otherwise."""
+    worst = []
+    for seed in range(8):
+        world = make_world(50.0, 0.005, 'autoregressive', seed)
+        for trial in world.trials:
+            first = np.flatnonzero(~trial.rest)[0] + 75
+            truth, resting = trial.truth[first:], trial.rest[first:]
+            z = truth + world.noise[: len(truth)]
+            results = Filter(Parameters()).run(stamps(len(z), 50.0), z, trial.acceleration[first:])
+            until = np.flatnonzero(resting)[0]
+            error = (results['angular_velocity'] - truth)[100:until]
+            worst.append(np.sqrt(np.mean(error**2, axis=0)).max() / 0.005)
+    assert max(worst) < 1.5
+    assert np.median(worst) < 1.1

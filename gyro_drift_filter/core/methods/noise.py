@@ -8,7 +8,8 @@ variance is left out of R, as the modes take noise for independent and would lag
 Before the first rest R is a bound, as motion only adds to what the samples show: their variance in
 blocks that look like white noise, whose third differences have 20 times the variance of the noise,
 and of other blocks a share of these differences. In motion R falls where they are smaller than R
-says.
+says, and a block that looks like noise gives no more than the others before it let noise have: fast
+motion looks like it, too, where a block holds few samples.
 """
 
 import math
@@ -233,10 +234,15 @@ def _judge_block(noise: Noise, at_rest: bool, block_forgetting: float) -> None:
     elif not at_rest:
         variance = noise['waiting_variance']
         white = rough > WHITE * variance and variance <= LARGEST_NOISE**2
+        shown = LEAST_SHOWN * rough / WHITE
         if white:
-            _bound_noise(noise, variance, Bound.OF_NOISE)
+            if noise['bound'] == Bound.OF_MOTION:
+                shown = LEAST_SHOWN * noise['lowest'] / (UNKNOWN_SHARE * WHITE)
+            _bound_noise(noise, min(variance, shown), Bound.OF_NOISE)
         else:
             _bound_noise(noise, UNKNOWN_SHARE * rough, Bound.OF_MOTION)
+            if noise['bound'] == Bound.OF_NOISE:
+                noise['variance'] = min(noise['variance'], shown)
     noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
     if noise['seen']:
         # A sensor of coarse steps that shows no noise still errs by a step's rounding.
