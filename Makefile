@@ -68,7 +68,7 @@ $(VENV)/.installed: setup.py package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo 'the venv module is missing: apt install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --editable '.[jazzy,docs,benchmark,test]' || { \
+	@$(BIN)/pip install --quiet --editable '.[fleet,jazzy,docs,benchmark,test]' || { \
 	  echo 'not all could be installed; docs/installation.md says what to do without a network,' >&2; \
 	  echo 'behind a proxy, and on an ARM processor' >&2; exit 1; }
 	touch $@

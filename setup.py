@@ -35,7 +35,7 @@ setup(
         'Typing :: Typed',
     ],
     packages=find_packages(include=[name, f'{name}.*']),
-    package_data={name: ['py.typed', 'report/page.css', 'report/page.js']},
+    package_data={name: ['py.typed', 'report/page.css', 'report/page.js', 'fleet/page.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (f'share/{name}', ['package.xml']),
@@ -68,6 +68,9 @@ setup(
         'tsdownsample>=0.1.3',
     ],
     extras_require={
+        # Fleets: many bags on a cluster, from any store, in one table. Stores need a package each
+        # beside it, which their users choose: s3fs, gcsfs, adlfs.
+        'fleet': ['dask[distributed]>=2024.8', 'fsspec>=2024.6', 'pyarrow>=16', 'ruptures>=1.1.9'],
         # ROS 2 from PyPI; on a robot it comes from apt and rosdep.
         'jazzy': [
             'ros-jazzy-rclpy==7.1.6',
@@ -94,10 +97,12 @@ setup(
             'flake8-quotes>=3',
             'hypothesis>=6.100',
             'mcap>=1.2',
+            'moto[server]>=5',
             'mypy>=1.13',
             'pytest>=8',
             'pytest-xdist>=3.7',
             'ruff>=0.14',
+            's3fs>=2024.6',
             'selenium>=4.20',
             'shtab>=1.7',
             'types-PyYAML',

@@ -40,8 +40,9 @@ def path_of(name):
 # What ROS 2 from apt does not bring. `make test` installs all of it; `colcon test` on a robot's
 # computer leaves the tests out that need it.
 NOT_FROM_APT = (
-    *('allantools', 'filterpy', 'matplotlib', 'mcap', 'plotly', 'rosbags', 'scipy', 'selenium'),
-    *('shtab', 'statsmodels', 'tsdownsample'),
+    *('allantools', 'dask', 'distributed', 'filterpy', 'fsspec', 'matplotlib', 'mcap', 'moto'),
+    *('plotly', 'pyarrow', 'rosbags', 'ruptures', 's3fs', 'scipy', 'selenium', 'shtab'),
+    *('statsmodels', 'tsdownsample'),
 )
 MISSING = [f"No module named '{name}" for name in NOT_FROM_APT if find_spec(name) is None]
 
@@ -144,6 +145,15 @@ def recording(request):
 def real_bag():
     """Return a function of a recording's name to its path."""
     return path_of
+
+
+@pytest.fixture(scope='module')
+def browser():
+    """Start the system's Chromium without a window, or skip."""
+    from support.browser import chromium
+
+    with chromium() as driver:
+        yield driver
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from scipy import signal
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.cli.doctor import page
-from gyro_drift_filter.cli.doctor_recording import read_recording
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
 from support.doctored import handled, write
 from support.paths import RECORDINGS

@@ -1,10 +1,7 @@
 """The report page: its figures, its text, and how it does in a real browser."""
 
 import json
-import os
 import re
-import shutil
-import time
 from html.parser import HTMLParser
 
 import numpy as np
@@ -22,6 +19,7 @@ from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
+from support.browser import check_quiet, opened, wait_for
 from support.chunks import imus_of, piece_of
 
 EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
@@ -242,41 +240,6 @@ def test_libraries_that_are_missing_are_named(source, tmp_path, monkeypatch, cap
     assert 'pip install plotly tsdownsample' in capsys.readouterr().err
 
 
-@pytest.fixture(scope='module')
-def browser():
-    """Start the system's Chromium without a window, or skip."""
-    programs = [shutil.which(name) for name in ('chromium', 'chromedriver')]
-    if None in programs:
-        pytest.skip('there is no Chromium: apt-get install chromium chromium-driver')
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = programs[0]
-    for argument in ('--headless=new', '--no-sandbox', '--disable-gpu', '--window-size=1200,900'):
-        options.add_argument(argument)
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    service = Service(programs[1], env=os.environ | {'SE_OFFLINE': 'true'})
-    driver = webdriver.Chrome(options=options, service=service)
-    yield driver
-    driver.quit()
-
-
-def wait_for(condition):
-    end = time.monotonic() + 120.0  # a busy machine starts a browser slowly
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def opened(browser, page):
-    """Open a page and wait until it has drawn something."""
-    for log in ('browser', 'performance'):  # of the page before
-        browser.get_log(log)
-    browser.get(page.as_uri())
-    wait_for(lambda: browser.execute_script('return Number(document.body.dataset.drawn || 0)'))
-
-
 def range_of(browser, number):
     script = f"return document.querySelectorAll('.plot')[{number}]._fullLayout.xaxis.range"
     return browser.execute_script(script)
@@ -335,19 +298,6 @@ def test_the_page_in_a_browser(browser, source, tmp_path):
     click(browser, '#theme')
     assert browser.execute_script(back) != before
     check_quiet(browser, tmp_path / 'page.html')
-
-
-def check_quiet(browser, page):
-    """Nothing was said on the console, and nothing asked for but the page itself."""
-    assert browser.get_log('browser') == []
-    events = [json.loads(entry['message'])['message'] for entry in browser.get_log('performance')]
-    asked = [
-        event['params']['request']['url']
-        for event in events
-        if event['method'] == 'Network.requestWillBeSent'
-    ]
-    left = [url for url in asked if not url.startswith(('data:', 'blob:'))]
-    assert set(left) <= {page.as_uri()}
 
 
 @pytest.mark.slow

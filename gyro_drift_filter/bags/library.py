@@ -17,6 +17,7 @@ try:
         QosReliability,
         QosTime,
     )
+    from rosbags.interfaces.typing import RPath
     from rosbags.rosbag2 import (
         CompressionFormat,
         CompressionMode,
@@ -52,6 +53,7 @@ __all__ = [
     'QosLiveliness',
     'QosReliability',
     'QosTime',
+    'RPath',
     'StoragePlugin',
     'Stores',
     'Typestore',

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from gyro_drift_filter.bags.library import AnyReader, DirectoryReader, McapReade
 from gyro_drift_filter.bags.recording import BagError, Piece, kind
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
 from gyro_drift_filter.mcap.message_kernels import CHANNELS
-from gyro_drift_filter.mcap.reader import Layout, read_layout, read_messages
+from gyro_drift_filter.mcap.reader import Layout, Openable, read_layout, read_messages
 from gyro_drift_filter.mcap.records import McapError
 
 
@@ -20,7 +19,7 @@ class ChunkReader(RosbagsReader):
     """A `Recording` that is an MCAP file whose chunks follow each other in time."""
 
     def __init__(
-        self, library: AnyReader, file: Path, layout: Layout, numbers: NDArray[np.int64]
+        self, library: AnyReader, file: Openable, layout: Layout, numbers: NDArray[np.int64]
     ) -> None:
         """Take the topics from rosbags, and the messages from the file.
 
@@ -56,7 +55,7 @@ def chunk_reader(library: AnyReader) -> ChunkReader | None:
         storage = storage.storages[0]
     if len(library.readers) != 1 or not isinstance(storage, McapReader):
         return None
-    file = Path(str(storage.path))
+    file: Openable = storage.path
     layout = read_layout(file)
     if layout is None:
         return None

@@ -5,8 +5,9 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol, Self
 
-from gyro_drift_filter.bags.library import AnyReader, AnyReaderError
+from gyro_drift_filter.bags.library import AnyReader, AnyReaderError, RPath
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
 from gyro_drift_filter.bags.recording import BagError, Recording
@@ -16,12 +17,29 @@ from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
 
+
+class StoredPath(RPath, Protocol):
+    """What stands for a path in a store that is no file system."""
+
+    @property
+    def name(self) -> str:
+        """Its last part."""
+
+    def iterdir(self) -> Iterator[Self]:
+        """Yield what a folder holds."""
+
+    def glob(self, pattern: str) -> Iterator[Self]:
+        """Yield what matches a pattern in a folder."""
+
+
 _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def open_bag(path: Path) -> Iterator[Recording]:
+def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
     """Open a rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1 for reading.
+
+    Instead of a path it may be what stands for one in a store that is no file system.
 
     Raises:
         BagError: The path is missing, or is no bag that rosbags can read.
@@ -42,7 +60,7 @@ def choose_reader(library: AnyReader) -> Recording:
     return chunk_reader(library) or RosbagsReader(library)
 
 
-def _opened(path: Path, name: Path) -> AnyReader:
+def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
     # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
     # read. Errors of the caller's own pass, as the reader is open by then.
     try:
@@ -63,7 +81,7 @@ def _opened(path: Path, name: Path) -> AnyReader:
     return reader
 
 
-def _recovered(path: Path, folder: Path) -> Path:
+def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
     """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it."""
     try:
         if path.suffix != '.mcap' or not is_cut_off(path):
@@ -86,13 +104,15 @@ def _recovered(path: Path, folder: Path) -> Path:
     return copy
 
 
-def _check_path(path: Path) -> None:
+def _check_path(path: Path | StoredPath) -> None:
     try:
         if not path.exists():
             raise BagError(f'no such bag: {path}')
         if path.is_dir() and not (path / 'metadata.yaml').exists():
-            files = sorted(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
-            advice = f': name a file in it, as {files[0]}' if files else ', and no .mcap or .db3'
+            files = sorted(file.name for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+            advice = (
+                f': name a file in it, as {path / files[0]}' if files else ', and no .mcap or .db3'
+            )
             raise BagError(f'{path} is no rosbag2 folder: it holds no metadata.yaml{advice}')
         if path.suffix == '.bag' and path.is_dir():
             # rosbags judges by the name.

@@ -5,6 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.layout import OUTPUT_STATE, lay_out
 from gyro_drift_filter.bags.message_types import types_with
@@ -21,6 +22,40 @@ DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 BOOL_TYPE = 'std_msgs/msg/Bool'
 AT_REST = 'at_rest'
 _LATEST_STAMP = 2**31 * 10**9 - 1  # ns: a stamp's seconds have 31 bits
+
+
+class NoOutput:
+    """What stands in for an output where a run is watched, and nothing written.
+
+    Attributes:
+        is_imu: As of an output, like
+        left_out: and
+        written: which are none.
+    """
+
+    def __init__(self, recording: Recording, inputs: Mapping[str, Topics]) -> None:
+        """Begin with the names of the outputs by the Imu topic that they belong to."""
+        self.is_imu = {topic: np.zeros(by_connection(recording) + 1, np.bool_) for topic in inputs}
+        self.left_out: dict[str, str] = {}
+        self.written = [0] * len(inputs)
+        for connection in recording.connections:
+            if connection.topic in inputs and is_cdr(connection):
+                self.is_imu[connection.topic][connection.id] = True
+        _require_cdr(self.is_imu)
+
+    def write(self, piece: Piece, imus: Any, reports: Any, statuses: Any) -> None:
+        """Write nothing."""
+
+
+def _require_cdr(is_imu: Mapping[str, NDArray[np.bool_]]) -> None:
+    """Make sure that the messages of each Imu topic can be read.
+
+    Raises:
+        BagError: They can't.
+    """
+    for topic, of_topic in is_imu.items():
+        if not of_topic.any():
+            raise BagError(f'the messages of topic {topic} are not in CDR')
 
 
 class Output:
@@ -80,9 +115,7 @@ class Output:
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
                 self._reporting.append(connection.id)
-        for topic, is_imu in self.is_imu.items():
-            if not is_imu.any():
-                raise BagError(f'the messages of topic {topic} are not in CDR')
+        _require_cdr(self.is_imu)
         self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
         self._states['last_at_rest'] = -1.0
         for state, names in zip(self._states, inputs.values(), strict=True):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.bias_memory import BiasMemory
 from gyro_drift_filter.bags.imus import read_imus
-from gyro_drift_filter.bags.output import Output
+from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.statistics import RateStatistics, Statistics
@@ -102,12 +102,16 @@ class Summary:
 
 
 class ReplayRun:
-    """Take pieces of a recording through filters, and write them to the output."""
+    """Take pieces of a recording through filters, and write them to the output.
+
+    Attributes:
+        filters: One for each Imu topic.
+    """
 
     def __init__(
         self,
         recording: Recording,
-        output: Output,
+        output: Output | NoOutput,
         parameters: Parameters,
         inputs: Mapping[str, Topics],
         hint: str | None,
@@ -127,7 +131,7 @@ class ReplayRun:
         """
         self._output = output
         self._report_times = ReportTimes()
-        self._filters = [
+        self.filters = [
             TopicFilter(
                 recording,
                 parameters,
@@ -146,7 +150,7 @@ class ReplayRun:
         Raises:
             MemoryFileError: The disk does not take it.
         """
-        for filter_ in self._filters:
+        for filter_ in self.filters:
             filter_.save_memory()
 
     def take(self, piece: Piece) -> None:
@@ -161,7 +165,7 @@ class ReplayRun:
     def _filter(self, piece: Piece, reports: Any) -> None:
         """Filter the Imu messages of a piece, and write it with reports."""
         imus, statuses = [], []
-        for filter_ in self._filters:
+        for filter_ in self.filters:
             of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
             imus.append(of_topic)
             of_filter = filter_.take(piece, of_topic, reports)
@@ -183,7 +187,7 @@ class ReplayRun:
         times = self._report_times.start, self._report_times.seconds
         return [
             filter_.summary(written, self._output.left_out, *times)
-            for filter_, written in zip(self._filters, self._output.written, strict=True)
+            for filter_, written in zip(self.filters, self._output.written, strict=True)
         ]
 
 

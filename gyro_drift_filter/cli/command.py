@@ -18,6 +18,8 @@ _SUBCOMMANDS = (
     'calibrate',
     'tune',
     'doctor',
+    'fleet',
+    'fleet-report',
     'simulate',
     'compile',
 )
@@ -32,7 +34,7 @@ def parser(subcommand: str = '') -> argparse.ArgumentParser:
     command.add_argument('--version', action='version', version=package_version())
     subcommands = command.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name in (subcommand,) if subcommand in _SUBCOMMANDS else _SUBCOMMANDS:
-        import_module(f'{__package__}.{name}').add_parser(subcommands)
+        import_module(f'{__package__}.{name.replace("-", "_")}').add_parser(subcommands)
     return command
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.printing import say
-from gyro_drift_filter.cli.progress import Progress
+from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
@@ -50,11 +50,12 @@ def run(options: argparse.Namespace) -> int:
         import scipy.signal  # noqa: F401
     except ImportError as error:
         raise GyroDriftFilterError(_NEEDED.format(error)) from error
-    from gyro_drift_filter.cli.doctor_recording import read_recording
     from gyro_drift_filter.doctor.examination import examine
     from gyro_drift_filter.doctor.findings import is_sound
+    from gyro_drift_filter.recordings.examined import read_recording
 
     spare_linear_algebra()
+    compile_first()
     progress = Progress(enabled=True)
     try:
         topic, examined = read_recording(options.bag, options.topic, when, progress)

@@ -32,14 +32,19 @@ from gyro_drift_filter.identify.models import (
     paper_noise,
 )
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
-from gyro_drift_filter.identify.quiet import SHORTEST_SECONDS, Quiet, Span, find_quiet
+from gyro_drift_filter.identify.quiet import (
+    SHORTEST_QUIET,
+    SHORTEST_SECONDS,
+    Quiet,
+    Span,
+    find_quiet,
+)
 from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square, parts
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
 
 Floats = NDArray[np.float64]
 
-SHORTEST_QUIET = 20.0  # s
 SHORT_QUIET = 60.0  # s: below that a warning
 # The models are fitted to spans of at least this many samples, where there is one.
 _SHORTEST_FITTED = 500

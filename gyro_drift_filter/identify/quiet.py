@@ -38,6 +38,8 @@ WINDOW_SECONDS = 1.0
 LEAST_WINDOW = 16  # samples
 # Shorter stretches are not used: their ends are motion settling.
 SHORTEST_SECONDS = 5.0
+# All stretches together, in s: less does not tell the noise.
+SHORTEST_QUIET = 20.0
 # Gravity is compared over this many windows, in means of so many.
 SLOW_WINDOWS, SLOW_MEAN = 10, 3
 # An accelerometer whose deviation is below this share of its mean does not measure.

@@ -6,8 +6,7 @@ What is not laid out as ROS 2 recorders do is left to rosbags, see `read_layout`
 import struct
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
 from zlib import crc32
 
 import numpy as np
@@ -31,6 +30,13 @@ from gyro_drift_filter.mcap.records import (
 
 _LARGEST_SUMMARY = 2**26  # bytes: enough for 600,000 chunks
 _LATEST = 2**63  # ns: log times are unsigned in a file, and signed in all that counts with them
+
+
+class Openable(Protocol):
+    """A file that is opened by its path, or by what stands for one, as of an object store."""
+
+    def open(self, mode: Literal['rb'], /) -> BinaryIO:
+        """Open it for reading."""
 
 
 class ChunkIndex(NamedTuple):
@@ -61,7 +67,7 @@ class Layout(NamedTuple):
     chunks: list[ChunkIndex]
 
 
-def read_layout(path: Path) -> Layout | None:
+def read_layout(path: Openable) -> Layout | None:
     """Return the layout of an MCAP file, or None where it is no plain chunked and indexed one.
 
     None stands for: no summary, chunks without an index of their messages or that overlap in time,
@@ -113,7 +119,7 @@ def _layout(summary: bytes, end: int) -> Layout | None:
 
 
 def read_messages(
-    path: Path, layout: Layout, numbers: NDArray[np.int64]
+    path: Openable, layout: Layout, numbers: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.uint8], Any]]:
     """Yield the decompressed records of each chunk, and ROWs of its messages by their log times.
 

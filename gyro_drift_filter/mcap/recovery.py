@@ -12,6 +12,7 @@ from typing import BinaryIO
 import numpy as np
 
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES, rows_of
+from gyro_drift_filter.mcap.reader import Openable
 from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
@@ -30,7 +31,7 @@ from gyro_drift_filter.mcap.writer import McapWriter
 _KEY = struct.Struct('<H')
 
 
-def is_cut_off(path: Path) -> bool:
+def is_cut_off(path: Openable) -> bool:
     """Tell whether a file begins as MCAP and does not end so.
 
     Raises:
@@ -43,7 +44,7 @@ def is_cut_off(path: Path) -> bool:
         return file.read() != MAGIC
 
 
-def recover(source: Path, destination: Path) -> int:
+def recover(source: Openable, destination: Path) -> int:
     """Write all whole messages of a file that was cut off into a new one.
 
     Returns:

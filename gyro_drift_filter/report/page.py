@@ -4,7 +4,7 @@ import base64
 import hashlib
 import html
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -68,18 +68,27 @@ def points_for(recordings: int) -> int:
 
 def page(recordings: Sequence[Recording]) -> str:
     """Return the page as HTML; all text that comes from outside is escaped."""
-    scripts = [get_plotlyjs(), _resource('page.js')]
-    hashes = ' '.join(f"'sha256-{_digest(script)}'" for script in scripts)
     several = len(recordings) > 1
     title = 'gyro_drift report: ' + ', '.join(recording.name for recording in recordings)
     bar = _bar(recordings)
     sections = [
         _section(k, recording, '' if several else bar) for k, recording in enumerate(recordings)
     ]
-    data = [
-        f'<script type="application/json" id="data-{k}">{_data(recording)}</script>'
-        for k, recording in enumerate(recordings)
-    ]
+    data = {f'data-{k}': _data(recording) for k, recording in enumerate(recordings)}
+    return document(title, [bar if several else '', *sections], data, _resource('page.js'))
+
+
+def document(title: str, body: Sequence[str], data: Mapping[str, Any], script: str) -> str:
+    """Return a page that needs no network, with the library that draws on it.
+
+    Args:
+        title: Of the page.
+        body: HTML, in which all text that comes from outside is escaped.
+        data: What the script finds as JSON, by the `id` of the element that it is in.
+        script: That draws the data.
+    """
+    scripts = [get_plotlyjs(), script]
+    hashes = ' '.join(f"'sha256-{_digest(script)}'" for script in scripts)
     return '\n'.join(
         [
             '<!DOCTYPE html>',
@@ -88,18 +97,26 @@ def page(recordings: Sequence[Recording]) -> str:
             '<meta charset="utf-8">',
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(hashes)}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f'<title>{_text(title)}</title>',
+            f'<title>{text_of(title)}</title>',
             f'<style>{_resource("page.css")}</style>',
             '</head>',
             '<body>',
-            bar if several else '',
-            *sections,
-            *data,
+            *body,
+            *(
+                f'<script type="application/json" id="{name}">{_within_script(plain)}</script>'
+                for name, plain in data.items()
+            ),
             *(f'<script>{script}</script>' for script in scripts),
             '</body>',
             '</html>\n',
         ]
     )
+
+
+def _within_script(plain: Any) -> str:
+    """Return JSON that can stand within a script."""
+    text = json.dumps(plain, allow_nan=False, separators=(',', ':'))
+    return text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026')
 
 
 def _resource(name: str) -> str:
@@ -110,7 +127,8 @@ def _digest(script: str) -> str:
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
-def _text(text: str) -> str:
+def text_of(text: str) -> str:
+    """Return text from outside as HTML, in one line."""
     return html.escape(printable(text))
 
 
@@ -119,10 +137,10 @@ def _bar(recordings: Sequence[Recording]) -> str:
     roles: dict[str, str] = {}
     for recording in recordings:
         roles |= recording.roles
-    choices = ''.join(f'<option value="{k}">{_text(r.name)}' for k, r in enumerate(recordings))
+    choices = ''.join(f'<option value="{k}">{text_of(r.name)}' for k, r in enumerate(recordings))
     choice = f'<select id="choice" aria-label="recording">{choices}</select>'
     shown = ''.join(
-        f'<button data-role="{role}" aria-pressed="true"><i></i>{_text(name)}</button>'
+        f'<button data-role="{role}" aria-pressed="true"><i></i>{text_of(name)}</button>'
         for role, name in roles.items()
     )
     axes = ''.join(
@@ -149,17 +167,17 @@ def _bar(recordings: Sequence[Recording]) -> str:
 def _section(number: int, recording: Recording, bar: str) -> str:
     method, verdict = next(iter(recording.verdicts.items()))
     said = ''.join(
-        f'<dt>{_text(about)}</dt><dd>{_text(text)}</dd>' for about, text in statements(verdict)
+        f'<dt>{text_of(about)}</dt><dd>{text_of(text)}</dd>' for about, text in statements(verdict)
     )
     in_time = [k for k, figure in enumerate(recording.figures) if figure.in_time]
     beside = [k for k, figure in enumerate(recording.figures) if not figure.in_time]
     return '\n'.join(
         [
             f'<section class="bag" id="bag-{number}"{" hidden" if number else ""}>',
-            f'<h1>{_text(recording.name)}, topic {_text(verdict.topic)}</h1>',
-            f'<p class="headline {verdict.outcome}">{_text(headline(verdict))}</p>',
+            f'<h1>{text_of(recording.name)}, topic {text_of(verdict.topic)}</h1>',
+            f'<p class="headline {verdict.outcome}">{text_of(headline(verdict))}</p>',
             f'<dl>{said}</dl>',
-            *(f'<p>{_text(note)}</p>' for note in recording.notes),
+            *(f'<p>{text_of(note)}</p>' for note in recording.notes),
             _axes_table(verdict, method),
             _comparison(recording.verdicts) if len(recording.verdicts) > 1 else '',
             bar,
@@ -177,8 +195,8 @@ def _figure(number: int, k: int, figure: Figure) -> str:
     keys = ' Arrow keys move, + and - zoom, Home shows all.' if figure.in_time else ''
     label = html.escape(f'{figure.title}: {", ".join(figure.panels)} over {figure.x}.{keys}')
     return (
-        f'<figure id="{figure.name}-{number}"><h2>{_text(figure.title)}</h2>'
-        f'<figcaption>{_text(figure.text)}</figcaption>'
+        f'<figure id="{figure.name}-{number}"><h2>{text_of(figure.title)}</h2>'
+        f'<figcaption>{text_of(figure.text)}</figcaption>'
         f'<div class="plot" data-figure="{k}" tabindex="0" role="group" aria-label="{label}">'
         '</div></figure>'
     )
@@ -190,8 +208,9 @@ def _cell(name: str, value: float, text: str) -> str:
     return f'<td data-name="{name}" data-value="{float(value)!r}">{shown}</td>'
 
 
-def _table(head: Iterable[str], rows: Iterable[str]) -> str:
-    cells = ''.join(f'<th scope="col">{_text(name)}</th>' for name in head)
+def table_of(head: Iterable[str], rows: Iterable[str]) -> str:
+    """Return a table: its head as text, its rows as cells in HTML."""
+    cells = ''.join(f'<th scope="col">{text_of(name)}</th>' for name in head)
     body = ''.join(f'<tr>{row}</tr>' for row in rows)
     return (
         f'<div class="wide"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>'
@@ -220,7 +239,7 @@ def _axes_table(verdict: Verdict, method: str) -> str:
             for key, of_axes, turns in values
         )
         held = int(verdict.held_back.axes[axis])
-        silent = f' ({_text(verdict.silent[axis])})' if verdict.silent[axis] else ''
+        silent = f' ({text_of(verdict.silent[axis])})' if verdict.silent[axis] else ''
         rows.append(
             f'<th scope="row">{name}{silent}</th>{cells}'
             + _cell(f'held_back.axes.{axis}', held, str(held))
@@ -229,7 +248,7 @@ def _axes_table(verdict: Verdict, method: str) -> str:
         'deg/s', 'bias', '+-', 'std raw at rest', f'std {method}', 'ratio',
         'changed in motion (rms)', 'outliers',
     )  # fmt: skip
-    return _table(head, rows)
+    return table_of(head, rows)
 
 
 def _degrees(rate: float) -> float:
@@ -255,20 +274,24 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
         'method', 'noise at rest, ratio', 'changed in motion (deg/s, rms)', 'drift left (deg/min)',
         'lags', 'outliers', 'outcome',
     )  # fmt: skip
-    return _table(head, rows)
+    return table_of(head, rows)
 
 
 def _provenance(recording: Recording) -> str:
     facts = ''.join(
-        f'<dt>{_text(what)}</dt><dd>{_text(which)}</dd>' for what, which in recording.facts
+        f'<dt>{text_of(what)}</dt><dd>{text_of(which)}</dd>' for what, which in recording.facts
     )
     default = Parameters()
     rows = []
     for name, description in FIELDS.items():
         value, standard = getattr(recording.parameters, name), getattr(default, name)
         changed = '' if value == standard else f'<strong>changed</strong>, else {_shown(standard)}'
-        rows.append(f'<td>{_text(description.name)}</td><td>{_shown(value)}</td><td>{changed}</td>')
-    table = _table(('parameter', 'value', ''), rows).replace('<table>', '<table class="settings">')
+        rows.append(
+            f'<td>{text_of(description.name)}</td><td>{_shown(value)}</td><td>{changed}</td>'
+        )
+    table = table_of(('parameter', 'value', ''), rows).replace(
+        '<table>', '<table class="settings">'
+    )
     return (
         f'<h2>Where this comes from</h2><dl>{facts}</dl>'
         f'<details><summary>All parameters</summary>{table}</details>'
@@ -277,21 +300,19 @@ def _provenance(recording: Recording) -> str:
 
 def _shown(value: Any) -> str:
     many = isinstance(value, (tuple, list))
-    return _text(' '.join(f'{v:g}' for v in value) if many else str(value))
+    return text_of(' '.join(f'{v:g}' for v in value) if many else str(value))
 
 
-def _data(recording: Recording) -> str:
-    """Return the figures as JSON that can stand within a script."""
+def _data(recording: Recording) -> dict[str, Any]:
+    """Return the figures as JSON knows them."""
     scale = max(recording.seconds, 1e-9) / _TICKS
-    plain = {
+    return {
         'methods': list(recording.verdicts),
         'seconds': max(recording.seconds, 1e-9),
         'scale': scale,
         'rests': [[round(a, 3), round(b, 3)] for a, b in recording.rests],
         'figures': [_packed_figure(figure, scale) for figure in recording.figures],
     }
-    text = json.dumps(plain, allow_nan=False, separators=(',', ':'))
-    return text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026')
 
 
 def _packed_figure(figure: Figure, scale: float) -> dict[str, Any]:

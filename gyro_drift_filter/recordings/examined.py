@@ -1,4 +1,4 @@
-"""The recording that `gyro_drift doctor` examines: through the filter once, and kept in files."""
+"""The recording that the doctor examines: through the filter once, and kept in files."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,7 +21,7 @@ from gyro_drift_filter.bags.recording import (
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
-from gyro_drift_filter.cli.progress import compile_first
+from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.covariances import Stated
@@ -68,15 +68,31 @@ class _RuleWatcher(RuleLog):
         self.add(span, rules, seconds)
 
 
-class _Reading:
-    """One pass through a recording."""
+class Reading:
+    """One pass through a recording for one Imu topic: all that there is to be examined.
 
-    def __init__(self, recording: Recording, topic: str, filter_: TopicFilter) -> None:
+    Attributes:
+        is_imu: By the `id` of a connection, whether it is of the topic.
+        connections: How many are.
+        filter: The filter that the messages go through, which undoes nothing that is to be found.
+        stamps: (n,) in ns of the good messages, and as of `Examined` the
+        log_times: and
+        rates: and
+        accelerations: and
+        resting: and
+        stated: covariances.
+    """
+
+    def __init__(self, recording: Recording, topic: str, names: Topics) -> None:
         connections = [c for c in recording.connections if c.topic == topic]
         self.is_imu = np.zeros(by_connection(recording), np.bool_)
         self.is_imu[[connection.id for connection in connections]] = True
         self.connections = len(connections)
-        self.filter = filter_
+        self._rules = _RuleWatcher()
+        parameters = Parameters(input_quantisation='none')
+        self.filter = TopicFilter(
+            recording, parameters, topic, names, None, watcher=lambda filter_: self._rules
+        )
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
         self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
         self.resting = Stored(np.uint8)
@@ -133,7 +149,23 @@ class _Reading:
         if stamp:
             orientations.add(np.array([stamp]), quaternion)
 
-    def references(self) -> tuple[Reference, ...]:
+    def examined(self) -> Examined:
+        """Return what is to be examined, after the end."""
+        return Examined(
+            self.stamps,
+            self.log_times,
+            self.rates,
+            self.accelerations,
+            self.resting,
+            self.stated,
+            self._references(),
+            self.connections,
+            self._rules,
+            self.filter.messages.report().telemetry,
+            is_not_cut(self.filter.messages.filter),
+        )
+
+    def _references(self) -> tuple[Reference, ...]:
         """Return all orientations that were found."""
         found = [self._own, *(orientations for _, orientations in self._others.values())]
         references = (orientations.reference() for orientations in found)
@@ -161,31 +193,12 @@ def read_recording(
     """
     wanted = () if topic is None else (topic,)
     selection = Selection(imu_topics=wanted, start=between[0], end=between[1])
-    # The rates as they are, with nothing undone that is to be found.
-    parameters = Parameters(input_quantisation='none')
     with open_bag(bag) as recording:
         ((chosen, names),) = selection.inputs(recording).items()
-        compile_first()
-        rules = _RuleWatcher()
-        filter_ = TopicFilter(
-            recording, parameters, chosen, names, None, watcher=lambda filter_: rules
-        )
-        reading = _Reading(recording, chosen, filter_)
+        reading = Reading(recording, chosen, names)
         for piece in selection.pieces(recording, progress):
             reading.take(piece)
         reading.end()
     if not len(reading.stamps):
         raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
-    return chosen, Examined(
-        reading.stamps,
-        reading.log_times,
-        reading.rates,
-        reading.accelerations,
-        reading.resting,
-        reading.stated,
-        reading.references(),
-        reading.connections,
-        rules,
-        filter_.messages.report().telemetry,
-        is_not_cut(filter_.messages.filter),
-    )
+    return chosen, reading.examined()

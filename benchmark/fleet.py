@@ -1,0 +1,274 @@
+"""Fleets: planted faults found, workers side by side, the scheduler's share, interrupted runs.
+
+    python -m benchmark.fleet [--only faults speed scheduler memory interrupted] [--json FILE]
+                              [--bags N]
+
+Bags are simulated, of one minute at 100 Hz. Workers are timed in turns, and the best of three
+counts, as other work on the machine only ever adds. Ends with status 1 where a bar does not hold.
+"""
+
+import argparse
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from distributed import Client
+
+from benchmark.speed import Figure
+from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.fleet.cluster import local_cluster
+from gyro_drift_filter.fleet.columns import read_table
+from gyro_drift_filter.fleet.health import judge_fleet
+from gyro_drift_filter.fleet.measuring import Job, measure
+from gyro_drift_filter.fleet.results import Results
+from gyro_drift_filter.fleet.run import FleetRun
+from gyro_drift_filter.fleet.sources import Bag, find_bags
+from gyro_drift_filter.simulation.fleet import FleetSettings, robot_name, write_fleet
+
+_ROUNDS = 3
+_LIMIT = 2 * 10**9
+_INTERRUPTIONS = 10
+_JOB = Job(Parameters())
+
+
+def _run(bags: list[Bag], client: Client) -> float:
+    """Measure bags; return the seconds that it took."""
+    with tempfile.TemporaryDirectory() as folder:
+        fleet = FleetRun(bags, _JOB, Results(Path(folder), Parameters()), client)
+        start = time.monotonic()
+        fleet.run(lambda done, total: None)
+        return time.monotonic() - start
+
+
+def faults(folder: Path) -> Iterator[Figure]:
+    """Measure 200 bags of 20 robots, three of which get worse, and one bag in ten broken."""
+    settings = FleetSettings()
+    broken = write_fleet(folder / 'robots', settings)
+    out = folder / 'out'
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'fleet', '--quiet']
+    subprocess.run([*command, str(folder / 'robots'), '-o', str(out)], check=True)
+    fleet = read_table(out / 'fleet.parquet')
+    sensors = judge_fleet(fleet)
+    planted = {robot_name(number): str(fault) for number, fault in settings.faults.items()}
+    named = {sensor.robot: sensor.changes[0].quantity for sensor in sensors if sensor.size}
+    first = {sensor.robot for sensor in sensors[: len(planted)]}
+    found = sum(named.get(robot) == fault and robot in first for robot, fault in planted.items())
+    yield Figure(
+        'planted faults that rank first',
+        f'{found}',
+        f'{len(planted)}',
+        'planted',
+        found / 3,
+        1.0,
+        True,
+    )
+    others = len(named.keys() - planted.keys())
+    yield Figure('other sensors that are named', f'{others}', '0', 'of 17', others, 0.0)
+    failed = {row['source'] for row in fleet.to_pylist() if row['error']}
+    told = len(failed & {str(bag) for bag in broken})
+    yield Figure(
+        'broken bags with a reason', f'{told}', f'{len(broken)}', 'broken', told / 20, 1.0, True
+    )
+
+
+def speed(folder: Path) -> Iterator[Figure]:
+    """Time one and two workers in turns."""
+    write_fleet(folder / 'robots', FleetSettings(3, 10, faults={}, broken_every=0))
+    bags = find_bags([str(folder / 'robots')], None)
+    times: dict[int, list[float]] = {1: [], 2: []}
+    with local_cluster(1, _LIMIT) as one, local_cluster(2, _LIMIT) as two:
+        for workers, client in ((1, one), (2, two)):
+            _run(bags[: 4 * workers], client)
+        counts: dict[int, list[int]] = {1: [], 2: []}
+        for _ in range(_ROUNDS):
+            for workers, client in ((1, one), (2, two)):
+                times[workers].append(_run(bags, client))
+                futures = client.map(_count, range(workers), pure=False)
+                counts[workers].append(sum(client.gather(futures)))
+    tell(
+        'two processes that only count reach so many times what one does, as the machine is busy '
+        f'with: {max(counts[2]) / max(counts[1]):.2f}'
+    )
+    per_minute = {workers: 60.0 * len(bags) / min(of) for workers, of in times.items()}
+    tell(f'seconds for {len(bags)} bags, one and two workers in turns: {times}')
+    yield Figure(
+        'bags of one minute, in a minute, two workers',
+        f'{per_minute[2]:.0f}',
+        f'{per_minute[1]:.0f}',
+        'one worker',
+        per_minute[2] / per_minute[1],
+        1.7,
+        True,
+    )
+
+
+def _count(_: int) -> int:
+    """Return how far this process counts in two seconds."""
+    end, number = time.monotonic() + 2.0, 0
+    while time.monotonic() < end:
+        number += 1
+    return number
+
+
+def scheduler(folder: Path, count: int) -> Iterator[Figure]:
+    """Count processor time of scheduler and client beside that of the workers."""
+    write_fleet(folder / 'robots' / '0', FleetSettings(5, 10, faults={}, broken_every=0))
+    for k in range(1, count // 50):
+        shutil.copytree(folder / 'robots' / '0', folder / 'robots' / str(k))
+    bags = find_bags([str(folder / 'robots')], None)
+    with local_cluster(2, _LIMIT) as client:
+        _run(bags[:8], client)
+        before, own = client.run(time.process_time), time.process_time()
+        _run(bags, client)
+        own = (time.process_time() - own) / len(bags)
+        after = client.run(time.process_time)
+        largest = max(client.run(_largest_memory).values())
+    work = sum(after[worker] - before[worker] for worker in after) / len(bags)
+    yield Figure(
+        f'scheduler and client, CPU a bag, {len(bags)} bags',
+        f'{1e3 * own:.2g} ms',
+        f'{1e3 * work:.3g} ms',
+        'work on it',
+        own / work,
+        0.05,
+    )
+    yield Figure(
+        'memory of a worker after them',
+        f'{largest:.0f} MB',
+        '2000 MB',
+        'limit',
+        largest / 2e3,
+        0.25,
+    )
+
+
+def _largest_memory() -> float:
+    """Return the most memory in MB that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def memory(folder: Path) -> Iterator[Figure]:
+    """Measure one bag of an hour at 200 Hz in a process of its own."""
+    hour = FleetSettings(1, 1, 3600.0, 200.0, faults={}, broken_every=0)
+    write_fleet(folder / 'robots', hour)
+    (bag,) = find_bags([str(folder / 'robots')], None)
+    with local_cluster(1, _LIMIT) as client:
+        cpu = client.submit(_cost, bag).result()
+        largest = max(client.run(_largest_memory).values())
+    size = sum(bag.sizes.values())
+    tell(f'an hour at 200 Hz: {cpu:.1f} s of CPU, {size / 1e6:.1f} MB in the store')
+    yield Figure(
+        'memory of a worker, an hour at 200 Hz',
+        f'{largest:.0f} MB',
+        '2000 MB',
+        'limit',
+        largest / 2e3,
+        0.5,
+    )
+
+
+def _cost(bag: Bag) -> float:
+    """Return the processor time in s that a bag takes, with all loaded."""
+    start = time.process_time()
+    measure(bag, _JOB)
+    return time.process_time() - start
+
+
+def interrupted(folder: Path) -> Iterator[Figure]:
+    """Kill the command ten times at random moments, resume, and compare the tables."""
+    write_fleet(folder / 'robots', FleetSettings(8, 10, faults={}))
+    bags = str(folder / 'robots')
+    command = [
+        sys.executable,
+        '-m',
+        'gyro_drift_filter.cli.main',
+        'fleet',
+        bags,
+        '--quiet',
+        '--resume',
+    ]
+    choice, kept = random.Random(20), 0
+    for k in range(_INTERRUPTIONS):
+        process = subprocess.Popen([*command, '-o', str(folder / 'out')], start_new_session=True)
+        # From the start of the first worker on, somewhere within the work on a few bags.
+        limit = time.monotonic() + 300.0
+        while _kept(folder) <= kept and process.poll() is None and time.monotonic() < limit:
+            time.sleep(0.01)
+        time.sleep(choice.uniform(0.0, 2.0))
+        how = choice.choice([signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+        process.send_signal(how)
+        process.wait()
+        lost, kept = kept, _kept(folder)
+        tell(f'interruption {k + 1} by {how.name}: {kept} bags are kept, {kept - lost} of them new')
+    for out in ('out', 'whole'):
+        subprocess.run([*command, '-o', str(folder / out)], check=True)
+    tables = [(folder / out / 'fleet.parquet').read_bytes() for out in ('out', 'whole')]
+    same = float(tables[0] == tables[1])
+    yield Figure(
+        'table after ten interruptions',
+        'the same' if same else 'another',
+        'whole run',
+        'bytes',
+        same,
+        1.0,
+        True,
+    )
+
+
+def _kept(folder: Path) -> int:
+    return len(list(folder.glob('out/results/*/*/*.json')))
+
+
+def main() -> int:
+    """Print the figures; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = ('faults', 'speed', 'scheduler', 'memory', 'interrupted')
+    parser.add_argument('--only', nargs='+', choices=parts, default=parts)
+    parser.add_argument('--bags', type=int, default=1000, help='for the scheduler, default 1000')
+    parser.add_argument('--json', type=Path)
+    options = parser.parse_args()
+    figures: list[Figure] = []
+    for part in options.only:
+        tell(f'{part} ...')
+        with tempfile.TemporaryDirectory() as folder:
+            if part == 'scheduler':
+                figures += scheduler(Path(folder), options.bags)
+            else:
+                figures += globals()[part](Path(folder))
+    rows = [['figure', 'ours', 'other', 'against', 'ratio', 'bar', '']]
+    for figure in figures:
+        sign = '>=' if figure.at_least else '<='
+        bar = f'{sign} {figure.bar:g}'
+        held = 'holds' if figure.holds else 'DOES NOT HOLD'
+        rows.append(
+            [
+                figure.name,
+                figure.value,
+                figure.other,
+                figure.against,
+                f'{figure.ratio:.3g}',
+                bar,
+                held,
+            ]
+        )
+    print(table(rows))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(figure) for figure in figures], indent=1))
+    return 0 if all(figure.holds for figure in figures) else 1
+
+
+if __name__ == '__main__':
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    sys.exit(main())

@@ -1,0 +1,193 @@
+"""`gyro_drift fleet`: many bags, one table."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.signals import EndedBySignal
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.errors import GyroDriftFilterError, reason
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.fleet.sources import Bag
+
+NEEDED = (
+    'fleets need more Python packages ({}): install them with '
+    '\'pip install "gyro_drift_filter[fleet,identify,offline]"\''
+)
+TABLE = 'fleet.parquet'
+# Errors and sensors that are told on the terminal; the table has them all.
+_TOLD = 10
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'fleet',
+        help='measure many bags of many robots, and tell whose gyroscope gets worse',
+        description='Send every bag under folders, patterns and addresses of stores through the '
+        'filter, examine and judge it, and write one table of all: a row for each bag, Imu topic '
+        'and axis. A bag that fails is a row with its error.',
+    )
+    command.add_argument(
+        'source',
+        nargs='+',
+        help='folder, bag, pattern with *, or address that fsspec knows, as s3://bucket/robots',
+    )
+    command.add_argument(
+        '-o', '--output', type=Path, required=True, help='folder to be made, with the table'
+    )
+    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
+    command.add_argument(
+        '--robot',
+        metavar='PATTERN',
+        help='regular expression whose first group in the address of a bag is the name of its '
+        'robot; else that is the folder which the bag is in',
+    )
+    command.add_argument(
+        '--resume',
+        action='store_true',
+        help='go on where an earlier run into the same folder was ended: what it has measured is '
+        'known by its content',
+    )
+    command.add_argument(
+        '--write', action='store_true', help='write the filtered bags into OUTPUT/bags, too'
+    )
+    command.add_argument(
+        '--reports', action='store_true', help='write a report of each bag into OUTPUT/reports, too'
+    )
+    where = command.add_mutually_exclusive_group()
+    where.add_argument(
+        '--scheduler', metavar='ADDRESS', help='of a Dask cluster, as tcp://10.0.0.1:8786'
+    )
+    where.add_argument(
+        '--workers', type=int, metavar='N', help='processes on this machine; one for each processor'
+    )
+    command.add_argument(
+        '--memory-limit',
+        type=float,
+        default=2.0,
+        metavar='GB',
+        help='of each of these processes: it is started anew beyond, default %(default)g',
+    )
+    command.add_argument('--quiet', action='store_true', help='no progress, no summary')
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int | None:
+    """Run the subcommand."""
+    take_any_name()
+    try:
+        import allantools  # noqa: F401
+        import scipy.signal  # noqa: F401
+
+        from gyro_drift_filter.fleet.cluster import cluster_at, local_cluster
+        from gyro_drift_filter.fleet.columns import write_table
+        from gyro_drift_filter.fleet.measuring import Job
+        from gyro_drift_filter.fleet.results import Results
+        from gyro_drift_filter.fleet.run import FleetRun
+        from gyro_drift_filter.fleet.sources import find_bags
+    except ImportError as error:
+        raise GyroDriftFilterError(NEEDED.format(error)) from error
+    spare_linear_algebra()
+    parameters = read_parameters(options.params) if options.params else Parameters()
+    if options.method:
+        parameters = parameters.with_names({'method': options.method})
+    output: Path = options.output
+    _check(options)
+    bags = find_bags(options.source, options.robot)
+    job = Job(
+        parameters,
+        output.absolute() / 'bags' if options.write else None,
+        output.absolute() / 'reports' if options.reports else None,
+    )
+    if options.write:
+        _check_apart(bags)
+    _make(output)
+    if not options.quiet:
+        compile_first()
+    progress = Progress(enabled=not options.quiet, unit='bags')
+    workers = options.workers or len(os.sched_getaffinity(0))
+    cluster = (
+        cluster_at(options.scheduler)
+        if options.scheduler
+        else local_cluster(workers, int(options.memory_limit * 1e9))
+    )
+    with cluster as client:
+        fleet = FleetRun(bags, job, Results(output / 'results', parameters), client)
+        try:
+            fleet.run(progress)
+        except (KeyboardInterrupt, EndedBySignal) as error:
+            tell(
+                f'gyro_drift fleet: interrupted; {fleet.reused + fleet.measured} of {len(bags)} '
+                'bags are kept: go on with --resume'
+            )
+            return 130 if isinstance(error, KeyboardInterrupt) else 128 + error.number
+        finally:
+            progress.finish()
+    write_table(output / TABLE, fleet.rows())
+    if not options.quiet:
+        known = f', {fleet.reused} of them known from before' if fleet.reused else ''
+        say(f'{len(bags)} bags{known}\n\n{_summary(output)}\n\nwrote {output / TABLE}')
+    return None
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.workers is not None and options.workers < 1:
+        raise GyroDriftFilterError(f'--workers must be at least 1, not {options.workers}')
+    if not options.memory_limit > 0.0:
+        raise GyroDriftFilterError(f'--memory-limit must be above 0, not {options.memory_limit:g}')
+    if options.output.exists() and not options.resume:
+        raise GyroDriftFilterError(
+            f'{options.output} exists already: choose another name, or go on with --resume'
+        )
+
+
+def _check_apart(bags: list['Bag']) -> None:
+    """Make sure that each filtered bag has a name of its own."""
+    from gyro_drift_filter.fleet.measuring import written_path
+
+    names: dict[Path, str] = {}
+    for bag in bags:
+        name = written_path(Path(), bag)
+        if name in names:
+            raise GyroDriftFilterError(
+                f'{names[name]} and {bag.source} would both be written to bags/{name}: write them '
+                'in two runs'
+            )
+        names[name] = bag.source
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GyroDriftFilterError(f'{folder} can not be made: {reason(error)}') from error
+
+
+def _summary(output: Path) -> str:
+    """Return what failed, and which sensors get worse."""
+    from gyro_drift_filter.cli.fleet_report import ranking_text
+    from gyro_drift_filter.fleet.columns import read_table
+    from gyro_drift_filter.fleet.health import judge_fleet
+
+    table = read_table(output / TABLE)
+    errors = sorted(
+        {
+            (row['source'], row['error'])
+            for row in table.select(['source', 'error']).to_pylist()
+            if row['error']
+        }
+    )
+    lines = [f'{source}: {error}' for source, error in errors[:_TOLD]]
+    if len(errors) > _TOLD:
+        lines.append(f'and {len(errors) - _TOLD} more, in the table')
+    failed = f'{len(errors)} without figures\n' + '\n'.join(lines) + '\n\n' if errors else ''
+    return failed + ranking_text(judge_fleet(table)[:_TOLD])

@@ -1,0 +1,105 @@
+"""`gyro_drift fleet-report`: one page on a fleet."""
+
+import argparse
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from gyro_drift_filter.cli.fleet import NEEDED, TABLE
+from gyro_drift_filter.cli.printing import say, take_any_name
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.errors import GyroDriftFilterError, printable
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.fleet.health import Sensor
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'fleet-report',
+        help='draw which gyroscopes of a fleet get worse',
+        description='Rank the sensors of a fleet by how much they have changed for the worse, and '
+        'write one page with their histories. It holds all that it needs: nothing is loaded from '
+        'a network.',
+    )
+    command.add_argument('fleet', type=Path, help='folder that `gyro_drift fleet` has made')
+    command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
+    command.add_argument(
+        '--json', type=Path, metavar='FILE', help='write sensors and changes, for programs'
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    take_any_name()
+    check_targets({'--output': options.output, '--json': options.json}, None)
+    try:
+        from gyro_drift_filter.fleet.bag_report import report_path
+        from gyro_drift_filter.fleet.columns import read_table
+        from gyro_drift_filter.fleet.health import judge_fleet
+        from gyro_drift_filter.fleet.page import fleet_page
+    except ImportError as error:
+        raise GyroDriftFilterError(NEEDED.format(error)) from error
+    fleet = read_table(options.fleet / TABLE)
+    sensors = judge_fleet(fleet)
+    failures = [
+        row
+        for row in fleet.select(['robot', 'source', 'error']).to_pylist()
+        if row['error'] is not None
+    ]
+    reports, page_folder = options.fleet / 'reports', options.output.absolute().parent
+
+    def link(bag: Mapping[str, Any]) -> str:
+        path = report_path(reports, bag['content'])
+        return quote(os.path.relpath(path.absolute(), page_folder)) if path.exists() else ''
+
+    if options.json:
+        write_whole(options.json, _as_json(sensors))
+    write_whole(options.output, fleet_page(sensors, failures, link))
+    say(f'{ranking_text(sensors)}\n\nwrote {options.output}')
+
+
+def ranking_text(sensors: Sequence['Sensor']) -> str:
+    """Return the sensors that get worse as text."""
+    from gyro_drift_filter.fleet.page import day, describe_change
+
+    rows = [['robot', 'topic', 'since', 'deviations', 'what has changed']]
+    for sensor in sensors:
+        certain = [change for change in sensor.changes if change.certain]
+        if certain:
+            since = day(sensor.bags[certain[0].since]['start'])
+            what = '; '.join(map(describe_change, certain))
+            rows.append(
+                [
+                    printable(sensor.robot),
+                    printable(sensor.topic),
+                    since,
+                    f'{sensor.size:.1f}',
+                    what,
+                ]
+            )
+    return table(rows) if len(rows) > 1 else 'no sensor gets worse'
+
+
+def _as_json(sensors: Sequence['Sensor']) -> str:
+    plain = [
+        {
+            'robot': sensor.robot,
+            'topic': sensor.topic,
+            'frame_id': sensor.frame,
+            'size': sensor.size,
+            'bags': len(sensor.bags),
+            'changes': [
+                as_plain(change) | {'since': sensor.bags[change.since]['start']}
+                for change in sensor.changes
+            ],
+        }
+        for sensor in sensors
+    ]
+    return json.dumps({'sensors': plain}, indent=1, allow_nan=False) + '\n'

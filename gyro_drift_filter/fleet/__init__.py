@@ -1,0 +1,1 @@
+"""Many bags of many robots: one table of all, and which sensors get worse."""

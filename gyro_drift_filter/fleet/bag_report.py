@@ -1,0 +1,59 @@
+"""The report on one bag of a fleet: the page of `gyro_drift report`, with fewer points."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from gyro_drift_filter.bags.replay_run import Summary
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.report.figures import Drawer, roles
+from gyro_drift_filter.report.page import Recording, page
+from gyro_drift_filter.report.signals import Signals
+
+# Of all traces of one topic: a page is then some two thirds larger than the library on it.
+_POINTS = 60_000
+
+
+def report_path(reports: Path, content: str) -> Path:
+    """Return where the report on a bag is written, by the hash of what it holds."""
+    return reports / f'{content}.html'
+
+
+def shown_topic(name: str, signals: Signals, summary: Summary, parameters: Parameters) -> Recording:
+    """Return what the page shows of one Imu topic of a bag."""
+    method = parameters.method
+    drawer = Drawer({method: signals}, summary.start, _POINTS)
+    begin = datetime.fromtimestamp(summary.start * 1e-9, UTC)
+    return Recording(
+        name=name,
+        verdicts={method: signals.watch.verdict(summary)},
+        figures=drawer.figures(),
+        rests=drawer.rest_times(),
+        seconds=summary.seconds,
+        roles=roles([method], False),
+        parameters=parameters,
+        facts=[
+            ('topic', summary.topic),
+            (
+                'recorded',
+                f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {summary.seconds:.1f} s, '
+                f'{summary.received} Imu messages, {1.0 / summary.period:.4g} Hz',
+            ),
+        ],
+        notes=[],
+    )
+
+
+def write_report(path: Path, topics: list[Recording]) -> None:
+    """Write the page, whole or not at all.
+
+    Raises:
+        GyroDriftFilterError: It can't be written.
+    """
+    unfinished = path.with_suffix('.incomplete')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished.write_text(page(topics), encoding='utf-8')
+        unfinished.replace(path)
+    except OSError as error:
+        raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error

@@ -1,0 +1,61 @@
+"""A Dask cluster on this machine, or the one that users have."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import dask
+from distributed import Client, LocalCluster
+
+from gyro_drift_filter.errors import GyroDriftFilterError, reason
+
+# What a cluster does by the clock, to be looked at while it works: nobody does, and beside bags of
+# a minute it took twice the time of the work on them. Bags take seconds, so seconds do.
+_BY_THE_CLOCK = {
+    'distributed.worker.profile.enabled': False,
+    'distributed.scheduler.active-memory-manager.start': False,
+    'distributed.admin.tick.interval': '1s',
+    'distributed.admin.system-monitor.interval': '5s',
+    'distributed.worker.memory.monitor-interval': '1s',
+}
+
+
+@contextmanager
+def local_cluster(workers: int, memory_limit: int) -> Iterator[Client]:
+    """Yield a client of processes on this machine, each of one thread and so many bytes at most."""
+    # What the cluster says of itself in passing is not for who only waits for a table.
+    logging.getLogger('distributed').setLevel(logging.ERROR)
+    with (
+        dask.config.set(_BY_THE_CLOCK),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=memory_limit,
+            host='127.0.0.1',
+            # No dashboard: it would show the work to all who reach this machine.
+            dashboard_address='127.0.0.1:0',
+            scheduler_kwargs={'dashboard': False},
+            silence_logs=logging.ERROR,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def cluster_at(address: str) -> Iterator[Client]:
+    """Yield a client of the scheduler at an address.
+
+    Raises:
+        GyroDriftFilterError: None answers there.
+    """
+    logging.getLogger('distributed').setLevel(logging.ERROR)
+    try:
+        client: Client = Client(address, timeout='20s')
+    except (OSError, ValueError) as error:
+        raise GyroDriftFilterError(
+            f'no Dask scheduler answers at {address}: {reason(error)}'
+        ) from error
+    with client:
+        yield client

@@ -1,0 +1,61 @@
+"""What the rests of a recording say of the noise, where they are long enough for it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.identify.allan import Allan, allan_deviation
+from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
+from gyro_drift_filter.identify.quiet import SHORTEST_QUIET, find_quiet
+from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.identify.timing import learn_timing
+
+
+@dataclass(frozen=True)
+class AxisNoise:
+    """Of one axis: its Allan deviation, and in rad/s^2 the mean slope of its bias."""
+
+    allan: Allan
+    trend: float
+
+
+def identify_noise(
+    stamps: NDArray[np.int64], rates: tuple[Values, ...], accelerations: tuple[Values, ...]
+) -> tuple[AxisNoise | None, ...]:
+    """Return what is known of each axis: as `identify` does, without the models that it fits.
+
+    Args:
+        stamps: (n,) in ns.
+        rates: Three columns (n,) in rad/s.
+        accelerations: Three columns (n,) in m/s^2.
+    """
+    nothing = (None, None, None)
+    try:
+        timing = learn_timing(stamps)
+        spans = find_quiet(timing, rates, accelerations).spans
+    except IdentificationError:
+        return nothing
+    if sum(map(len, spans)) * timing.period < SHORTEST_QUIET:
+        return nothing
+    first = int(stamps[:1][0])
+    begins = [(int(stamps[s.first : s.first + 1][0]) - first) * 1e-9 for s in spans]
+    ends = [begin + len(span) * timing.period for begin, span in zip(begins, spans, strict=True)]
+    found: list[AxisNoise | None] = []
+    for rate in rates:
+        try:
+            clean = preprocess(rate, spans, timing.period, begins)
+            allan = allan_deviation(clean.cleaned, timing.period)
+            found.append(AxisNoise(allan, _mean_slope(clean, begins[0], ends[-1])))
+        except IdentificationError:
+            found.append(None)
+    return tuple(found)
+
+
+def _mean_slope(clean: Preprocessed, begin: float, end: float) -> float:
+    """Return by how much the bias changes from the first rest to the last one, over their time."""
+    powers = np.arange(1, len(clean.trend) + 1)
+    at: NDArray[np.float64] = np.array([begin, end])[:, None] - clean.trend_centre
+    values = (np.array(clean.trend) * at**powers).sum(axis=1)
+    return float((values[1] - values[0]) / (end - begin))

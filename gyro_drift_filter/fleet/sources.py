@@ -1,0 +1,184 @@
+"""Find the bags under folders, patterns and addresses of stores."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import Any
+
+from fsspec.core import url_to_fs
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.fleet.addresses import is_remote, shown
+from gyro_drift_filter.fleet.streamed import Content, StreamedPath
+
+_SUFFIXES = ('.mcap', '.db3', '.bag')
+# No question mark: behind it addresses have what they are signed with.
+_PATTERN = re.compile(r'[*\[]')
+_METADATA = 'metadata.yaml'
+# What stores say of a file that changes with its content: S3, Google's, Azure's.
+_CHECKSUMS = ('ETag', 'md5Hash', 'crc32c', 'content_md5', 'etag')
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag in a store.
+
+    Attributes:
+        source: Its address as it may be shown.
+        robot: Whose it is.
+        below: Its path below what it was found by, or below what stands before a pattern's first
+            star; the name where it was named itself.
+        sizes: In bytes, of its files by their paths below the bag's; '' where it is one file.
+        checksum: What the store says of its content; empty where it says nothing.
+        address: With the credentials that it may hold: not to be shown.
+    """
+
+    source: str
+    robot: str
+    below: str
+    sizes: Mapping[str, int]
+    checksum: str
+    address: str = field(repr=False)
+
+    @contextmanager
+    def opened(self) -> Iterator[StreamedPath]:
+        """Open the bag in its store.
+
+        Raises:
+            GyroDriftFilterError: The store can't be reached.
+        """
+        files, path = _store(self.address)
+        contents = {
+            place: Content(files, f'{path}/{place}' if place else path, size)
+            for place, size in self.sizes.items()
+        }
+        try:
+            yield StreamedPath(contents, '', '' if '' not in contents else _suffix(path))
+        finally:
+            for content in contents.values():
+                content.close()
+
+
+def _suffix(path: str) -> str:
+    return PurePosixPath(shown(path)).suffix
+
+
+def _store(address: str) -> tuple[Any, str]:
+    """Return the file system of an address, and the path in it."""
+    try:
+        files, path = url_to_fs(address)
+    except (ImportError, ValueError, OSError) as error:
+        raise GyroDriftFilterError(
+            f'{shown(address)} can not be opened: {shown(str(error))}'
+        ) from None
+    return files, path
+
+
+def find_bags(sources: Sequence[str], robot: str | None) -> list[Bag]:
+    """Return all bags under folders, patterns and addresses, in the order of what is shown of them.
+
+    A folder with a metadata.yaml is a bag, and so is each .mcap, .db3 or .bag file that is in none.
+    Hidden folders are passed over, as in them stands what is not finished.
+
+    Args:
+        sources: Paths, patterns with `*`, or addresses that fsspec knows.
+        robot: Regular expression, whose first group in a bag's address is the name of its robot;
+            None for the name of the folder that the bag is in.
+
+    Raises:
+        GyroDriftFilterError: There is none under one of them, a store can't be reached, or the
+            expression does not fit a bag.
+    """
+    try:
+        pattern = None if robot is None else re.compile(robot)
+    except re.error as error:
+        raise GyroDriftFilterError(f'--robot {robot} is no regular expression: {error}') from error
+    if pattern is not None and not pattern.groups:
+        raise GyroDriftFilterError(f'--robot {robot} has no group: put the name in parentheses')
+    found: dict[str, Bag] = {}
+    for source in sources:
+        bags = list(_bags_under(source, pattern))
+        if not bags:
+            raise GyroDriftFilterError(f'no bag under {shown(source)}')
+        found |= {bag.address: bag for bag in bags}
+    return sorted(found.values(), key=lambda bag: bag.source)
+
+
+def _bags_under(source: str, pattern: re.Pattern[str] | None) -> Iterator[Bag]:
+    files, root = _store(source)
+    try:
+        magic = _PATTERN.search(root)
+        above = root[: magic.start()].rpartition('/')[0] if magic else ''
+        for top in sorted(files.glob(root)) if magic else [root]:
+            yield from _bags_in(files, source, top, above or top, pattern)
+    except FileNotFoundError:
+        return
+    except Exception as error:  # each store has its own
+        raise GyroDriftFilterError(
+            f'{shown(source)} can not be listed: {type(error).__name__}: {shown(str(error))}'
+        ) from None
+
+
+def _bags_in(
+    files: Any, source: str, top: str, above: str, pattern: re.Pattern[str] | None
+) -> Iterator[Bag]:
+    """Yield the bags that a path `top` of a file system is or holds, named from `above` on."""
+    named = files.info(top)
+    is_bag = named['type'] == 'file' and shown(top).endswith(_SUFFIXES)
+    details = {top: named} if is_bag else files.find(top, detail=True)
+    folders = {path.rpartition('/')[0] for path in details if path.endswith(f'/{_METADATA}')}
+    bags: dict[str, dict[str, Any]] = {}
+    for path, detail in details.items():
+        folder = path.rpartition('/')[0]
+        if _hidden(path[len(top) :]):
+            continue
+        if folder in folders:
+            bags.setdefault(folder, {})[path[len(folder) + 1 :]] = detail
+        elif shown(path).endswith(_SUFFIXES):
+            bags[path] = {'': detail}
+    for path, of_bag in bags.items():
+        address = path
+        if is_remote(source):
+            address = _with_path(files, source, path)
+        name = shown(address)
+        folder_name = PurePosixPath(name).parent.name
+        robot = folder_name if pattern is None else _robot_of(name, pattern)
+        below = path[len(above) :].strip('/') or PurePosixPath(name).name
+        sizes = {place: int(detail['size']) for place, detail in sorted(of_bag.items())}
+        yield Bag(name, robot, below, sizes, _checksum(of_bag, source), address)
+
+
+def _hidden(below: str) -> bool:
+    """Tell whether a path is in a hidden folder, as what a replay has not finished is."""
+    return any(part.startswith('.') for part in below.split('/'))
+
+
+def _with_path(files: Any, source: str, path: str) -> str:
+    """Return an address as the source is, user and query included, of another path."""
+    address: str = files.unstrip_protocol(path)
+    begin, _, rest = source.partition('://')
+    user = rest.split('/', 1)[0].rpartition('@')
+    if user[1] and '@' not in address:
+        address = address.replace('://', f'://{user[0]}@', 1)
+    query = source.partition('?')
+    return address + query[1] + query[2] if begin and '?' not in address else address
+
+
+def _robot_of(name: str, pattern: re.Pattern[str]) -> str:
+    match = pattern.search(name)
+    if match is None or match[1] is None:
+        raise GyroDriftFilterError(f'--robot {pattern.pattern} finds no name in {name}')
+    return match[1]
+
+
+def _checksum(details: Mapping[str, Any], source: str) -> str:
+    """Return what the store says of the content of all files, empty where it does not of one."""
+    said = []
+    for place, detail in sorted(details.items()):
+        of_file = next((str(detail[name]) for name in _CHECKSUMS if detail.get(name)), '')
+        if not of_file:
+            return ''
+        said.append(f'{place}:{of_file.strip(chr(34))}:{detail["size"]}')
+    return f'{source.partition("://")[0]}:' + ','.join(said)

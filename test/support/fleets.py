@@ -1,0 +1,45 @@
+"""Fleets of simulated robots, and a Dask cluster within the process."""
+
+from contextlib import contextmanager
+
+from distributed import Client, LocalCluster
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.fleet.columns import read_table, write_table
+from gyro_drift_filter.fleet.measuring import Job
+from gyro_drift_filter.fleet.results import Results
+from gyro_drift_filter.fleet.run import FleetRun
+from gyro_drift_filter.fleet.sources import find_bags
+
+SECRET = 'very-secret'
+
+
+@contextmanager
+def cluster():
+    """Yield a client of a cluster whose one worker is a thread of this process."""
+    with (
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address='127.0.0.1:0',
+            scheduler_kwargs={'dashboard': False},
+        ) as workers,
+        Client(workers) as client,
+    ):
+        yield client
+
+
+def run_fleet(client, source, out, progress=lambda done, total: None, **job):
+    """Measure all bags under a source into a folder; return the run, whose table is written."""
+    out.mkdir(exist_ok=True)
+    results = Results(out / 'results', Parameters())
+    run = FleetRun(find_bags([str(source)], None), Job(Parameters(), **job), results, client)
+    run.run(progress)
+    write_table(out / 'fleet.parquet', run.rows())
+    return run
+
+
+def rows_without(path, *columns):
+    """Return the rows of a table without some of its columns."""
+    return read_table(path).drop_columns(list(columns)).to_pylist()

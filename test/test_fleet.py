@@ -1,0 +1,334 @@
+"""Fleets: bags found, streamed, measured once by their content; the table; who gets worse."""
+
+import hashlib
+import json
+import math
+import random as random_numbers
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+import fsspec
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters
+from gyro_drift_filter.fleet.addresses import shown
+from gyro_drift_filter.fleet.columns import COLUMNS
+from gyro_drift_filter.fleet.health import find_change, judge_fleet
+from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_path
+from gyro_drift_filter.fleet.results import Results
+from gyro_drift_filter.fleet.sources import find_bags
+from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
+from gyro_drift_filter.simulation.fleet import Fault, FleetSettings, robot_name, write_fleet
+from support.fleets import SECRET, cluster, run_fleet
+
+JOB = Job(Parameters())
+
+
+@pytest.fixture(scope='module')
+def small(tmp_path_factory):
+    """Path of a fleet of two robots with four bags each, of which one is broken."""
+    folder = tmp_path_factory.mktemp('fleet') / 'robots'
+    write_fleet(folder, FleetSettings(2, 4, 12.0, faults={}, broken_every=7))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def client():
+    with cluster() as found:
+        yield found
+
+
+@pytest.fixture(scope='module')
+def measured(small, client, tmp_path_factory):
+    """Path of what was made of the small fleet."""
+    out = tmp_path_factory.mktemp('out') / 'out'
+    run_fleet(client, small, out)
+    return out
+
+
+def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path, capsys):
+    bag = small / 'robot_00' / 'day_01'
+    (found,) = find_bags([str(bag)], None)
+    rows = measure(found, Job(Parameters(), bags=tmp_path / 'bags')).rows
+    main(['replay', str(bag), '-o', str(tmp_path / 'out'), '--json', str(tmp_path / 'v.json')])
+    main(['doctor', str(bag), '--json', str(tmp_path / 'd.json')])
+    (verdict,) = json.loads((tmp_path / 'v.json').read_text())['verdicts']
+    findings = json.loads((tmp_path / 'd.json').read_text())['findings']
+    assert [row['axis'] for row in rows] == ['x', 'y', 'z']
+    for axis, row in enumerate(rows):
+        assert row['noise'] == verdict['rests']['raw_deviation'][axis]
+        assert row['bias'] == verdict['bias']['rates'][axis]
+        assert row['drift_before'] == verdict['heading']['raw']
+        assert row['outcome'] == verdict['outcome']
+        assert row['faults'] == sorted(f['name'] for f in findings if f['verdict'] == 'fault')
+        assert row['robot' if 'robot' in row else 'topic'] == '/imu/data_raw'
+    written = written_path(tmp_path / 'bags', found)
+    assert written == tmp_path / 'bags' / 'day_01'
+    ours, theirs = (
+        (folder / f'{folder.name}.mcap').read_bytes() for folder in (written, tmp_path / 'out')
+    )
+    # The name of the file stands in the metadata at its end, and nothing else differs.
+    common = next(k for k, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b)
+    assert common > 0.9 * len(theirs)
+
+
+def test_each_column_says_what_it_is(measured):
+    fields = pq.read_schema(measured / 'fleet.parquet')
+    assert [field.name for field in fields] == [column.name for column in COLUMNS]
+    assert all(field.metadata[b'description'] for field in fields)
+    assert fields.field('noise').metadata[b'unit'] == b'rad/s'
+
+
+def test_a_broken_bag_is_a_row_with_its_error(measured):
+    rows = pq.read_table(measured / 'fleet.parquet').to_pylist()
+    failed = [row for row in rows if row['error']]
+    assert [row['source'][-15:] for row in failed] == ['robot_00/day_00', 'robot_01/day_02']
+    assert all(row['axis'] is None and row['content'] for row in failed)
+    assert 'seems to be empty' in failed[0]['error']
+    assert len(rows) == 2 + 3 * 6
+
+
+def test_the_same_input_gives_the_same_bytes(small, measured, client, tmp_path):
+    run_fleet(client, small, tmp_path / 'again')
+    again = tmp_path / 'again' / 'fleet.parquet'
+    assert again.read_bytes() == (measured / 'fleet.parquet').read_bytes()
+
+
+def test_interrupted_at_random_and_resumed(small, measured, client, tmp_path):
+    """What is kept when it ends is not measured again, and the table is the same."""
+    random, out, before = random_numbers.Random(19), tmp_path / 'out', 0
+    for _ in range(10):
+        left = random.randrange(3)
+
+        def progress(done, total, left=left, first=before):
+            if done - first > left:
+                raise KeyboardInterrupt
+
+        try:
+            run = run_fleet(client, small, out, progress)
+            assert run.reused >= before
+        except KeyboardInterrupt:
+            pass
+        kept = len(list((out / 'results').glob('*/*/*.json')))
+        assert kept > before or kept == 8
+        before = kept
+    assert run.measured == 0
+    assert (out / 'fleet.parquet').read_bytes() == (measured / 'fleet.parquet').read_bytes()
+
+
+def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_path, monkeypatch):
+    """Bags that were moved are known; one that has changed under its old name is not."""
+    shutil.copytree(measured, tmp_path / 'out')
+    moved = tmp_path / 'moved'
+    shutil.copytree(small, moved)
+    (moved / 'robot_00').rename(moved / 'other')
+    run = run_fleet(client, moved, tmp_path / 'out')
+    assert (run.reused, run.measured) == (8, 0)
+    file = moved / 'robot_01' / 'day_00' / 'day_00.mcap'
+    shutil.copy(moved / 'robot_01' / 'day_01' / 'day_01.mcap', file)
+    run = run_fleet(client, moved, tmp_path / 'out')
+    assert (run.reused, run.measured) == (7, 1)
+
+
+def test_results_of_other_parameters_are_others(measured):
+    other = Results(measured / 'results', Parameters(outlier_threshold=5.0))
+    assert Results(measured / 'results', Parameters()).are_there()
+    assert not other.are_there()
+
+
+def test_a_bag_that_was_cut_off_has_figures_and_a_note(small, tmp_path):
+    data = (small / 'robot_00' / 'day_01' / 'day_01.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(data[:-2000])
+    (bag,) = find_bags([str(tmp_path / 'cut.mcap')], None)
+    result = measure(bag, JOB)
+    assert result.rows[0]['axis'] == 'x'
+    assert result.rows[0]['notes'][0].startswith('the bag was cut off')
+    assert result.content == hashlib.sha256(data[:-2000]).hexdigest()
+
+
+class Counted:
+    """A store that counts what is read of a file, and may fail."""
+
+    def __init__(self, data, fails_from=math.inf):
+        self.data, self.fails_from, self.blocks = data, fails_from, []
+
+    def open(self, path, mode, **options):
+        data, counted = self.data, self
+
+        class File(fsspec.spec.AbstractBufferedFile):  # type: ignore[misc]
+            def _fetch_range(self, start, end):
+                if end > counted.fails_from:
+                    raise TimeoutError('the store is gone')
+                counted.blocks.append(start)
+                return data[start:end]
+
+        return File(self, path, mode, size=len(data), **options)
+
+
+def test_a_bag_is_streamed_once_and_hashed_on_the_way(small, monkeypatch):
+    """Each block is asked for once, and few are in memory."""
+    data = (small / 'robot_00' / 'day_01' / 'day_01.mcap').read_bytes()
+    (bag,) = find_bags([str(small / 'robot_00' / 'day_01' / 'day_01.mcap')], None)
+    monkeypatch.setattr('gyro_drift_filter.fleet.streamed.BLOCK', 2**14)
+    store = Counted(data)
+    monkeypatch.setattr('gyro_drift_filter.fleet.sources._store', lambda address: (store, 'x'))
+    result = measure(bag, JOB)
+    assert result.content == hashlib.sha256(data).hexdigest() == content_of(bag)
+    once = store.blocks[: len(store.blocks) // 2]
+    assert len(data) > 5 * 2**14
+    assert sorted(set(once)) == list(range(0, len(data), 2**14))
+    assert len(once) <= len(set(once)) + 2  # the first and the last, for the index
+
+
+def test_a_store_that_fails_is_asked_again_the_next_time(small, client, tmp_path, monkeypatch):
+    path = small / 'robot_00' / 'day_01' / 'day_01.mcap'
+    data = path.read_bytes()
+    (bag,) = find_bags([str(path)], None)
+    store = Counted(data, fails_from=len(data) // 2)
+    monkeypatch.setattr('gyro_drift_filter.fleet.streamed.BLOCK', 2**14)
+    monkeypatch.setattr('gyro_drift_filter.fleet.sources._store', lambda address: (store, 'x'))
+    result = measure(bag, JOB)
+    assert not result.lasting
+    assert 'the store is gone' in result.rows[0]['error']
+
+
+def test_a_streamed_path_is_one_to_all_who_read_it():
+    files = fsspec.filesystem('memory')
+    files.pipe('/here/a.mcap', b'0123456789')
+    content = Content(files, '/here/a.mcap', 10)
+    path = StreamedPath({'a.mcap': content}, '', '')
+    assert path.is_dir()
+    assert path.exists()
+    assert not (path / 'b.mcap').exists()
+    assert [str(p) for p in path.glob('*.mcap')] == ['the bag/a.mcap']
+    with (path / 'a.mcap').open('rb') as file:
+        file.seek(-3, 2)
+        assert file.read() == b'789'
+        assert file.tell() == 10
+        file.seek(1)
+        buffer = bytearray(4)
+        assert file.readinto(buffer) == 4  # type: ignore[attr-defined]
+        assert buffer == b'1234'
+        with pytest.raises(OSError, match='no place'):
+            file.seek(-1)
+    assert content.digest() == hashlib.sha256(b'0123456789').hexdigest()
+    with pytest.raises(FileNotFoundError):
+        (path / 'b.mcap').open('rb')
+    assert BLOCK > 2**20
+
+
+@pytest.mark.parametrize(
+    ('text', 'left'),
+    [
+        (f'sftp://joe:{SECRET}@host/a.mcap', 'sftp://host/a.mcap'),
+        (f'at https://b.example/a.mcap?X-Sig={SECRET}&b=1: denied', 'at https://b.example/a.mcap'),
+        (f"'s3://{SECRET}@bucket/a' is missing", "'s3://bucket/a' is missing"),
+        (f'a\nb https://{SECRET}:x@c/d#{SECRET}', 'a b https://c/d'),
+        ('what is wrong? nothing', 'what is wrong? nothing'),
+    ],
+)
+def test_no_credential_is_shown(text, left):
+    assert shown(text).startswith(left)
+    assert SECRET not in shown(text)
+
+
+def test_bags_are_found_and_have_a_robot(small, tmp_path):
+    bags = find_bags([str(small)], None)
+    assert [bag.below for bag in bags][:2] == ['robot_00/day_00', 'robot_00/day_01']
+    assert {bag.robot for bag in bags} == {'robot_00', 'robot_01'}
+    assert len(find_bags([f'{small}/robot_*', str(small), f'file://{small}'], None)) == 16
+    only = find_bags([f'{small}/*1'], r'/(robot_\d)')
+    assert {bag.robot for bag in only} == {'robot_0'}
+    assert only[0].below == 'robot_01/day_00'
+    for source, pattern, why in (
+        (str(tmp_path), None, 'no bag under'),
+        (str(tmp_path / 'nowhere'), None, 'no bag under'),
+        (str(small), '(', 'no regular expression'),
+        (str(small), 'robot', 'no group'),
+        (str(small), '(nobody)', 'finds no name'),
+        ('nosuchstore://x', None, 'can not be opened'),
+    ):
+        with pytest.raises(GyroDriftFilterError, match=why):
+            find_bags([source], pattern)
+
+
+def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
+    out = str(tmp_path / 'out')
+    for options, why in (
+        (['-o', str(measured)], 'go on with --resume'),
+        (['-o', out, '--workers', '0'], 'at least 1'),
+        (['-o', out, '--memory-limit', '0'], 'above 0'),
+    ):
+        assert main(['fleet', str(small), *options]) == 1
+        told = capsys.readouterr().err
+        assert why in told
+        assert told.count('\n') == 1
+    both = [str(small / name) for name in ('robot_00', 'robot_01')]
+    assert main(['fleet', *both, '-o', out, '--write']) == 1
+    assert 'would both be written to' in capsys.readouterr().err
+
+
+def series(random, *means):
+    return np.concatenate([m + random.standard_normal(6) for m in means])
+
+
+def test_a_change_is_found_where_it_is_and_its_size_is_known(random):
+    found = find_change(series(random, 0.0, 20.0), 1.0, False, 2000)
+    assert found.certain
+    assert found.since == 6
+    assert 12.0 < found.size < 30.0
+    assert find_change(series(random, 20.0, 0.0), 0.1, False, 2000) is None  # it got better
+    assert find_change(series(random, 20.0, 0.0), 0.1, True, 2000).certain
+    assert find_change(np.arange(3.0), 0.1, True, 10) is None
+
+
+def test_what_was_repaired_is_no_finding(random):
+    found = find_change(series(random, 0.0, 30.0, 0.0), 0.1, True, 2000)
+    assert found is None or found.since == 12
+
+
+def test_chance_makes_no_finding(random):
+    """In thirty fleets of twenty robots, with twelve series each."""
+    for _ in range(30):
+        values = random.standard_normal((240, 10))
+        found = [find_change(v, 0.7, True, values.size) for v in values]
+        assert not any(change and change.certain for change in found)
+
+
+@pytest.mark.slow
+def test_planted_faults_come_first_and_nobody_else_is_named(tmp_path, capsys):
+    """Through the command with its own processes, killed once and resumed."""
+    faults = {0: Fault.BIAS, 2: Fault.NOISE, 3: Fault.OUTLIERS}
+    broken = write_fleet(
+        tmp_path / 'robots', FleetSettings(4, 9, 20.0, faults=faults, broken_every=9)
+    )
+    out = tmp_path / 'out'
+    arguments = ['fleet', str(tmp_path / 'robots'), '-o', str(out), '--workers', '2']
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', *arguments, '--quiet']
+    process = subprocess.Popen(command)
+    limit = time.monotonic() + 120.0
+    while len(list(out.glob('results/*/*/*.json'))) < 5:
+        assert process.poll() is None
+        assert time.monotonic() < limit
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert not (out / 'fleet.parquet').exists()
+    assert main([*arguments, '--resume']) == 0
+    told = capsys.readouterr()
+    known = re.search(r'36 bags, (\d+) of them known from before', told.out)
+    assert known
+    assert int(known[1]) >= 5
+    assert 'INFO' not in told.err
+    table = pq.read_table(out / 'fleet.parquet')
+    sensors = judge_fleet(table)
+    worse = {sensor.robot: sensor.changes[0].quantity for sensor in sensors if sensor.size}
+    assert worse == {robot_name(0): 'bias', robot_name(2): 'noise', robot_name(3): 'outliers'}
+    failed = {row['source'] for row in table.to_pylist() if row['error']}
+    assert failed == {str(bag) for bag in broken}

@@ -1,0 +1,115 @@
+"""The page of a fleet: its ranking, its histories, its links, and how it does in a browser."""
+
+import json
+
+import pyarrow.parquet as pq
+import pytest
+
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.fleet.columns import write_table
+from support.browser import check_quiet, opened, wait_for
+
+EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
+DAY = 86_400 * 10**9
+
+
+def row(robot, day, axis, **figures):
+    """Return a row of the table of a sensor that does well, but for some figures."""
+    return {
+        'robot': robot, 'source': f'/bags/{robot}/day_{day}', 'content': f'{robot}{day}',
+        'topic': '/imu', 'frame_id': 'imu_link', 'axis': axis, 'notes': [], 'faults': [],
+        'start': 10**18 + day * DAY, 'duration': 60.0, 'messages': 6000, 'gaps': 0,
+        'noise': 2e-3 * (1.0 + 0.01 * (day % 3)), 'noise_samples': 3000,
+        'bias': 0.01 + 1e-4 * (day % 2), 'bias_deviation': 1e-4, 'outlier_share': 0.0,
+    } | figures  # fmt: skip
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    """Path of what a fleet of three robots has left, with a report on one bag."""
+    rows = [
+        row(
+            robot,
+            day,
+            axis,
+            **({'noise': 6e-3} if (robot, axis) == (EVIL, 'y') and day > 4 else {}),
+        )
+        for robot in ('a', EVIL, 'c')
+        for day in range(9)
+        for axis in 'xyz'
+    ]
+    rows.append({'robot': 'c', 'source': f'/bags/{EVIL}', 'error': f'no bag, {EVIL}'})
+    out = tmp_path / 'out'
+    (out / 'reports').mkdir(parents=True)
+    write_table(out / 'fleet.parquet', rows)
+    (out / 'reports' / 'a3.html').write_text('<title>the report on a bag</title>')
+    return out
+
+
+def made(fleet, folder):
+    page = folder / 'fleet.html'
+    arguments = ['-o', str(page), '--json', str(folder / 'health.json')]
+    assert main(['fleet-report', str(fleet), *arguments]) == 0
+    return page, json.loads((folder / 'health.json').read_text())['sensors']
+
+
+def test_the_page_and_the_figures(fleet, tmp_path, capsys):
+    page, sensors = made(fleet, tmp_path)
+    assert [sensor['robot'] for sensor in sensors] == [EVIL, 'a', 'c']
+    (change,) = sensors[0]['changes']
+    assert (change['quantity'], change['axis'], change['certain']) == ('noise', 'y', True)
+    assert change['since'] == 10**18 + 5 * DAY
+    assert not any(sensor['changes'] for sensor in sensors[1:])
+    assert 'noise y' in capsys.readouterr().out
+    text = page.read_text()
+    assert 'alert(1)</script>' not in text
+    assert '1 of 3 sensors gets worse' in text
+    assert 'href="out/reports/a3.html"' in text
+    assert "default-src 'none'" in text
+
+
+def test_what_is_no_fleet_is_told(fleet, tmp_path, capsys):
+    other = tmp_path / 'other'
+    other.mkdir()
+    page = str(tmp_path / 'page.html')
+    assert main(['fleet-report', str(other), '-o', page]) == 1
+    assert 'can not be read' in capsys.readouterr().err
+    pq.write_table(
+        pq.read_table(fleet / 'fleet.parquet', columns=['robot']), other / 'fleet.parquet'
+    )
+    assert main(['fleet-report', str(other), '-o', page]) == 1
+    assert 'is no table of a fleet: it has no' in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_page_in_a_browser(browser, fleet, tmp_path):
+    page, _ = made(fleet, tmp_path)
+    opened(browser, page)
+    ranking = browser.execute_script(
+        "return [...document.querySelectorAll('#ranking tbody tr')].map(r => r.textContent)"
+    )
+    assert len(ranking) == 1
+    assert EVIL in ranking[0]
+    assert 'noise y 0.116 to 0.344 deg/s' in ranking[0]
+    for k in range(3):
+        node = f"document.querySelectorAll('.plot')[{k}]"
+        browser.execute_script(f'{node}.scrollIntoView()')
+        wait_for(lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
+        drawn = browser.execute_script(f'return {node}.data.map(t => [t.name, t.x.length])')
+        assert drawn == [[axis, 9] for axis in (*'xyz', *'xyz', *'xyz', '')]
+    lines = 'return document.querySelectorAll(".plot")[{}]._fullLayout.shapes.map(s => s.x0)'
+    assert browser.execute_script(lines.format(0)) == ['2001-09-14 01:46:40']
+    assert browser.execute_script(lines.format(1)) == []
+    # A robot in the ranking leads to its history.
+    browser.execute_script("document.querySelector('#ranking a').click()")
+    assert browser.execute_script('return location.hash') == '#sensor-0'
+    back = 'return getComputedStyle(document.body).backgroundColor'
+    before = browser.execute_script(back)
+    browser.execute_script("document.querySelector('#theme').click()")
+    assert browser.execute_script(back) != before
+    check_quiet(browser, page)
+    # A click on a point opens the report on its bag.
+    browser.execute_script(
+        "document.querySelectorAll('.plot')[1].emit('plotly_click', {points: [{customdata: 3}]})"
+    )
+    wait_for(lambda: browser.title == 'the report on a bag')
