@@ -377,9 +377,12 @@ def test_a_known_bias_is_taken_off_the_first_sample(random):
 def test_calibrate(random):
     truth = np.array([1.0, 0.0, -1.0]) * DEGREE
     filter_ = Filter()
+    with pytest.raises(GyroDriftFilterError, match='no rate has come yet'):
+        filter_.calibrate()
+    run(filter_, *at_rest(random, 2))
     with pytest.raises(GyroDriftFilterError, match='leave it alone for 5 s and try again'):
         filter_.calibrate()
-    run(filter_, *at_rest(random, 10))
+    run(filter_, *at_rest(random, 10), start=START + 2 * 10**9)
     run(filter_, *at_rest(random, 20, truth), start=START + 10 * 10**9)
     assert np.abs(filter_.state['bias']['bias']).max() < 0.1 * DEGREE  # a turn, for all it knows
     filter_.calibrate()

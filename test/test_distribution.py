@@ -35,19 +35,23 @@ def imported(path):
 
 
 def test_what_the_commands_import_is_installed_with_them():
-    """But for the node, whose libraries come with ROS 2."""
-    needed = set()
-    for path in PACKAGE.rglob('*.py'):
-        if path.parent.name != 'ros':
-            needed |= set(imported(path))
-    needed -= set(sys.stdlib_module_names) | WITH_ROSBAGS | {'gyro_drift_filter'}
-    assert {'numpy', 'rosbags', 'scipy', 'plotly', 'matplotlib'} <= needed
-    required = {
-        requirement.name.lower()
-        for requirement in map(Requirement, requires('gyro_drift_filter') or ())
-        if 'extra' not in str(requirement.marker)
-    }
-    assert {DISTRIBUTION_OF.get(name, name).lower() for name in needed} <= required
+    """But for the node, whose libraries come with ROS 2; a fleet has an extra of its own."""
+    requirements = [Requirement(text) for text in requires('gyro_drift_filter') or ()]
+
+    def required(extra):
+        return {r.name.lower() for r in requirements if extra in str(r.marker)}
+
+    def needed(paths):
+        names = {name for path in paths for name in imported(path)}
+        names -= set(sys.stdlib_module_names) | WITH_ROSBAGS | {'gyro_drift_filter'}
+        return {DISTRIBUTION_OF.get(name, name).lower() for name in names}
+
+    paths = {path for path in PACKAGE.rglob('*.py') if path.parent.name != 'ros'}
+    of_fleets = {path for path in paths if path.parent.name == 'fleet'}
+    always = required('') - required('extra')
+    assert {'numpy', 'rosbags', 'scipy', 'plotly', 'matplotlib'} <= needed(paths - of_fleets)
+    assert needed(paths - of_fleets) <= always
+    assert needed(of_fleets) <= always | required('extra == "fleet"')
 
 
 @pytest.fixture(scope='module')

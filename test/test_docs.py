@@ -72,7 +72,7 @@ def run(block, folder):
 
 @pytest.fixture(scope='session')
 def recordings(tmp_path_factory):
-    """A folder with what the pages name: the bags drive, motionless and turns."""
+    """Make a folder with what the pages name: the bags drive, motionless and turns."""
     return simulated_folder(tmp_path_factory.mktemp('docs'))
 
 

@@ -373,7 +373,13 @@ def test_help_and_options_that_do_not_exist():
 
     status, out, _ = run('--help', '--ros-args', '-p', 'method:=kalman')
     assert status == 0
-    for name in ('imu/data_raw', 'imu/data_filtered', 'motion_hint', '--params-file', 'README.md'):
+    for name in (
+        'imu/data_raw',
+        'imu/data_filtered',
+        'motion_hint',
+        '--params-file',
+        'parameters.md',
+    ):
         assert name in out
     for arguments in (['--verbose', 'now'], ['--ros-args', '--verbose']):
         status, out, log = run(*arguments)

@@ -182,7 +182,8 @@ def count_in(dispatcher: Any) -> None:
 
 def share_compiled() -> float:
     """Return the share of all kernels so far that are compiled in this process."""
-    return sum(bool(dispatcher.overloads) for dispatcher in _dispatchers) / len(_dispatchers)
+    done = sum(bool(dispatcher.overloads) for dispatcher in _dispatchers)
+    return done / max(len(_dispatchers), 1)
 
 
 @functools.cache

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 NEEDED = (
     'fleets need more Python packages ({}): install them with '
-    '\'pip install "gyro_drift_filter[fleet,identify,offline]"\''
+    '\'pip install "gyro_drift_filter[fleet]"\''
 )
 TABLE = 'fleet.parquet'
 # Errors and sensors that are told on the terminal; the table has them all.
