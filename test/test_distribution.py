@@ -19,7 +19,7 @@ from packaging.specifiers import SpecifierSet
 from support.paths import NOT_COPIED, REPOSITORY
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
-DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib'}
+DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib', 'distributed': 'dask'}
 # rosbags brings lz4 and the Zstandard of the standard library to come.
 WITH_ROSBAGS = {'lz4', 'backports', 'compression'}
 WORKFLOW = REPOSITORY / '.github' / 'workflows' / 'ci.yml'
