@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.fleet.whole_file import write_whole
 from gyro_drift_filter.report.figures import Drawer, roles
 from gyro_drift_filter.report.page import Recording, page
 from gyro_drift_filter.report.signals import Signals
@@ -50,10 +50,4 @@ def write_report(path: Path, topics: list[Recording]) -> None:
     Raises:
         GyroDriftFilterError: It can't be written.
     """
-    unfinished = path.with_suffix('.incomplete')
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.write_text(page(topics), encoding='utf-8')
-        unfinished.replace(path)
-    except OSError as error:
-        raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error
+    write_whole(path, page(topics))

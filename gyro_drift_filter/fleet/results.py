@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.errors import GyroDriftFilterError, reason
 from gyro_drift_filter.fleet.columns import MEASURED
 from gyro_drift_filter.fleet.measuring import Result, Row
 from gyro_drift_filter.fleet.sources import Bag
+from gyro_drift_filter.fleet.whole_file import write_whole
 from gyro_drift_filter.messages.health import package_version
 
 
@@ -30,15 +30,8 @@ class Results:
         Raises:
             GyroDriftFilterError: It can't be written.
         """
-        path = self._path(result.content)
-        unfinished = path.with_suffix('.incomplete')
         plain = {'checksum': bag.checksum, 'rows': result.rows}
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_text(json.dumps(plain, allow_nan=False), encoding='utf-8')
-            unfinished.replace(path)
-        except OSError as error:
-            raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error
+        write_whole(self._path(result.content), json.dumps(plain, allow_nan=False))
 
     def rows(self, content: str) -> list[Row]:
         """Return the rows of a content that was kept."""
