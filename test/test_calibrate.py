@@ -179,7 +179,7 @@ def test_gaps_and_the_end_of_the_range_break_a_turn(random):
     [
         (
             lambda _, w, a: w.__setitem__((slice(None), 1), -w[:, 1]),
-            'no calibration makes the turns close: ',
+            'no calibration fits the turns: ',
         ),
         (lambda _, w, a: np.degrees(w, out=w), 'are they in deg/s'),
         (

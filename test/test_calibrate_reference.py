@@ -116,7 +116,7 @@ def test_wheels_tell_the_scale_about_the_vertical_alone(random):
         (lambda s, q: q.__setitem__(slice(None), q[0]), 'the reference hardly turns'),
         (
             lambda s, q: q.__setitem__(slice(None), q[::-1].copy()),
-            'do not turn alike|no calibration makes',
+            'do not turn alike|no calibration fits',
         ),
         (lambda s, q: q.fill(np.nan), 'only 0 orientations'),
     ],

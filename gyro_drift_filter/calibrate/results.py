@@ -208,7 +208,7 @@ def _check_matrix(matrix: Floats, after: Closures) -> None:
         why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
     if why:
         raise CalibrationError(
-            f'no calibration makes the turns close: {why}. Has an axis a wrong sign, are axes '
+            f'no calibration fits the turns: {why}. Has an axis a wrong sign, are axes '
             'swapped, or the stamps wrong?'
         )
 

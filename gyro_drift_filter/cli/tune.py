@@ -72,7 +72,9 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
     )
-    command.add_argument('--seed', type=int, default=0, help='of the search, default %(default)s')
+    command.add_argument(
+        '--seed', type=int, default=0, help='of the random numbers, default %(default)s'
+    )
     command.add_argument('--quiet', action='store_true', help='no progress, no table')
     command.set_defaults(run=run)
 

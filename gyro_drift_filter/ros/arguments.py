@@ -35,7 +35,7 @@ Filter a gyroscope while the robot runs: drift, noise and outliers go, motion st
               motion_hint        what the parameter motion_hint names
   publishes   imu/data_filtered  sensor_msgs/Imu, every sample
               /diagnostics       what came in, and what to do about it
-              ~/bias, ~/innovation and others, while somebody listens
+              ~/bias, ~/innovation and others, while there are subscribers
   serves      ~/reset, ~/calibrate
 
   -r imu/data_raw:=/camera/imu   filter another topic
