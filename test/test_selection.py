@@ -210,6 +210,19 @@ def test_files_in_another_order_than_that_of_time_lose_nothing():
             assert sum(len(piece.rows) for piece in found) == count
 
 
+def test_messages_that_can_not_be_read_are_counted(tmp_path, caplog):
+    """As where the file of a bag was exchanged: rosbags passes over what has another QoS."""
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    metadata = source / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('best_effort', 'reliable'))
+    with pytest.raises(BagError, match='has no messages'):
+        run(source, tmp_path / 'out')
+    assert '0 of 8 messages could be read' in caplog.text
+    caplog.clear()
+    run(source / 'in.mcap', tmp_path / 'out')
+    assert not caplog.text
+
+
 def test_the_options_of_the_command(two, tmp_path, capsys):
     source, topics = two
     arguments = ['replay', str(source), '-o', str(tmp_path / 'out'), '--topic', '/left/imu']

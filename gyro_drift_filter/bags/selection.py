@@ -14,6 +14,7 @@
 
 """Which part of a recording is replayed: its Imu topics, what is kept beside them, and when."""
 
+import logging
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -22,6 +23,8 @@ from dataclasses import dataclass
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.messages.imu import IMU_TYPE
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,14 @@ class Selection:
                 within = (seconds >= self.start) & (seconds <= self.end)
                 yield Piece(piece.data, piece.rows[within])
             progress(done, recording.message_count)
+        if self.is_whole and done < recording.message_count:
+            # Of a folder rosbags reads what metadata.yaml has with the same type and QoS.
+            _log.warning(
+                '%d of %d messages could be read: the metadata.yaml of a folder may be that of '
+                'other files; name a file in it instead',
+                done,
+                recording.message_count,
+            )
 
 
 def choose_topic(recording: Recording, wanted: str | None) -> str:
