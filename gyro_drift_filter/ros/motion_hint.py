@@ -60,6 +60,7 @@ class MotionHint:
             self._subscribe()
 
     def _resume(self) -> None:
+        assert self._pause is not None
         self._node.destroy_timer(self._pause)
         self._pause = None
         self._subscribe()
