@@ -19,7 +19,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -80,7 +80,6 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    take_any_name()
     try:
         from gyro_drift_filter.calibrate.calibration import calibrate
         from gyro_drift_filter.calibrate.exchange import to_kalibr

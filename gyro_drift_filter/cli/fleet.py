@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.core import Parameters
@@ -97,7 +97,6 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int | None:
     """Run the subcommand."""
-    take_any_name()
     try:
         import allantools  # noqa: F401
         import scipy.signal  # noqa: F401

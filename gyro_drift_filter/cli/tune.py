@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
 from gyro_drift_filter.cli.table import table
@@ -86,7 +86,6 @@ def run(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
     check_targets({'-o': options.output, '--json': options.json}, None)
-    take_any_name()
     try:
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune

@@ -67,6 +67,8 @@ def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
             with suppress(NoSectionsError):
                 read_sections(path)
         reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        if 'should be of same type' in reason:
+            reason += ': in a list write 0.0, not 0, where others have a decimal point'
         raise GyroDriftFilterError(reason) from error
 
 
