@@ -67,7 +67,7 @@ def compiled(tmp_path_factory):
         shutil.copytree(
             cache.folder(),
             folder / 'gyro_drift_filter' / cache.folder().name,
-            ignore=shutil.ignore_patterns('*.so', cache.NO_EXTENSION, 'build_*', '*.tmp.*'),
+            ignore=shutil.ignore_patterns(cache.NO_EXTENSION, 'build_*', '*.tmp.*'),
         )
     environment = {'XDG_CACHE_HOME': str(folder), 'NUMBA_CACHE_DIR': ''}
     done = run("from gyro_drift_filter.cli.main import main; main(['compile'])", **environment)

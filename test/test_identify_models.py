@@ -59,8 +59,8 @@ def test_agrees_with_statsmodels(phi, theta):
     ('phi', 'theta'), [([0.5], []), ([0.5, -0.3], []), ([0.9], [0.5]), ([], [])]
 )
 def test_the_order_is_found(phi, theta):
-    found = [choose(fit_arma([arma(50_000, phi, theta, seed)])).order for seed in range(6)]
-    assert found == 6 * [(len(phi), len(theta))]
+    found = [choose(fit_arma([arma(50_000, phi, theta, seed)])).order for seed in range(3)]
+    assert found == 3 * [(len(phi), len(theta))]
 
 
 @pytest.mark.parametrize('scale', [1e-4, 1.0])
@@ -74,10 +74,10 @@ def test_pieces_and_scale_make_no_difference(scale):
 
 @pytest.mark.parametrize(('phi', 'ratio'), [(0.2134, 4.0), (0.2134, 1.0), (0.9, 1.0), (0.9, 0.25)])
 def test_drift_is_told_from_white_noise(phi, ratio):
-    """Intervals of 95 % over 40 seeds: fewer than 33 hits happen once in 4,000 tries."""
+    """Intervals of 95 % over 20 seeds: fewer than 15 hits happen once in 3,000 tries."""
     hits, estimates = np.zeros(3), []
     white = 1.0 / ratio
-    for seed in range(40):
+    for seed in range(20):
         drift = arma(20_000, [phi], [], seed, deviation=np.sqrt(1 - phi * phi))
         noise = white * np.random.default_rng([seed, 5]).standard_normal(20_000)
         found = fit_drift_and_white([drift + noise])
@@ -89,7 +89,7 @@ def test_drift_is_told_from_white_noise(phi, ratio):
             (found.white_variance_interval, white**2),
         )
         hits += [low <= truth <= high for (low, high), truth in intervals]
-    assert (hits >= 33).all()
+    assert (hits >= 15).all()
     spread = np.std(estimates) / np.sqrt(len(estimates))
     assert np.mean(estimates) == pytest.approx(phi, abs=0.02 * phi + 3 * spread)
 
@@ -97,7 +97,7 @@ def test_drift_is_told_from_white_noise(phi, ratio):
 @pytest.mark.parametrize('ratio', [0.5, 0.25])
 def test_a_weak_drift_in_white_noise_is_called_not_identifiable(ratio):
     phi = 0.2134
-    for seed in range(20):
+    for seed in range(8):
         drift = arma(20_000, [phi], [], seed, deviation=np.sqrt(1 - phi * phi))
         noise = np.random.default_rng([seed, 5]).standard_normal(20_000) / ratio
         assert not fit_drift_and_white([drift + noise]).identifiable

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-RATE = 50.0
+RATE = 25.0
 DEGREE = np.pi / 180
 
 
@@ -38,6 +38,13 @@ def recording(random):
     def during(first, last):
         return (seconds >= first) & (seconds < last)
 
+    def at(*moments):
+        return [round(moment * RATE) for moment in moments]
+
+    def for_samples(first, count):
+        (k,) = at(first)
+        return slice(k, k + count)
+
     rates = 0.005 * random.standard_normal((n, 3)) + 0.01
     accelerations = np.array([0.0, 0.0, 9.8]) + 0.02 * random.standard_normal((n, 3))
     for first, last in ((15, 19), (40, 44), (150, 153), (240, 243)):
@@ -47,27 +54,30 @@ def recording(random):
         rates[part] += 2.0 * window * wave
         accelerations[part] += window * wave
     # Outliers at rest and in motion: single, in a run, drop-outs, huge, growing.
-    for k in (60, 400, 780, 900, 905, 2100):
+    for k in at(1.2, 8.0, 15.6, 18.0, 18.2, 42.0):
         rates[k, k % 3] += 1.5
-    rates[1200:1203, 0] += 3.0
-    rates[1300:1302] = 0.0
-    rates[1310:1320] = 0.0
-    rates[1400, 1] = 34.0
-    rates[1450:1460, 2] += np.linspace(0.0, 4.0, 10)
-    rates[1460:1470, 2] += np.linspace(4.0, 0.0, 10)
-    rates[1500:1504, 0] += 25.0
-    rates[1540:1600, 1] += 1.0  # a step
+    rates[for_samples(24.0, 3), 0] += 3.0
+    rates[for_samples(26.0, 2)] = 0.0
+    rates[for_samples(26.4, 10)] = 0.0
+    rates[at(28.0), 1] = 34.0
+    rates[for_samples(29.0, 10), 2] += np.linspace(0.0, 4.0, 10)
+    rates[for_samples(29.4, 10), 2] += np.linspace(4.0, 0.0, 10)
+    rates[for_samples(30.0, 4), 0] += 25.0
+    rates[during(30.8, 32.0), 1] += 1.0  # a step
     # A knock: the accelerometer feels it, too.
-    rates[1650, 0] += 2.0
-    rates[1651, 0] += 1.0
-    accelerations[1650] += 30.0
+    (knock,) = at(33.0)
+    rates[knock, 0] += 2.0
+    rates[knock + 1, 0] += 1.0
+    accelerations[knock] += 30.0
     # What is no number, or no rate.
-    rates[1700, 0] = np.nan
-    rates[1710:1730] = np.inf
-    rates[1740:1900, 2] = np.nan
-    accelerations[1750:1760] = np.nan
+    rates[at(34.0), 0] = np.nan
+    rates[for_samples(34.2, 20)] = np.inf
+    rates[during(35.0, 38.0), 2] = np.nan
+    accelerations[for_samples(35.2, 10)] = np.nan
     # Stuck, and at the end of the range.
-    rates[2300:2420], accelerations[2300:2420] = rates[2300], accelerations[2300]
+    (stuck,) = at(46.0)
+    rates[during(46.0, 48.4)] = rates[stuck]
+    accelerations[during(46.0, 48.4)] = accelerations[stuck]
     rates[during(60, 62)] = np.clip(
         20.0 * np.sin(8.0 * seconds[during(60, 62)])[:, None], -8.7, 8.7
     )
@@ -79,11 +89,13 @@ def recording(random):
     # A vibration that begins.
     rates[during(245, 260)] += 0.05 * np.sin(np.outer(seconds[during(245, 260)], [60, 70, 80]))
     stamps = 10**18 + np.round(seconds * 1e9).astype(np.int64)
-    for k, jump in ((5200, 0.2), (5400, 0.9), (5600, 5.0), (5800, -0.5), (6000, -30.0)):
+    jumps = {104.0: 0.2, 108.0: 0.9, 112.0: 5.0, 116.0: -0.5, 120.0: -30.0}
+    for k, jump in zip(at(*jumps), jumps.values(), strict=True):
         stamps[k:] += int(jump * 1e9)
-    stamps[6200:6205] = 0
-    stamps[6300] = stamps[6299]
-    stamps[6310], rates[6310] = stamps[6309], rates[6309]
+    stamps[for_samples(124.0, 5)] = 0
+    same, twice = at(126.0, 126.2)
+    stamps[same] = stamps[same - 1]
+    stamps[twice], rates[twice] = stamps[twice - 1], rates[twice - 1]
     return stamps, rates, accelerations
 
 
@@ -171,22 +183,23 @@ def main(out, way):
             filter_.reset()
 
     told = {
-        700: lambda f: f.note_temperature(20.0),
-        800: lambda f: f.note_temperature(25.0),
-        1000: lambda f: f.hint(True),
-        1100: lambda f: f.hint(False),
-        3700: lambda f: f.hint(False),
-        7000: calibrate,
-        7700: calibrate,
-        10_400: lambda f: f.note_temperature(np.nan),
-        14_000: lambda f: f.configure(Parameters(method='kalman', sample_rate=RATE)),
-        14_100: lambda f: f.configure(Parameters(model_noise_deviation=(0.004,) * 3)),
-        14_400: lambda f: f.configure(Parameters(sample_rate=100.0, outlier_enabled=False)),
+        14.0: lambda f: f.note_temperature(20.0),
+        16.0: lambda f: f.note_temperature(25.0),
+        20.0: lambda f: f.hint(True),
+        22.0: lambda f: f.hint(False),
+        74.0: lambda f: f.hint(False),
+        140.0: calibrate,
+        154.0: calibrate,
+        208.0: lambda f: f.note_temperature(np.nan),
+        280.0: lambda f: f.configure(Parameters(method='kalman', sample_rate=RATE)),
+        282.0: lambda f: f.configure(Parameters(model_noise_deviation=(0.004,) * 3)),
+        288.0: lambda f: f.configure(Parameters(sample_rate=100.0, outlier_enabled=False)),
     }
-    stamps, rates, accelerations = data = recording(np.random.default_rng(1))
+    told = {round(moment * RATE): tell for moment, tell in told.items()}
+    stamps, rates, accelerations = recording(np.random.default_rng(1))
     saved = messages()
     for method in METHOD_NAMES:
-        n = len(stamps) if method == 'adaptive' else 2500
+        n = len(stamps) if method == 'adaptive' else round(50.0 * RATE)
         filter_ = Filter(Parameters(method=method))
         results = through(
             filter_,
@@ -199,8 +212,8 @@ def main(out, way):
         bias = filter_.state['bias']
         saved |= {f'{method} {name}': bias[name] for name in ('segments', 'turning', 'beyond_max')}
     still = Filter(Parameters(bias_initial=(0.01, 0.0, 0.0)))
-    silent = np.full_like(data[2][:1500], np.nan)
-    results = still.run(data[0][:1500], data[1][:1500] * 0.0, silent)
+    silent = np.full((1500, 3), np.nan)
+    results = still.run(stamps[:1500], np.zeros((1500, 3)), silent)
     saved |= {f'zeros {name}': results[name] for name in results.dtype.names}
     np.savez(out, **saved)
 
