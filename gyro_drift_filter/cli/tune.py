@@ -170,7 +170,7 @@ def report(tuning: 'Tuning', by_truth: bool) -> str:
         if by_truth:
             head += (
                 f' On the stretches held back the error falls from {tuning.cost_before:.6f} to '
-                f'{tuning.cost_chosen:.6f} rad/s.'
+                f'{tuning.cost_best:.6f} rad/s.'
             )
         else:
             head += (
