@@ -109,7 +109,7 @@ def _order(text: str) -> tuple[int, int]:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     try:
-        from gyro_drift_filter.calibrate.exchange import to_kalibr
+        from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
@@ -161,6 +161,8 @@ def run(options: argparse.Namespace) -> None:
         tell(f'warning: {warning}')
     for note in _notes(samples, options.sample_rate):
         tell(f'note: {note}')
+    if options.kalibr and (text := lacking(noise_of(result))):
+        tell(f'note: {text}')
 
 
 def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:
