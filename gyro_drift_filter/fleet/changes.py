@@ -50,6 +50,8 @@ _PER_MEDIAN = 1.4826
 _OF_MEDIAN = math.sqrt(math.pi / 2.0)
 # Series of white noise by which it is known what chance makes, and their greatest length.
 _DRAWN, _LONGEST = 1000, 200
+# Has a logarithm, and is less than any scatter.
+_SMALLEST = 1e-100
 # Series whose median says how far the values of a fleet wander.
 _TELLING = 300
 
@@ -101,11 +103,13 @@ class Usual:
         self._of_others: dict[tuple[str, int], float] = {}
         self.scatter, self.known = 0.0, _KNOWN
         if self._fleet:
-            logs = np.array([_log_steps(s.values, s.own) for s in self._fleet])
+            steps = np.array([_log_steps(series.values) for series in self._fleet])
             means, variances = np.array([_by_chance(len(s.values)) for s in self._fleet]).T
-            centre = float(np.median(logs - means))
+            owns = np.array([max(series.own, _SMALLEST) for series in self._fleet])
+            logs = np.maximum(steps - means, 2.0 * np.log(owns))
+            centre = float(np.median(logs))
             self.scatter = math.exp(0.5 * centre)
-            more = float(np.mean(np.square(logs - means - centre) - variances))
+            more = float(np.mean(np.square(logs - centre) - variances))
             if more > 0.0:
                 # The variance of the logarithm of a chi-square is about 2 / n + 2 / n^2.
                 self.known = min(self.known, (1.0 + math.sqrt(1.0 + 2.0 * more)) / more)
@@ -145,18 +149,18 @@ def usual_scatter(values: Floats) -> float:
     return _PER_MEDIAN * float(np.median(np.abs(steps - np.median(steps)))) / math.sqrt(2.0)
 
 
-def _log_steps(values: Floats, least: float) -> float:
+def _log_steps(values: Floats) -> float:
     """Return the logarithm of the variance from one value to the next, without the largest step."""
     squares = np.square(np.diff(values))
     variance = (squares.sum() - squares.max()) / (2.0 * (len(squares) - 1))
-    return math.log(max(float(variance), least**2, np.finfo(float).tiny))
+    return math.log(max(float(variance), _SMALLEST))
 
 
 @lru_cache
 def _by_chance(bags: int) -> tuple[float, float]:
     """Return mean and variance of `_log_steps` for white noise of deviation 1."""
     drawn = np.random.default_rng(0).standard_normal((_DRAWN, min(bags, _LONGEST)))
-    logs = [_log_steps(values, 0.0) for values in drawn]
+    logs = [_log_steps(values) for values in drawn]
     return float(np.mean(logs)), float(np.var(logs))
 
 
