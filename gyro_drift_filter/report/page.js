@@ -33,13 +33,20 @@
     return trace;
   };
 
+  const parsed = (name) => JSON.parse(element(name).textContent);
   const current = () => {
     if (!bags[bag]) {
-      const data = JSON.parse(element(`data-${bag}`).textContent);
+      const data = parsed(`data-${bag}`);
       data.window = [0, data.seconds];
       bags[bag] = data;
     }
     return bags[bag];
+  };
+  // Each figure's panels stand in an element of their own, and are read when it is drawn.
+  const figureOf = (node) => {
+    const figure = current().figures[Number(node.dataset.figure)];
+    if (!figure.panels) figure.panels = parsed(`data-${bag}-${node.dataset.figure}`);
+    return figure;
   };
 
   // The first index whose x is not below a value.
@@ -150,7 +157,7 @@
   const near = new Set();
 
   const draw = (node) => {
-    const data = current(), figure = data.figures[Number(node.dataset.figure)];
+    const data = current(), figure = figureOf(node);
     const width = printing ? (node.closest('.pairs') ? 340 : 700) : undefined;
     node.stale = false;
     node.style.height = `${heightOf(figure, Math.max(shown(figure).length, 1))}px`;
@@ -243,6 +250,7 @@
     if (!target.drawn || target.stale) draw(target);
   }), { rootMargin: '200px' });
   setTheme(dark.matches ? 'dark' : 'light');
+  // The data of the others comes after this script.
   draw(nodes()[0]);
-  document.querySelectorAll('.plot').forEach((node) => watcher.observe(node));
+  document.addEventListener('DOMContentLoaded', () => document.querySelectorAll('.plot').forEach((node) => watcher.observe(node)));
 })();

@@ -88,11 +88,25 @@ def page(recordings: Sequence[Recording]) -> str:
     sections = [
         _section(k, recording, '' if several else bar) for k, recording in enumerate(recordings)
     ]
-    data = {f'data-{k}': _data(recording) for k, recording in enumerate(recordings)}
-    return document(title, [bar if several else '', *sections], data, _resource('page.js'))
+    data: dict[str, Any] = {f'data-{k}': _data(recording) for k, recording in enumerate(recordings)}
+    later = {
+        f'data-{k}-{i}': _packed_panels(figure, recording)
+        for k, recording in enumerate(recordings)
+        for i, figure in enumerate(recording.figures)
+    }
+    # The first figure is drawn while the browser still reads the others.
+    data['data-0-0'] = later.pop('data-0-0')
+    body = [bar if several else '', *sections]
+    return document(title, body, data, _resource('page.js'), later)
 
 
-def document(title: str, body: Sequence[str], data: Mapping[str, Any], script: str) -> str:
+def document(
+    title: str,
+    body: Sequence[str],
+    data: Mapping[str, Any],
+    script: str,
+    later: Mapping[str, Any] | None = None,
+) -> str:
     """Return a page that needs no network, with the library that draws on it.
 
     Args:
@@ -100,6 +114,7 @@ def document(title: str, body: Sequence[str], data: Mapping[str, Any], script: s
         body: HTML, in which all text that comes from outside is escaped.
         data: What the script finds as JSON, by the `id` of the element that it is in.
         script: That draws the data.
+        later: More of it, which is there when the document is loaded.
     """
     scripts = [get_plotlyjs(), script]
     hashes = ' '.join(f"'sha256-{_digest(script)}'" for script in scripts)
@@ -116,15 +131,18 @@ def document(title: str, body: Sequence[str], data: Mapping[str, Any], script: s
             '</head>',
             '<body>',
             *body,
-            *(
-                f'<script type="application/json" id="{name}">{_within_script(plain)}</script>'
-                for name, plain in data.items()
-            ),
+            *_data_elements(data),
             *(f'<script>{script}</script>' for script in scripts),
+            *_data_elements(later or {}),
             '</body>',
             '</html>\n',
         ]
     )
+
+
+def _data_elements(data: Mapping[str, Any]) -> Iterable[str]:
+    for name, plain in data.items():
+        yield f'<script type="application/json" id="{name}">{_within_script(plain)}</script>'
 
 
 def _within_script(plain: Any) -> str:
@@ -318,30 +336,36 @@ def _shown(value: Any) -> str:
 
 
 def _data(recording: Recording) -> dict[str, Any]:
-    """Return the figures as JSON knows them."""
-    scale = max(recording.seconds, 1e-9) / _TICKS
+    """Return what the figures have in common, and each without its panels, as JSON knows them."""
     return {
         'methods': list(recording.verdicts),
         'seconds': max(recording.seconds, 1e-9),
-        'scale': scale,
+        'scale': _seconds_per_tick(recording),
         'rests': [[round(a, 3), round(b, 3)] for a, b in recording.rests],
-        'figures': [_packed_figure(figure, scale) for figure in recording.figures],
-    }
-
-
-def _packed_figure(figure: Figure, scale: float) -> dict[str, Any]:
-    return {
-        'name': figure.name,
-        'x': figure.x,
-        'y': figure.y,
-        'inTime': figure.in_time,
-        'logarithmic': figure.logarithmic,
-        'limits': figure.limits,
-        'panels': [
-            {'name': name, 'traces': [_packed(trace, figure.in_time, scale) for trace in traces]}
-            for name, traces in figure.panels.items()
+        'figures': [
+            {
+                'name': figure.name,
+                'x': figure.x,
+                'y': figure.y,
+                'inTime': figure.in_time,
+                'logarithmic': figure.logarithmic,
+                'limits': figure.limits,
+            }
+            for figure in recording.figures
         ],
     }
+
+
+def _seconds_per_tick(recording: Recording) -> float:
+    return max(recording.seconds, 1e-9) / _TICKS
+
+
+def _packed_panels(figure: Figure, recording: Recording) -> list[dict[str, Any]]:
+    scale = _seconds_per_tick(recording)
+    return [
+        {'name': name, 'traces': [_packed(trace, figure.in_time, scale) for trace in traces]}
+        for name, traces in figure.panels.items()
+    ]
 
 
 def _packed(trace: Trace, in_time: bool, scale: float) -> dict[str, Any]:
