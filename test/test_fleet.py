@@ -33,6 +33,7 @@ import pytest
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.fleet.addresses import shown
+from gyro_drift_filter.fleet.bag_report import report_path
 from gyro_drift_filter.fleet.changes import Series, Usual, find_change
 from gyro_drift_filter.fleet.columns import COLUMNS, schema
 from gyro_drift_filter.fleet.health import judge_fleet
@@ -92,6 +93,23 @@ def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path, capsys):
     # The name of the file stands in the metadata at its end, and nothing else differs.
     common = next(k for k, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b)
     assert common > 0.9 * len(theirs)
+
+
+def test_the_report_on_a_bag_is_there_whole_or_not_at_all(small, tmp_path):
+    (bag,) = find_bags([str(small / 'robot_00' / 'day_01')], None)
+    reports = tmp_path / 'reports'
+    result = measure(bag, Job(Parameters(), reports=reports))
+    (page,) = reports.iterdir()
+    assert page == report_path(reports, result.content)
+    text = page.read_text()
+    assert 'robot_00, day_01' in text
+    assert text.rstrip().endswith('</html>')
+    page.rename(tmp_path / 'page')
+    page.mkdir()
+    result = measure(bag, Job(Parameters(), reports=reports))
+    assert 'can not be written' in result.rows[0]['error']
+    assert not result.lasting
+    assert list(reports.iterdir()) == [page]
 
 
 def test_each_column_says_what_it_is(measured):
