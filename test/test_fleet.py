@@ -23,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import time
+from itertools import chain, repeat
 
 import fsspec
 import numpy as np
@@ -34,7 +35,7 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path
-from gyro_drift_filter.fleet.changes import Series, Usual, find_change
+from gyro_drift_filter.fleet.changes import Found, Series, Usual, find_change
 from gyro_drift_filter.fleet.columns import COLUMNS, schema
 from gyro_drift_filter.fleet.health import judge_fleet
 from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_path
@@ -415,17 +416,13 @@ def test_a_frozen_axis_is_found_though_it_has_no_noise_to_be_compared(random):
     assert (change.quantity, change.axis, change.after) == ('frozen', 'y', 100.0)
 
 
-def test_a_change_that_is_certain_stands_before_a_larger_one_that_is_not():
-    """Two days of x say less than fifteen of y."""
-    rows = rows_of_fleet(np.random.default_rng(5), bags=30)
-    for row in rows:
-        day = row['start'] // 10**14
-        if (row['robot'], row['axis']) == ('3', 'x'):
-            row['bias'] = 0.0072 if day >= 28 else row['bias']
-        elif (row['robot'], row['axis']) == ('3', 'y') and day >= 15:
-            row['bias'] += 0.005
-    (change,) = judged(rows)[0].changes
-    assert (change.quantity, change.axis, change.certain) == ('bias', 'y', True)
+def test_a_change_that_is_certain_stands_before_a_larger_one_that_is_not(random, monkeypatch):
+    of_axes = [Found(5, 0.0, 1.0, 9.0, certain=False), Found(5, 0.0, 1.0, 4.0, certain=True)]
+    told = chain(of_axes, repeat(None))
+    monkeypatch.setattr('gyro_drift_filter.fleet.health.find_change', lambda *_: next(told))
+    (sensor,) = judged(rows_of_fleet(random, robots=1))
+    (change,) = sensor.changes
+    assert (change.quantity, change.axis, sensor.size) == ('noise', 'y', 4.0)
 
 
 @pytest.mark.slow

@@ -42,12 +42,8 @@ LEAST_BAGS = 2 * _STRETCH
 _CHANCE = 0.01
 # A change within so many deviations of the history is one that happens.
 MATTERS = 3.0
-# What others say of a scatter is worth so many bags at most: sensors of a kind differ.
-_KNOWN = 8.0
 # Deviation of Gaussian noise per median absolute deviation.
 _PER_MEDIAN = 1.4826
-# A median scatters so much more than a mean.
-_OF_MEDIAN = math.sqrt(math.pi / 2.0)
 # Series of white noise by which it is known what chance makes, and their greatest length.
 _DRAWN, _LONGEST = 1000, 200
 # Has a logarithm, and is less than any scatter.
@@ -101,7 +97,7 @@ class Usual:
         self._fleet = [series for series in fleet if len(series.values) >= LEAST_BAGS]
         self._wander: dict[int, tuple[NDArray[Any], Floats]] = {}  # by bags in a mean
         self._of_others: dict[tuple[str, int], float] = {}
-        self.scatter, self.known = 0.0, _KNOWN
+        self.scatter = self.known = 0.0
         if self._fleet:
             steps = np.array([_log_steps(series.values) for series in self._fleet])
             means, variances = np.array([_by_chance(len(s.values)) for s in self._fleet]).T
@@ -109,10 +105,11 @@ class Usual:
             logs = np.maximum(steps - means, 2.0 * np.log(owns))
             centre = float(np.median(logs))
             self.scatter = math.exp(0.5 * centre)
-            more = float(np.mean(np.square(logs - centre) - variances))
-            if more > 0.0:
-                # The variance of the logarithm of a chi-square is about 2 / n + 2 / n^2.
-                self.known = min(self.known, (1.0 + math.sqrt(1.0 + 2.0 * more)) / more)
+            # Few series do not tell that the sensors are alike: so much more may be by chance.
+            unsure = float(np.mean(variances)) * math.sqrt(2.0 / len(self._fleet))
+            more = max(float(np.mean(np.square(logs - centre) - variances)), 0.0) + unsure
+            # The variance of the logarithm of a chi-square is about 2 / n + 2 / n^2.
+            self.known = (1.0 + math.sqrt(1.0 + 2.0 * more)) / more
 
     def wander(self, series: Series) -> float:
         """Return by how much other robots' values differ more over many bags than white noise."""
@@ -173,6 +170,11 @@ def _deviation_of_means(values: Floats, bags: int) -> float:
     return _PER_MEDIAN * apart * math.sqrt(bags / 2.0)
 
 
+def _median_variance(count: int) -> float:
+    """Return the variance of the median of so many Gaussian values of deviation 1, within 2 %."""
+    return 0.5 * math.pi / (count + 0.5 * math.pi - 1.0)
+
+
 def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Found | None:
     """Return the change for the worse between an earlier stretch of a series and the last one.
 
@@ -216,6 +218,6 @@ def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Fo
     pooled = math.sqrt((squares + usual.known * least**2) / (free + usual.known))
     scatter = wander * max(pooled, least)
     size = difference / scatter
-    ratio = size / (_OF_MEDIAN * math.sqrt(1.0 / len(low) + 1.0 / len(high)))
+    ratio = size / math.sqrt(_median_variance(len(low)) + _median_variance(len(high)))
     certain = size > MATTERS and 2.0 * float(stats.t.sf(ratio, free + usual.known)) < chance
     return Found(int(edges[reference + 1]), before, after, size, certain)
