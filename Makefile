@@ -1,7 +1,8 @@
 # make demo: the main job end to end. make check: lint, types and quick tests.
 # make test: lint, types and all tests. make coverage: what of the code the tests run.
 # make bench: how fast. make quality: how good. make docs: the site of the documentation, in site/.
-# make parameters, make commands: write the reference pages in docs/, and config/, from the code.
+# make parameters, make commands, make poses: write the reference pages and a picture in docs/, and
+# config/, from the code.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,7 +12,7 @@ WORKERS ?= 2
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: demo check test ready lint compile bench quality coverage parameters commands docs clean
+.PHONY: demo check test ready lint compile bench quality coverage parameters commands poses docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -52,6 +53,9 @@ parameters: $(VENV)/.installed
 
 commands: $(VENV)/.installed
 	$(BIN)/python -m tools.write_command_page
+
+poses: $(VENV)/.installed
+	$(BIN)/python -m tools.draw_poses
 
 docs: $(VENV)/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

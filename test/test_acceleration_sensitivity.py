@@ -153,9 +153,8 @@ def test_a_sensor_without_it_is_not_given_any(random):
 
 
 def test_few_rests_do_not_tell(random):
-    up = Rotation.identity()
-    over = Rotation.from_rotvec([1.5, 0.0, 0.0])
-    recording, _ = laid_down(random, SENSITIVITY, [up, over, up])
+    poses = [Rotation.from_rotvec([1.5 * k, 0.0, 0.0]) for k in range(4)]
+    recording, _ = laid_down(random, SENSITIVITY, poses)
     assert calibrate([recording]).sensitivity is None
 
 

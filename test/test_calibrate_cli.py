@@ -15,6 +15,7 @@
 """`gyro_drift calibrate` as a person meets it, and files of other programs."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from matplotlib import image
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
-from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, to_kalibr
+from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, lacking, to_kalibr
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
@@ -61,7 +62,10 @@ def test_a_bag_gives_a_parameter_file_that_replay_takes(tmp_path, capsys, random
     for path in sorted(files['figures'].iterdir()):
         assert path.name in ('closures.png', 'turns.png')
         assert image.imread(path)[..., :3].std() > 0.05
-    kalibr = yaml.safe_load(files['kalibr.yaml'].read_text())['imu0']
+    assert 'the file for Kalibr has no accelerometer_random_walk. ' in printed.err
+    assert re.search(r'all entries are known to 0\.0\d+ % and better', printed.out)
+    kalibr = yaml.safe_load(files['kalibr.yaml'].read_text())
+    assert kalibr['rostopic'] == TOPIC
     assert kalibr['gyroscope_noise_density'] == pytest.approx(np.radians(0.005), rel=0.7)
     assert kalibr['update_rate'] == pytest.approx(50.0, rel=1e-3)
     replayed = ['replay', str(source), '-o', str(tmp_path / 'out'), '--quiet']
@@ -69,11 +73,12 @@ def test_a_bag_gives_a_parameter_file_that_replay_takes(tmp_path, capsys, random
 
 
 def test_what_is_not_known_is_a_warning(tmp_path, capsys, random):
-    poses = [Rotation.identity(), Rotation.from_rotvec([1.6, 0, 0]), Rotation.identity()]
+    poses = [Rotation.from_rotvec([k * np.pi / 2, 0, 0]) for k in range(5)]
     source = bag(tmp_path / 'in', lay_down(random, poses, random_faults(random), rate=50.0))
-    assert calibrate(tmp_path, source) == 0
-    told = capsys.readouterr().err
-    assert 'warning: turn it about y, too: x against y is known to' in told
+    assert calibrate(tmp_path, source) == 3
+    printed = capsys.readouterr()
+    assert 'warning: turn it about y, too: x against y is known to' in printed.err
+    assert 'all entries are known to 3' in printed.out
     assert '# Not known well: turn it about y, too' in (tmp_path / 'found.yaml').read_text()
 
 
@@ -96,26 +101,71 @@ def test_errors_are_one_line(tmp_path, capsys, random):
 NOISE = Noise(1e-4, 1e-6, 2e-3, 200.0)
 
 
-@pytest.mark.parametrize('accelerometer', [None, np.triu(MATRIX)])
-def test_kalibr_reads_what_is_written_for_it(accelerometer):
-    text = to_kalibr(NOISE, '/imu', MATRIX, accelerometer)
+def openvins(text):
+    """Return what OpenVINS reads: VioManagerOptions.h, StateOptions.h and opencv_yaml_parse.h."""
+    # OpenCV knows YAML by this.
+    assert text.startswith('%YAML')
     imu = yaml.safe_load(text)['imu0']
-    measured, turned = (np.array(imu['gyroscopes'][name]) for name in ('M', 'C_gyro_i'))
-    assert (np.triu(measured, 1) == 0.0).all()
-    np.testing.assert_allclose(turned @ turned.T, np.eye(3), atol=1e-9)
-    assert np.linalg.det(turned) == pytest.approx(1.0)
-    np.testing.assert_array_equal(imu['Tw'], measured)
-    np.testing.assert_array_equal(imu['R_IMUtoGYRO'], turned)
-    acceleration = np.array(imu['accelerometers']['M'])
-    assert (np.triu(acceleration, 1) == 0.0).all()
-    # Both in the same axes, whatever these are: what gravity and a turn about it measure.
-    found = from_kalibr(yaml.safe_load(text)).matrix
+    assert imu['model'] in ('kalibr', 'calibrated', 'rpng')
+    tw, ta, to_gyro, to_acc, tg = (
+        np.array(imu[name]) for name in ('Tw', 'Ta', 'R_IMUtoGYRO', 'R_IMUtoACC', 'Tg')
+    )
+
+    def columns(inverse):  # of the lower triangle, as `vec_dw` holds it and `State::Dm` reads it
+        v = [*inverse[:, 0], *inverse[1:, 1], inverse[2, 2]]
+        return np.array([[v[0], 0, 0], [v[1], v[3], 0], [v[2], v[4], v[5]]])
+
+    dw, da = columns(np.linalg.inv(tw)), columns(np.linalg.inv(ta))
+
+    def propagated(wm, am):  # Propagator.cpp, the biases off
+        acceleration = to_acc.T @ da @ am
+        return to_gyro.T @ dw @ (wm - tg @ acceleration), acceleration
+
+    return propagated
+
+
+@pytest.mark.parametrize('accelerometer', [None, np.triu(MATRIX)])
+def test_kalibr_and_openvins_read_what_is_written_for_them(accelerometer, random):
+    sensitivity = 1e-3 * random.standard_normal((3, 3))
+    text = to_kalibr(NOISE, '/imu', MATRIX, accelerometer, sensitivity)
+    imu = yaml.safe_load(text)['imu0']
+    m, c, a = (np.array(imu['gyroscopes'][name]) for name in ('M', 'C_gyro_i', 'A'))
+    ma = np.array(imu['accelerometers']['M'])
+    for lower in (m, ma):
+        assert (np.triu(lower, 1) == 0.0).all()
+    np.testing.assert_allclose(c @ c.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(c) == pytest.approx(1.0)
+    # Of a rate and an acceleration in the axes of the IMU, what Kalibr says that is measured:
+    # addAccelerometerErrorTerms and addGyroscopeErrorTerms of IccScaledMisalignedImu.
+    rate, force = random.standard_normal(3), 9.0 * random.standard_normal(3)
+    am = ma @ force
+    wm = m @ (c @ rate) + a @ (c @ force)
+    np.testing.assert_allclose(openvins(text)(wm, am), (rate, force), atol=1e-7)
+    # And what this package makes of it, in axes that are turned to those.
     of = np.eye(3) if accelerometer is None else accelerometer
-    axes = np.linalg.inv(acceleration) @ np.linalg.inv(of)
+    axes = np.linalg.inv(ma) @ np.linalg.inv(of)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-8)
-    np.testing.assert_allclose(found, axes @ MATRIX, atol=1e-8)
-    assert imu['gyroscope_noise_density'] == 1e-4
-    assert 'accelerometer_random_walk: not known' in text
+    np.testing.assert_allclose(axes @ (MATRIX @ (wm - sensitivity @ am)), rate, atol=1e-7)
+    np.testing.assert_allclose(axes @ (of @ am), force, atol=1e-7)
+
+
+@pytest.mark.parametrize('matrix', [None, MATRIX])
+def test_kalibr_finds_the_noise_at_the_top(matrix):
+    """As ImuParameters of ConfigReader.py, which takes nothing but numbers above zero."""
+    top = yaml.safe_load(to_kalibr(NOISE, '/imu', matrix))
+    assert (top['rostopic'], top['update_rate']) == ('/imu', 200)
+    names = 'gyroscope_noise_density', 'gyroscope_random_walk', 'accelerometer_noise_density'
+    assert [top[name] for name in names] == [1e-4, 1e-6, 2e-3]
+    assert {name: top['imu0'][name] for name in names} == {name: top[name] for name in names}
+    for unknown in (None, 0.0):
+        noise = NOISE._replace(rate_walk=unknown)
+        text = to_kalibr(noise, '/imu', matrix)
+        assert 'gyroscope_random_walk' not in yaml.safe_load(text)
+        assert 'gyroscope_random_walk: not known' in text
+        assert 'no accelerometer_random_walk and no gyroscope_random_walk. ' in lacking(noise)
+    rate = np.array([0.1, 0.2, 0.3])
+    if matrix is None:  # OpenVINS needs all, and nothing is known
+        np.testing.assert_array_equal(openvins(text)(rate, rate), (rate, rate))
 
 
 def test_a_file_of_kalibr_becomes_a_parameter_file(tmp_path):

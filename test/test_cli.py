@@ -14,6 +14,7 @@
 
 """The command as a person meets it: what it prints, and how it ends."""
 
+import io
 import os
 import re
 import signal
@@ -159,6 +160,31 @@ def test_dead_axes_are_not_called_unusable(tmp_path, capsys):
     told = ' '.join(capsys.readouterr().out.split())
     assert 'did nothing useful here: all three axes are dead, each holds one value' in told
     assert 'usable rate' not in told
+
+
+def test_a_name_that_the_terminal_can_not_show_does_not_end_it(tmp_path, monkeypatch):
+    """It is escaped; the bag was written, and then came a traceback."""
+    bag = write(tmp_path / 'in', {('/иму', IMU_TYPE): simulated(9)})
+    for arguments in (['replay', str(bag), '-o', str(tmp_path / 'out')], ['doctor', str(bag)]):
+        shown = io.TextIOWrapper(io.BytesIO(), 'ascii')
+        monkeypatch.setattr(sys, 'stdout', shown)
+        assert main(arguments) in (0, 3)
+        shown.flush()
+        assert rb'/\u0438\u043c\u0443' in shown.buffer.getvalue()
+
+
+def test_a_dumb_terminal_gets_lines(monkeypatch):
+    monkeypatch.setattr(sys, 'stderr', SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setenv('TERM', 'xterm')
+    assert printing.is_terminal()
+    monkeypatch.setenv('TERM', 'dumb')
+    assert not printing.is_terminal()
+
+
+@pytest.mark.parametrize('output', ['', '.', '/'])
+def test_a_simulation_needs_a_name(output, capsys):
+    assert main(['simulate', '-o', output, '--static', '2', '--dynamic', '2']) == 1
+    assert 'exists already' in capsys.readouterr().err
 
 
 def test_an_interrupt_while_it_loads_is_one_line(monkeypatch, capsys):

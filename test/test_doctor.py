@@ -29,6 +29,7 @@ from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
+from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.doctored import handled, write
 from support.paths import RECORDINGS
 
@@ -336,6 +337,15 @@ def test_values_beyond_numbers_and_messages_that_are_none(found):
     findings = found(replace(simulation, angular_velocity=rates, linear_acceleration=forces))
     assert faults(findings) == {'unusable'}
     assert 'rests' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_rates_that_never_change_are_not_said_to_live(found):
+    """Nor to be dead: at rest a coarse gyroscope shows no noise either."""
+    simulation = simulate(SimulationSettings(static_seconds=20.0, dynamic_seconds=0.0))
+    findings = found(rates_of(simulation, np.zeros_like(simulation.angular_velocity)))
+    (alive,) = [finding for finding in findings if finding.name == 'alive']
+    assert alive.verdict == Verdict.UNKNOWN
+    assert 'always the same rate about x, y, z: dead' in alive.text
 
 
 def test_a_tenth_of_a_second_says_next_to_nothing(found):

@@ -15,6 +15,7 @@
 """The file that remembers the bias: what is damaged, foreign, stale or can't be written."""
 
 import json
+import os
 import time
 
 import pytest
@@ -100,11 +101,12 @@ def test_a_damaged_file_is_refused(content, path):
         ({'time': 10**400}, 'is damaged'),
         ({'bias': [10**400, 0, 0]}, 'is damaged'),
         ({'time': None}, 'is damaged'),
+        ({'time': float('nan')}, 'is damaged: its time is not finite'),
         ({'node': '/other'}, 'of another node, frame or version'),
         ({'frame': 'other'}, 'of another node, frame or version'),
         ({'format': 1}, 'of another node, frame or version'),
         ({'time': time.time() - 40 * 86_400}, 'is from 40.0 days ago'),
-        ({'time': time.time() + 40 * 86_400}, 'is from -40.0 days ago'),
+        ({'time': time.time() + 40 * 86_400}, 'is from 40.0 days ahead: is the clock'),
         ({'bias': [0.0, 5.0, 0.0]}, 'beyond bias.max'),
     ],
 )
@@ -124,4 +126,8 @@ def test_a_folder_that_can_not_be_written(path):
 def test_what_can_not_be_read(path):
     path.mkdir(parents=True)
     with pytest.raises(MemoryFileError, match='can not be read'):
+        recall(path, NODE, FRAME, 0.1)
+    path.rmdir()
+    os.mkfifo(path)
+    with pytest.raises(MemoryFileError, match='can not be read: it is no file'):
         recall(path, NODE, FRAME, 0.1)

@@ -20,12 +20,16 @@ import subprocess
 import sys
 import threading
 import time
+import types
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, MagneticField
@@ -33,11 +37,14 @@ from std_srvs.srv import Trigger
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import messages
+from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import DESCRIPTIONS
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
+from gyro_drift_filter.ros import command, neighbours
+from gyro_drift_filter.ros.parameters import LiveParameters
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, LiveNode, environment, own_domain
 from support.messages import imu_fields, simulated
@@ -423,9 +430,50 @@ def test_a_node_on_its_own_output_does_not_start(arguments):
     assert 'Traceback' not in log
 
 
-def test_wrong_type_on_the_topic_is_reported():
-    import rclpy
+def test_topics_that_are_one_by_mistake_are_told():
+    """DDS refuses a second type of a topic: it was a traceback."""
+    status, log = start('-r', 'imu/temperature:=imu/data_raw')
+    assert status == 1
+    assert 'imu/data_raw and imu/temperature are both /imu/data_raw: each needs a topic' in log
+    assert 'Traceback' not in log
 
+
+def test_of_several_sections_the_node_and_replay_take_the_same(tmp_path):
+    own = 'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
+    of_all = '/**: {ros__parameters: {epsilon: 3.0}}\n'
+    context, file = rclpy.Context(), tmp_path / 'p.yaml'
+    rclpy.init(context=context, domain_id=own_domain())
+    try:
+        for text in (of_all + own, own + of_all):
+            file.write_text(text)
+            node = Node(
+                'gyro_drift_filter',
+                context=context,
+                cli_args=['--ros-args', '--params-file', str(file)],
+                automatically_declare_parameters_from_overrides=True,
+            )
+            assert LiveParameters(node, print, [file]).current == read_parameters(file)
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+def test_an_endpoint_whose_node_is_not_known_yet_has_words():
+    unknown = SimpleNamespace(node_name='_NODE_NAME_UNKNOWN_', node_namespace='_UNKNOWN_')
+    assert 'UNKNOWN' not in neighbours._name(unknown)
+
+
+def test_an_interrupt_while_the_node_loads_is_one_line(monkeypatch, capsys):
+    class Loading(types.ModuleType):
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, 'gyro_drift_filter.ros.main', Loading('main'))
+    assert command.main() == 130
+    assert capsys.readouterr().err == 'gyro_drift_filter_node: interrupted while it loaded\n'
+
+
+def test_wrong_type_on_the_topic_is_reported():
     context, domain = rclpy.Context(), own_domain()
     rclpy.init(context=context, domain_id=domain)
     other = rclpy.create_node('magnetometer', context=context)
@@ -463,8 +511,6 @@ class Other:
     """A node beside the filter, in its domain."""
 
     def __init__(self, live, name):
-        import rclpy
-
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=live.domain)
         self.node = rclpy.create_node(name, context=self.context)

@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.memory_file import file_of, recall
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import FRAME
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import doubles_of, imu_fields
@@ -221,6 +222,19 @@ def test_a_hint_of_motion_keeps_a_slow_turn_out(fresh, random):
     fresh.node.destroy_publisher(hints)
 
 
+def test_the_type_of_the_hint_changes_while_it_runs(fresh):
+    """DDS refuses a second type of a topic: the node ended with a traceback."""
+
+    def types():
+        endpoints = fresh.node.get_subscriptions_info_by_topic('/motion_hint')
+        return [endpoint.topic_type for endpoint in endpoints]
+
+    for kind in ('odometry', 'none', 'twist_stamped', 'twist'):
+        assert set_parameters(fresh, motion_hint=kind)[0].successful
+        expected = [HINT_TYPES[kind]] if kind in HINT_TYPES else []
+        fresh.wait(lambda expected=expected: types() == expected, f'the node to listen to {kind}')
+
+
 def test_warmth_widens_the_bias(fresh, random):
     def deviation():
         found = values(diagnostics(fresh, lambda statuses: FILTER in statuses)[FILTER])
@@ -243,7 +257,7 @@ def test_a_bias_beyond_the_largest_stays_in_and_is_told(fresh, random):
     assert rates_of(out)[500:, 1].mean() == pytest.approx(12.0 * DEGREE, rel=0.01)
     status = diagnostics(fresh, lambda s: s[FILTER].level == b'\x01')[FILTER]
     assert status.message == (
-        'steady as at rest, but the rate is beyond bias.max (10 deg/s) and stays in: if it does '
-        'not turn, raise bias.max, and have the sensor looked at'
+        'steady as at rest, but the rate is beyond bias.max (10 deg/s) and is not subtracted: if '
+        'the robot does not turn, raise bias.max, and have the sensor looked at'
     )
     assert int(values(status)['Rests with a rate beyond bias.max']) > 0

@@ -181,13 +181,13 @@ def test_which_node_a_section_is_for(section, of_robot, of_root):
     assert is_section_of(section, '/gyro') == of_root
 
 
-def test_a_section_for_the_node_wins_over_one_for_all(tmp_path):
-    text = (
-        'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
-        '/**: {ros__parameters: {epsilon: 3.0, method: kalman}}\n'
-    )
-    parameters = read_parameters(write(tmp_path, text))
-    assert (parameters.epsilon, parameters.method) == (7.0, 'kalman')
+def test_of_several_sections_for_the_node_the_last_one_wins(tmp_path):
+    """As for the node: test_node.py has the same."""
+    own = 'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
+    of_all = '/**: {ros__parameters: {epsilon: 3.0, method: kalman}}\n'
+    for text, epsilon in ((of_all + own, 7.0), (own + of_all, 3.0)):
+        parameters = read_parameters(write(tmp_path, text))
+        assert (parameters.epsilon, parameters.method) == (epsilon, 'kalman')
 
 
 def test_sections_of_several_robots_are_not_mixed(tmp_path):

@@ -14,6 +14,7 @@
 
 """Bags in, bags out."""
 
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -370,6 +371,26 @@ def test_bags_without_what_is_needed(topics, topic, message, tmp_path):
     with pytest.raises(BagError, match=message):
         run(source, tmp_path / 'out', selection=Selection((topic,) if topic else ()))
     assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
+
+
+def test_a_folder_that_is_named_like_a_file_is_read(tmp_path):
+    """As `ros2 bag record -o drive.mcap` makes it."""
+    source = write(tmp_path / 'drive.mcap', {(TOPIC, IMU_TYPE): simulated(9)})
+    run(source, tmp_path / 'out')
+    assert len(read(tmp_path / 'out')[0]['/imu/data_filtered']) == len(simulated(9))
+
+
+def test_paths_that_are_no_file(tmp_path):
+    """A link to itself; a pipe, which would be waited for."""
+    (tmp_path / 'loop').symlink_to('loop')
+    with pytest.raises(BagError, match='no such bag'):
+        run(tmp_path / 'loop', tmp_path / 'out')
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    with pytest.raises(BagError, match='neither a file nor a folder'):
+        run(tmp_path / 'pipe.mcap', tmp_path / 'out')
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    with pytest.raises(BagError, match='can not be written'):
+        run(tmp_path / 'in', tmp_path / 'loop')
 
 
 def test_paths_that_are_no_bag(tmp_path):

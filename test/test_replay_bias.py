@@ -14,16 +14,20 @@
 
 """Bias in a replay: what the bag's other topics say of motion and temperature, and `at_rest`."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from gyro_drift_filter.bags.bias_memory import check_replaceable
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.messages.memory_file import recall
+from gyro_drift_filter.messages.memory_file import MemoryFileError, recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
@@ -166,13 +170,32 @@ def test_a_chain_of_recordings_keeps_the_bias(tmp_path, random):
 def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplog):
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20))})
     memory = tmp_path / 'bias.json'
-    memory.write_text('{')
+    memory.write_text('{\n "format": 2,')
     replay(source, tmp_path / 'out', parameters=Parameters(), memory=memory)
     assert 'the bias of the last recording is not used' in caplog.text
     assert recall(memory, None, FRAME, 1.0, START * 1e-9) is not None
-    with pytest.raises(BagError, match='is a folder: name a file'):
+    with pytest.raises(MemoryFileError, match='is a folder: name a file'):
         replay(source, tmp_path / 'other', parameters=Parameters(), memory=tmp_path)
     assert not (tmp_path / 'other').exists()
+
+
+def test_no_other_file_is_replaced_by_the_bias(tmp_path, random):
+    """Least of all a bag, named there by mistake."""
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20))})
+    (tmp_path / 'verdict.json').write_text('{"verdicts": []}')
+    os.mkfifo(tmp_path / 'pipe')
+    others = source / 'in.mcap', source / 'metadata.yaml', tmp_path / 'verdict.json'
+    for other in (*others, tmp_path / 'pipe', Path(os.devnull)):
+        before = other.read_bytes() if other.is_file() else b''
+        with pytest.raises(MemoryFileError, match='is not replaced'):
+            check_replaceable(other)
+        with pytest.raises(MemoryFileError, match='is not replaced'):
+            replay(source, tmp_path / 'out', parameters=Parameters(), memory=other)
+        assert not other.is_file() or other.read_bytes() == before
+    assert not (tmp_path / 'out').exists()
+    (tmp_path / 'new').touch()  # as mktemp makes it
+    replay(source, tmp_path / 'out', parameters=Parameters(), memory=tmp_path / 'new')
+    assert recall(tmp_path / 'new', None, FRAME, 1.0, START * 1e-9) is not None
 
 
 def test_a_memory_is_of_one_gyroscope(tmp_path, random):

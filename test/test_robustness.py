@@ -150,7 +150,7 @@ def test_what_a_starved_node_misses_is_counted():
 
 
 @pytest.mark.node
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch, random):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     with LiveNode(LOSSLESS, home=tmp_path) as live:

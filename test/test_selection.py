@@ -15,6 +15,7 @@
 """Parts of a recording: several Imu topics, a time, some topics; and bags of ROS 1."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,12 +23,13 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags.opening import open_bag
-from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.recording import BagError, Piece
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
@@ -193,6 +195,34 @@ def test_a_part_of_the_time_is_as_a_shorter_recording(tmp_path):
         run(source, tmp_path / 'none', start=100.0)
 
 
+def test_files_in_another_order_than_that_of_time_lose_nothing():
+    """As where metadata.yaml lists them so, or where the files of one bag overlap in time."""
+    pieces = []
+    for begin in (2, 0):
+        rows = np.zeros(20, ROW)
+        rows['log_time'] = 10**18 + 10**9 * begin + 10**8 * np.arange(20)
+        pieces.append(Piece(np.zeros(0, np.uint8), rows))
+    together = Piece(pieces[0].data, np.concatenate([piece.rows for piece in pieces]))
+    for parts in (pieces, [together]):
+        recording = SimpleNamespace(pieces=lambda parts=parts: iter(parts), message_count=40)
+        for selection, count in ((Selection(), 40), (Selection(start=0.95, end=1.25), 3)):
+            found = selection.pieces(recording, lambda done, total: None)
+            assert sum(len(piece.rows) for piece in found) == count
+
+
+def test_messages_that_can_not_be_read_are_counted(tmp_path, caplog):
+    """As where the file of a bag was exchanged: rosbags passes over what has another QoS."""
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    metadata = source / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('best_effort', 'reliable'))
+    with pytest.raises(BagError, match='has no messages'):
+        run(source, tmp_path / 'out')
+    assert '0 of 8 messages could be read' in caplog.text
+    caplog.clear()
+    run(source / 'in.mcap', tmp_path / 'out')
+    assert not caplog.text
+
+
 def test_the_options_of_the_command(two, tmp_path, capsys):
     source, topics = two
     arguments = ['replay', str(source), '-o', str(tmp_path / 'out'), '--topic', '/left/imu']
@@ -211,7 +241,7 @@ def test_the_options_of_the_command(two, tmp_path, capsys):
     assert '/right/imu -> /right/imu_filtered: 600 messages' in printed
     assert main([*arguments, '--start', '3', '--end', '3', '--force']) == 1
     assert '--start 3 is not before --end 3' in capsys.readouterr().err
-    for wrong in ('-5', 'nan'):
+    for wrong in ('-5', 'nan', 'soon'):
         with pytest.raises(SystemExit):
             main([*arguments, '--start', wrong, '--force'])
         assert f'--start: {wrong} is no time since the first' in capsys.readouterr().err

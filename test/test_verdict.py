@@ -191,6 +191,21 @@ def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
     assert verdict.bias.source == 'unknown'
 
 
+def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 24)
+    half = len(turn)
+    source = bag(
+        tmp_path / 'in',
+        rates + np.vstack([np.zeros((len(rates) - half, 3)), turn]),
+        accelerations + np.vstack([np.zeros((len(rates) - half, 3)), push]),
+    )
+    found = Parameters(calibration_matrix=(1.01, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.99))
+    for parameters, recommended in ((None, True), (found, False)):
+        text = as_text(judged(source, tmp_path, parameters))
+        assert ("'gyro_drift calibrate'" in text) == recommended
+
+
 def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     """As of a drone that idles, and then flies."""
     rates, accelerations = at_rest(random, 20, (0.0, 0.02, 0.08))

@@ -24,11 +24,26 @@ from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
     RememberedBias,
+    is_memory_file,
     recall,
     remember,
 )
 
 _log = logging.getLogger(__name__)
+
+
+def check_replaceable(path: Path) -> None:
+    """Make sure that no other file of the user's is lost where the bias is to be kept.
+
+    Raises:
+        MemoryFileError: There is a folder, a device, or a file that is not of this kind.
+    """
+    if path.is_dir():
+        raise MemoryFileError(f'{path} is a folder: name a file for the bias')
+    if not is_memory_file(path):
+        raise MemoryFileError(
+            f'{path} holds something else than a bias, and is not replaced: name another file'
+        )
 
 
 class BiasMemory:

@@ -98,7 +98,7 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
 def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
     """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it."""
     try:
-        if path.suffix != '.mcap' or not is_cut_off(path):
+        if path.suffix != '.mcap' or path.is_dir() or not is_cut_off(path):
             return path
         copy = folder / path.name
         count = recover(path, copy)
@@ -122,6 +122,8 @@ def _check_path(path: Path | StoredPath) -> None:
     try:
         if not path.exists():
             raise BagError(f'no such bag: {path}')
+        if isinstance(path, Path) and not (path.is_file() or path.is_dir()):
+            raise BagError(f'{path} is no bag: it is neither a file nor a folder')
         if path.is_dir() and not (path / 'metadata.yaml').exists():
             files = sorted(file.name for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
             advice = (

@@ -14,10 +14,12 @@
 
 """Replay a bag through the filter: the input's topics and the filter's beside them."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from gyro_drift_filter.bags.bias_memory import check_replaceable
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
@@ -30,8 +32,13 @@ from gyro_drift_filter.core import Parameters
 
 def _is_within(path: Path, folder: Path) -> bool:
     """Tell whether a path is a folder or in it."""
-    resolved = path.resolve()
-    return folder.resolve() in (resolved, *resolved.parents)
+    resolved = _resolved(path)
+    return _resolved(folder) in (resolved, *resolved.parents)
+
+
+def _resolved(path: Path) -> Path:
+    """Return a path without symbolic links, but for those that lead back to themselves."""
+    return Path(os.path.realpath(path))
 
 
 @contextmanager
@@ -76,7 +83,7 @@ def replay(
     Raises:
         BagError: The source can't be read, holds no Imu or none that can be filtered, or the
             destination can't be written.
-        MemoryFileError: `memory` can't be written.
+        MemoryFileError: `memory` can't be written, or holds something else.
     """
     if destination.exists() and not force:
         raise BagError(
@@ -84,10 +91,10 @@ def replay(
         )
     if force and _is_within(source, destination):
         raise BagError(f'{destination} is the bag to be read: choose another name')
-    if source.resolve() in destination.resolve().parents:
+    if _resolved(source) in _resolved(destination).parents:
         raise BagError(f'{destination} lies within the bag to be read: choose another name')
-    if memory is not None and memory.is_dir():
-        raise BagError(f'{memory} is a folder: name a file for the bias')
+    if memory is not None:
+        check_replaceable(memory)
     with open_bag(source) as recording:
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
         if memory is not None and len(inputs) > 1:

@@ -14,16 +14,17 @@
 
 """Which part of a recording is replayed: its Imu topics, what is kept beside them, and when."""
 
+import logging
 import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.messages.imu import IMU_TYPE
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,14 @@ class Selection:
     hint: str | None = None
 
     @property
+    def is_whole(self) -> bool:
+        """Whether it is all of the time."""
+        return (self.start, self.end) == (0.0, math.inf)
+
+    @property
     def when(self) -> str:
         """The time as the end of a sentence; empty where it is all of the recording."""
-        if (self.start, self.end) == (0.0, math.inf):
+        if self.is_whole:
             return ''
         until = f' to {self.end:g} s' if self.end < math.inf else ' s on'
         return f' from {self.start:g}{until}, counted from the first message of the recording'
@@ -112,14 +118,25 @@ class Selection:
             if not len(times):
                 continue
             begin = times[0] if begin is None else begin
-            seconds = 1e-9 * (times - begin)
-            first = np.searchsorted(seconds, self.start)
-            stop = np.searchsorted(seconds, self.end, 'right')
-            yield Piece(piece.data, piece.rows[first:stop])
             done += len(times)
+            if self.is_whole:
+                yield piece
+            else:
+                # Not by bisection: files of one bag may overlap in time, or stand in another order.
+                seconds = 1e-9 * (times - begin)
+                if (seconds > self.end).all():
+                    return
+                within = (seconds >= self.start) & (seconds <= self.end)
+                yield Piece(piece.data, piece.rows[within])
             progress(done, recording.message_count)
-            if stop < len(times):
-                return
+        if self.is_whole and done < recording.message_count:
+            # Of a folder rosbags reads what metadata.yaml has with the same type and QoS.
+            _log.warning(
+                '%d of %d messages could be read: the metadata.yaml of a folder may be that of '
+                'other files; name a file in it instead',
+                done,
+                recording.message_count,
+            )
 
 
 def choose_topic(recording: Recording, wanted: str | None) -> str:

@@ -14,6 +14,7 @@
 
 """Write a bag: a rosbag2 folder, by rosbags, with an MCAP file of our own in it."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -91,7 +92,7 @@ class BagWriter:
         Raises:
             BagError: The path exists already, can't be written, or is that of a file.
         """
-        self._path = path.resolve() if path.is_symlink() else path.absolute()
+        self._path = Path(os.path.realpath(path)) if path.is_symlink() else path.absolute()
         if path.suffix in _BAG_FILES:
             raise BagError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace

@@ -84,6 +84,8 @@ class RestsOfOneRecording:
 
     Attributes:
         legs: Those that are unbroken and tell something.
+        gaps: Times in s of the rests before those that a gap breaks.
+        clipped: The same of those that are faster than the range of the gyroscope.
         turns: Whether whole turns led back to the same edge.
         excess: (m + l,) variances beside the noise, of the sizes of gravity at m rests and of l
             legs: what does not fit is trusted less.
@@ -99,10 +101,14 @@ class RestsOfOneRecording:
         self.measured = session.track.accelerations is not None
         self._sensitivity = sensitivity
         self.legs: list[Leg] = []
-        self.broken: list[float] = []
+        self.gaps: list[float] = []
+        self.clipped: list[float] = []
         for k, (before, behind) in enumerate(pairwise(self._rests)):
-            if session.track.broken[before.stop - 1 : behind.first].any():
-                self.broken.append(before.time)
+            span = slice(before.stop - 1, behind.first)
+            if session.track.clipped[span].any():
+                self.clipped.append(before.time)
+            elif session.track.broken[span].any():
+                self.gaps.append(before.time)
             else:
                 leg = make_leg(
                     session.track, number, (k, k + 1), (before, behind), sensitivity.matrix

@@ -28,7 +28,7 @@ from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording, Sessi
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.rests import find_rests, make_track
-from gyro_drift_filter.calibrate.results import Calibration, make_result
+from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_wrong
 from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
 from gyro_drift_filter.gravity import GRAVITY
@@ -109,20 +109,22 @@ def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None
     if sizes and not GRAVITIES[0] < np.median(sizes) < GRAVITIES[1]:
         raise CalibrationError(
             f'the acceleration at rest is {np.median(sizes):.3g} where gravity is {GRAVITY:.3g} '
-            'm/s^2: is it in another unit?'
+            'm/s^2: is it in another unit? `gyro_drift doctor` tells'
         )
     rates = [np.linalg.norm(leg.raw, axis=1).max() for part in evidence.rests for leg in part.legs]
     if rates and np.median(rates) > FASTEST:
         raise CalibrationError(
-            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s?'
+            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s? '
+            '`gyro_drift doctor` tells'
         )
     if not (evidence.rests or evidence.references):
         raise CalibrationError(
-            'no rest found: lay the sensor down, leave it alone for 3 s, turn it onto another '
-            'side, and so on'
+            'no rest found: lay the sensor down on a table that stands firm, let go of it for four '
+            'seconds, turn it onto another side, and so on'
         )
     if not (evidence.has_turns or evidence.references):
         raise CalibrationError(
-            'the sensor was not turned: there is one rest only. Lay it down on each of its sides, '
-            'with a rest of 3 s on each'
+            '; '.join(what_is_wrong(sessions, evidence.rests))
+            or 'the sensor was not turned: there is one rest only. Lay it down on each of its '
+            'sides, with a rest of four seconds on each'
         )

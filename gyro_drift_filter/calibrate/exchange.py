@@ -132,7 +132,11 @@ def to_kalibr(
     accelerometer: Floats | None = None,
     sensitivity: Floats | None = None,
 ) -> str:
-    """Return the text of a Kalibr file, with the keys of OpenVINS beside those of Kalibr.
+    """Return the text of a file that Kalibr and OpenVINS read.
+
+    Kalibr looks for the noise at the top, and for no more; OpenVINS for all in `imu0`, and for the
+    first line. The matrices stand there by the names of Kalibr's results, too, which this package
+    reads.
 
     Args:
         noise: For its noise densities.
@@ -141,44 +145,68 @@ def to_kalibr(
         accelerometer: (3, 3) the same of the accelerometer.
         sensitivity: (3, 3) what its raw accelerations add to the raw rates, in rad/s per m/s^2.
     """
-
-    def known(name: str, value: float | None) -> str:
-        return f'  # {name}: not known' if value is None else f'  {name}: {value:.9e}'
-
-    lines = [
-        '# For Kalibr. For OpenVINS put the line %YAML:1.0 in front, and name the model kalibr.',
+    text = [
+        '%YAML 1.0',
+        '---',
+        '# Kalibr reads the first part, OpenVINS the second. Both are for the raw topic.',
+        *_noise(noise, topic, ''),
         'imu0:',
         *_rows('T_i_b', np.eye(4)),
-        known('accelerometer_noise_density', noise.acceleration_density),
-        known('accelerometer_random_walk', None),
-        known('gyroscope_noise_density', noise.rate_density),
-        known('gyroscope_random_walk', noise.rate_walk),
-        f'  rostopic: {topic}',
+        *_noise(noise, topic, '  '),
         '  time_offset: 0.0',
-        f'  update_rate: {noise.sample_rate:.6g}',
+        '  model: kalibr',
     ]
-    if matrix is None:
-        return '\n'.join(lines) + '\n'
     # The axes are those in which the accelerometer's matrix is lower triangular.
     inverse = np.linalg.inv(np.eye(3) if accelerometer is None else accelerometer)
     acceleration, turned = _lower(np.asarray(inverse, np.float64))
-    rate, gyroscope = _lower(np.asarray(np.linalg.inv(matrix) @ turned.T, np.float64))
+    measured = np.linalg.inv(np.eye(3) if matrix is None else matrix)
+    rate, gyroscope = _lower(np.asarray(measured @ turned.T, np.float64))
     by_force = (np.zeros((3, 3)) if sensitivity is None else sensitivity) @ acceleration
-    lines += [
-        '  model: scale-misalignment',
-        '  accelerometers:',
-        *_rows('M', acceleration, '    '),
-        '  gyroscopes:',
-        *_rows('M', rate, '    '),
-        *_rows('C_gyro_i', gyroscope, '    '),
-        *_rows('A', by_force @ gyroscope.T, '    '),
+    if matrix is not None:  # as Kalibr writes its results
+        text += [
+            '  accelerometers:',
+            *_rows('M', acceleration, '    '),
+            '  gyroscopes:',
+            *_rows('M', rate, '    '),
+            *_rows('C_gyro_i', gyroscope, '    '),
+            *_rows('A', by_force @ gyroscope.T, '    '),
+        ]
+    text += [
         *_rows('Tw', rate),
         *_rows('R_IMUtoGYRO', gyroscope),
         *_rows('Ta', acceleration),
         *_rows('R_IMUtoACC', np.eye(3)),
         *_rows('Tg', by_force),
     ]
-    return '\n'.join(lines) + '\n'
+    return '\n'.join(text) + '\n'
+
+
+def lacking(noise: Noise) -> str:
+    """Return in words what Kalibr and OpenVINS need and the noise does not hold; empty if all."""
+    names = [name for name, value in _densities(noise).items() if value is None]
+    if not names:
+        return ''
+    return (
+        f'the file for Kalibr has no {" and no ".join(names)}. Kalibr and OpenVINS need a value: '
+        'see the data sheet'
+    )
+
+
+def _densities(noise: Noise) -> dict[str, float | None]:
+    """Return the noise by the names of Kalibr, which takes none that is zero."""
+    return {
+        'accelerometer_noise_density': noise.acceleration_density or None,
+        'accelerometer_random_walk': None,
+        'gyroscope_noise_density': noise.rate_density or None,
+        'gyroscope_random_walk': noise.rate_walk or None,
+    }
+
+
+def _noise(noise: Noise, topic: str, indent: str) -> list[str]:
+    lines = [f'rostopic: {topic}', f'update_rate: {noise.sample_rate:.6g}']
+    for name, value in _densities(noise).items():
+        lines.append(f'# {name}: not known' if value is None else f'{name}: {value:.9e}')
+    return [indent + line for line in lines]
 
 
 def _lower(matrix: Floats) -> tuple[Floats, Floats]:

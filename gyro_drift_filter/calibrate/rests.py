@@ -63,6 +63,7 @@ class Track:
         rates: (n, 3) in rad/s.
         accelerations: (n, 3) in m/s^2, or None where there is no accelerometer.
         broken: (n - 1,) True where between two samples there is a gap, or the range has ended.
+        clipped: (n - 1,) True where it is for the range.
         even: Whether the time is that of evenly spaced samples, in place of stamps of arrival.
     """
 
@@ -71,6 +72,7 @@ class Track:
     rates: Floats
     accelerations: Floats | None
     broken: Bools
+    clipped: Bools
     even: bool
 
 
@@ -138,14 +140,15 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
         seconds, gaps = _evenly(seconds)
     else:
         gaps = steps > GAP_PERIODS * period
-    clipped = _at_the_end_of_the_range(rates[used])
-    broken = gaps | clipped[1:] | clipped[:-1]
+    at_end = _at_the_end_of_the_range(rates[used])
+    clipped = at_end[1:] | at_end[:-1]
     return Track(
         int(stamps[used][0]),
         seconds,
         rates[used],
         accelerations[used] if alive else None,
-        broken,
+        gaps | clipped,
+        clipped,
         even,
     )
 

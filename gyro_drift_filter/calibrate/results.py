@@ -23,9 +23,19 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording, Session
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise
+from gyro_drift_filter.calibrate.rests import LARGEST_TILT
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, Solution
-from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, OFFSET, TURNED, UPPER, upper
+from gyro_drift_filter.calibrate.unknowns import (
+    LATE,
+    MATRIX,
+    MISALIGNMENT,
+    OFFSET,
+    SCALE_DEVIATION,
+    TURNED,
+    UPPER,
+    upper,
+)
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.errors import ParameterError
 
@@ -33,6 +43,12 @@ Floats = NDArray[np.float64]
 
 # An entry that is known to this only is told: two degrees in a turn.
 KNOWN = 0.005
+POSES = 'the twelve poses of docs/calibration.md'
+# The recordings tell something of an entry where its standard error is below this share of that of
+# data sheets: a sensor that is turned on one side of a table alone does not get there.
+TOLD = 0.5
+# Turned less about an axis in all, in rad, gravity has not been carried over by it.
+TURNED_ABOUT = float(np.pi)
 # The turns of a sensor with its axes in order close to this.
 OPEN = float(np.radians(10.0))
 
@@ -91,7 +107,7 @@ class Calibration:
         rests: Number of rests.
         sides: Number of orientations of the rests that differ by 20 deg and more.
         rest_seconds: Time at rest in all.
-        unknown: In words what was not excited, and how far it is known.
+        unknown: In words what is not known well, how far it is, and what to do.
         warnings: What else to know.
         reference: How the reference relates to the sensor; None without one.
         sensitivity: What accelerations add to the rates; None where they are not seen to.
@@ -132,6 +148,8 @@ def make_result(
     _check_matrix(matrix, after)
     deviations = np.sqrt(np.diag(solution.covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
+    warnings = what_is_wrong(sessions, parts)
+    _check_told(matrix, deviation, warnings)
     accelerometer = None
     if any(part.measured for part in parts):
         entries = np.zeros((3, 3))
@@ -154,8 +172,8 @@ def make_result(
         len(rests),
         _sides(parts, unknowns),
         float(sum(rest.seconds for rest in rests)),
-        tuple(_unknown(deviation)),
-        tuple(_warnings(sessions, parts)),
+        tuple(_unknown(deviation, parts, unknowns)),
+        tuple(warnings),
         _fit(evidence, solution, deviations),
         sensitivity if sensitivity.is_found else None,
         _noise(sessions, parts),
@@ -208,8 +226,8 @@ def _check_matrix(matrix: Floats, after: Closures) -> None:
         why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
     if why:
         raise CalibrationError(
-            f'no calibration makes the turns close: {why}. Has an axis a wrong sign, are axes '
-            'swapped, or the stamps wrong?'
+            f'no calibration fits the turns: {why}. Has an axis a wrong sign, are axes '
+            'swapped, or the stamps wrong? `gyro_drift doctor` tells'
         )
 
 
@@ -230,19 +248,42 @@ def _sides(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> int:
     return len(sides)
 
 
-def _unknown(deviation: Floats) -> list[str]:
-    """Return in words what was not excited: by the axis that it has to be turned about."""
-    out = []
-    for column, turned in enumerate(AXES):
-        parts = [
-            f'{"the scale of " + turned if row == column else f"{AXES[row]} against {turned}"} is '
-            f'known to {_percent(deviation[row, column])} % only'
-            for row in range(3)
-            if deviation[row, column] > KNOWN
-        ]
-        if parts:
-            out.append(f'turn it about {turned}, too: {", ".join(parts)}')
-    return out
+def _check_told(matrix: Floats, deviation: Floats, warnings: Sequence[str]) -> None:
+    scale = float(np.abs(np.linalg.det(matrix)) ** (1.0 / 3.0))
+    sheets = np.where(np.eye(3) > 0.0, SCALE_DEVIATION, MISALIGNMENT)
+    if (deviation > TOLD * scale * sheets).all():
+        raise CalibrationError(
+            'the recording tells too little: no entry is known twice as well as from a data sheet. '
+            f'Lay the sensor down in {POSES}' + ''.join(f'; {text}' for text in warnings)
+        )
+
+
+def _unknown(
+    deviation: Floats, parts: Sequence[RestsOfOneRecording], unknowns: Floats
+) -> list[str]:
+    """Return in words what is not known well, by what would tell it."""
+    legs = [leg for part in parts for leg in part.legs]
+    turned = sum((np.abs(leg.steps @ leg.raw[1:]) for leg in legs), np.zeros(3))
+    left = [angle for part in parts for angle in part.closures(unknowns).angles]
+    opened = float(np.median(left)) if left else 0.0
+    entries: dict[str, list[str]] = {}
+    for column, axis in enumerate(AXES):
+        for row in range(3):
+            if deviation[row, column] <= KNOWN:
+                continue
+            if turned[column] < TURNED_ABOUT:
+                advice = f'turn it about {axis}, too'
+            elif opened > LARGEST_TILT:
+                advice = (
+                    'lay it on something firm, and let go of it: turns leave '
+                    f'{np.degrees(opened):.2g} deg open, as if it was held'
+                )
+            else:
+                advice = f'lay it down in more poses, best in {POSES}'
+            name = f'the scale of {axis}' if row == column else f'{AXES[row]} against {axis}'
+            known = f'{name} is known to {_percent(deviation[row, column])} % only'
+            entries.setdefault(advice, []).append(known)
+    return [f'{advice}: {", ".join(known)}' for advice, known in entries.items()]
 
 
 def _percent(share: float) -> str:
@@ -250,7 +291,8 @@ def _percent(share: float) -> str:
     return f'{float(f"{100.0 * share:.1g}"):g}'
 
 
-def _warnings(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:
+def what_is_wrong(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:
+    """Return in words what of the recordings could not be used, or not as it is."""
     out = []
     for session in sessions:
         if session.rests.moved:
@@ -261,10 +303,12 @@ def _warnings(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording])
         if session.track.even:
             out.append('the stamps are those of arrival: samples are taken as evenly spaced')
     for part in parts:
-        if part.broken:
+        if part.gaps:
+            out.append(f'turns with a gap are left out: {_times(part.gaps)}')
+        if part.clipped:
             out.append(
-                'turns with a gap or a rate at the end of its range are left out: '
-                + _times(part.broken)
+                'turns with a rate at the end of its range are left out, so turn it more slowly: '
+                + _times(part.clipped)
             )
         legs = zip(part.legs, part.excess[len(part.excess) - len(part.legs) :], strict=True)
         if bad := [leg.time for leg, excess in legs if excess > 0.0]:

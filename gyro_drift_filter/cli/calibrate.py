@@ -19,7 +19,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -34,6 +34,8 @@ from gyro_drift_filter.whole_file import write_whole
 if TYPE_CHECKING:
     from gyro_drift_filter.calibrate.calibration import Samples
 
+# Exit status where entries are not known well: they are named.
+INCOMPLETE = 3
 _NEEDED = "calibration needs the Python package scipy ({}): install it with 'pip install scipy'"
 
 
@@ -78,12 +80,11 @@ def add_parser(subcommands: Any) -> None:
     command.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Run the subcommand."""
-    take_any_name()
+def run(options: argparse.Namespace) -> int:
+    """Run the subcommand; return its exit status."""
     try:
         from gyro_drift_filter.calibrate.calibration import calibrate
-        from gyro_drift_filter.calibrate.exchange import to_kalibr
+        from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.calibration_report import parameter_file, report
     except ImportError as error:
         raise GyroDriftFilterError(_NEEDED.format(error)) from error
@@ -97,8 +98,8 @@ def run(options: argparse.Namespace) -> None:
     )
     if options.bags[0].suffix in ('.yaml', '.yml', '.calib') and options.bags[0].is_file():
         _convert(options)
-        return
-    recordings = [_read(bag, options) for bag in options.bags]
+        return 0
+    topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
     texts, written = [report(result)], [options.output]
     try:
@@ -110,10 +111,9 @@ def run(options: argparse.Namespace) -> None:
         if options.kalibr:
             of = result.accelerometer
             upper = of.matrix if of is not None else None
-            topic = options.topic or '/imu/data_raw'
             found = result.sensitivity
             by_force = found.matrix if found is not None else None
-            text = to_kalibr(result.noise, topic, result.matrix, upper, by_force)
+            text = to_kalibr(result.noise, topics[0], result.matrix, upper, by_force)
             write_whole(options.kalibr, text)
             written.append(options.kalibr)
         if options.plot:
@@ -123,6 +123,9 @@ def run(options: argparse.Namespace) -> None:
         say('\n'.join(texts))
     for warning in (*result.warnings, *result.unknown):
         tell(f'warning: {warning}')
+    if options.kalibr and (text := lacking(result.noise)):
+        tell(f'note: {text}')
+    return INCOMPLETE if result.unknown else 0
 
 
 def _convert(options: argparse.Namespace) -> None:
@@ -158,8 +161,8 @@ def _convert(options: argparse.Namespace) -> None:
     say(f'wrote {options.output}')
 
 
-def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
-    """Return the samples of a bag."""
+def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
+    """Return the topic and the samples of a bag."""
     import numpy as np
 
     from gyro_drift_filter.bags.orientations import read_orientations
@@ -178,9 +181,10 @@ def _read(bag: Path, options: argparse.Namespace) -> 'Samples':
     if options.reference:
         seen = read_orientations(bag, options.reference)
         reference = Reference(seen.stamps, seen.orientations)
-    return Samples(
+    samples = Samples(
         found.stamps[:],
         np.column_stack([column[:] for column in found.rates]),
         np.column_stack([column[:] for column in found.accelerations]),
         reference,
     )
+    return found.topic, samples

@@ -38,6 +38,7 @@ def report(result: Calibration) -> str:
         f'turns between them{" or seen by the reference" if result.reference else ""}',
         'rate = matrix (raw - bias), with standard errors',
         _matrix(result.matrix, result.deviation),
+        _least_known(result.deviation),
     ]
     if len(result.legs):
         parts.append(_closures(result))
@@ -62,6 +63,16 @@ def report(result: Calibration) -> str:
     if result.reference is not None:
         parts.append(_reference(result.reference))
     return '\n\n'.join(parts)
+
+
+def _least_known(deviation: Floats) -> str:
+    worst = float(deviation.max())
+    row, column = np.unravel_index(np.argmax(deviation), deviation.shape)
+    name = f'the scale of {AXES[row]}' if row == column else f'{AXES[row]} against {AXES[column]}'
+    return (
+        f'all entries are known to {100.0 * worst:.2g} % and better ({name} least): '
+        f'{360.0 * worst:.2g} deg in a whole turn'
+    )
 
 
 def _reference(fit: ReferenceFit) -> str:

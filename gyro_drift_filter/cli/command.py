@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from gyro_drift_filter.cli import signals
-from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.printing import take_any_name, tell
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.messages.health import package_version
 
@@ -63,6 +63,7 @@ def run(arguments: Sequence[str]) -> int:
     logging.addLevelName(logging.WARNING, 'warning')
     # By force: each run has its own stderr, as in the tests.
     logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
+    take_any_name()
     options = parser(arguments[0] if arguments else '').parse_args(arguments)
     name = f'gyro_drift {options.command}'
     try:

@@ -39,7 +39,10 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     if not is_compiled():
-        raise GyroDriftFilterError('numba is not installed: there is nothing to compile')
+        raise GyroDriftFilterError(
+            'numba is not installed, so there is nothing to compile: docs/installation.md says how '
+            'to install it'
+        )
     if is_extension():
         say('compiled already')
         return

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.core import Parameters
@@ -63,13 +63,13 @@ def add_parser(subcommands: Any) -> None:
         '--robot',
         metavar='PATTERN',
         help='regular expression whose first group in the address of a bag is the name of its '
-        'robot; else that is the folder which the bag is in',
+        'robot; without it, the name of the folder that holds the bag',
     )
     command.add_argument(
         '--resume',
         action='store_true',
-        help='go on where an earlier run into the same folder was ended: what it has measured is '
-        'known by its content',
+        help='go on where an earlier run into the same folder ended; bags that it has finished are '
+        'recognised by their content',
     )
     command.add_argument(
         '--write', action='store_true', help='write the filtered bags into OUTPUT/bags, too'
@@ -89,7 +89,7 @@ def add_parser(subcommands: Any) -> None:
         type=float,
         default=2.0,
         metavar='GB',
-        help='of each of these processes: it is started anew beyond, default %(default)g',
+        help='of each of these processes, which is restarted if it needs more; default %(default)g',
     )
     command.add_argument('--quiet', action='store_true', help='no progress, no summary')
     command.set_defaults(run=run)
@@ -97,7 +97,6 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int | None:
     """Run the subcommand."""
-    take_any_name()
     try:
         import allantools  # noqa: F401
         import scipy.signal  # noqa: F401

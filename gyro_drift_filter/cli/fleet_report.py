@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from gyro_drift_filter.cli.fleet import NEEDED, TABLE
-from gyro_drift_filter.cli.printing import say, take_any_name
+from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
@@ -52,7 +52,6 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    take_any_name()
     check_targets({'--output': options.output, '--json': options.json}, None)
     try:
         from gyro_drift_filter.fleet.bag_report import report_path

@@ -19,7 +19,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
     as_plain,
@@ -108,9 +108,8 @@ def _order(text: str) -> tuple[int, int]:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    take_any_name()
     try:
-        from gyro_drift_filter.calibrate.exchange import to_kalibr
+        from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
@@ -162,6 +161,8 @@ def run(options: argparse.Namespace) -> None:
         tell(f'warning: {warning}')
     for note in _notes(samples, options.sample_rate):
         tell(f'note: {note}')
+    if options.kalibr and (text := lacking(noise_of(result))):
+        tell(f'note: {text}')
 
 
 def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:

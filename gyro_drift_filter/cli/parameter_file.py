@@ -59,7 +59,7 @@ def read_parameters(path: Path) -> Parameters:
 
 
 def _ours(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the sections of our node by their names, wildcards first as the weaker ones."""
+    """Return the sections of our node by their names; as for rcl the last one wins."""
     sections = read_sections(path)
     found = {
         name: content
@@ -77,4 +77,4 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
         raise ParameterError(
             f'parameter file {path} has sections for several nodes: {", ".join(named)}: leave one'
         )
-    return dict(sorted(found.items(), key=lambda item: '*' not in item[0]))
+    return found

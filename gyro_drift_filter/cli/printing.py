@@ -66,5 +66,5 @@ def tell(text: str, end: str = '\n') -> None:
 
 
 def is_terminal() -> bool:
-    """Tell whether somebody reads remarks as they are made."""
-    return sys.stderr is not None and sys.stderr.isatty()
+    """Tell whether somebody reads remarks as they are made, where a line can be written over."""
+    return sys.stderr is not None and sys.stderr.isatty() and os.environ.get('TERM') != 'dumb'

@@ -91,7 +91,7 @@ def add_parser(subcommands: Any) -> None:
     )
     command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
     command.add_argument(
-        '--quiet', action='store_true', help='no progress, no verdict; warnings are told'
+        '--quiet', action='store_true', help='no progress and no verdict, but warnings'
     )
     command.set_defaults(run=run)
 

@@ -16,6 +16,7 @@
 
 import argparse
 import math
+from contextlib import suppress
 
 from gyro_drift_filter.core import GyroDriftFilterError
 
@@ -33,7 +34,9 @@ def add_time_options(command: argparse.ArgumentParser) -> None:
 
 
 def _seconds(text: str) -> float:
-    seconds = float(text)
+    seconds = math.nan
+    with suppress(ValueError):
+        seconds = float(text)
     if not seconds >= 0.0:
         raise argparse.ArgumentTypeError(f'{text} is no time since the first message, in s')
     return seconds

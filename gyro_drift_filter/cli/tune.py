@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.cli.printing import say, take_any_name, tell
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.table import table
@@ -73,7 +73,9 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
     )
-    command.add_argument('--seed', type=int, default=0, help='of the search, default %(default)s')
+    command.add_argument(
+        '--seed', type=int, default=0, help='of the random numbers, default %(default)s'
+    )
     command.add_argument('--quiet', action='store_true', help='no progress, no table')
     command.set_defaults(run=run)
 
@@ -85,7 +87,6 @@ def run(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
     check_targets({'-o': options.output, '--json': options.json}, None)
-    take_any_name()
     try:
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
@@ -171,7 +172,7 @@ def report(tuning: 'Tuning', by_truth: bool) -> str:
         if by_truth:
             head += (
                 f' On the stretches held back the error falls from {tuning.cost_before:.6f} to '
-                f'{tuning.cost_chosen:.6f} rad/s.'
+                f'{tuning.cost_best:.6f} rad/s.'
             )
         else:
             head += (

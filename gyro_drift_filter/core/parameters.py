@@ -209,7 +209,7 @@ class Parameters:
         1.0,
         'gap_limit',
         'Longest gap between two stamps that is bridged by prediction. After a longer one, or a '
-        'longer jump backward, the filter starts from the sample at hand.',
+        'longer jump backward, the filter starts anew from the present sample.',
         unit='s',
         low=0.001,
         high=10.0,
@@ -217,16 +217,16 @@ class Parameters:
     input_quantisation: str = _parameter(
         'auto',
         'input.quantisation',
-        'How the sensor comes to whole counts. truncate: it cuts them towards zero, and half a '
-        'count is added again; round or none: they are taken as they are. auto finds out in '
-        'motion, which takes a few minutes, and adds it from then on.',
+        'How the sensor quantises. truncate: it cuts values towards zero to whole counts, and half '
+        'a count is added again; round or none: rates are used as they are. auto finds out in '
+        'motion, which takes a few minutes, and adds half a count from then on if it is needed.',
         choices=('auto', 'none', 'round', 'truncate'),
     )
     motion_hint: str = _parameter(
         'none',
         'motion_hint',
-        'Type of the messages on the topic motion_hint, by which the robot says whether it moves: '
-        'a motion says that this is no rest, standing still that a constant rate is bias.',
+        'Type of the messages on the topic motion_hint, by which the robot says whether it moves. '
+        'While it moves, no bias is learned. While it stands still, any constant rate is bias.',
         choices=('none', 'twist', 'twist_stamped', 'odometry'),
     )
     outlier_enabled: bool = _parameter(
@@ -265,8 +265,8 @@ class Parameters:
     bias_enabled: bool = _parameter(
         True,
         'bias.enabled',
-        'Whether the bias is taken off the rates. It is learned in any case. Where it is left in, '
-        'angular_velocity_covariance is that of the noise alone.',
+        'Whether the bias is subtracted from the rates. It is learned in any case. If it is not '
+        'subtracted, angular_velocity_covariance is that of the noise alone.',
     )
     bias_in_motion: bool = _parameter(
         True,
@@ -327,7 +327,7 @@ class Parameters:
     bias_temperature_step: float = _parameter(
         2.0,
         'bias.temperature_step',
-        'Change of imu/temperature from which on the bias becomes uncertain.',
+        'A change of imu/temperature by more than this makes the bias less certain.',
         unit='K',
         low=0.1,
         high=100.0,
@@ -343,7 +343,7 @@ class Parameters:
     calibration_matrix: tuple[float, ...] = _parameter(
         IDENTITY,
         'calibration.matrix',
-        'Applied last, to the filtered rates with the bias off: nine numbers, row by row. Refused '
+        'Applied last, after the bias is subtracted: nine numbers, row by row. Refused '
         'where a scale lies outside of 0.5 to 2 or an axis is turned by more than 20 deg. Bias, '
         "noise and outliers stay those of the sensor's own axes.",
         low=-2.5,
@@ -353,7 +353,7 @@ class Parameters:
     calibration_acceleration_sensitivity: tuple[float, ...] = _parameter(
         NO_SENSITIVITY,
         'calibration.acceleration_sensitivity',
-        'What each m/s^2 along an axis adds to the rates (g-sensitivity), taken off first: nine '
+        'What each m/s^2 along an axis adds to the rates (g-sensitivity), subtracted first: nine '
         'numbers, row by row. 1e-4 is 0.06 deg/s for 1 g. Needs the linear acceleration of the '
         'Imu.',
         unit='rad/s per m/s^2',

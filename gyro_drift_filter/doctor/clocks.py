@@ -51,7 +51,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         return Finding(
             name,
             Verdict.UNKNOWN,
-            'log times are the stamps (a converted recording), so nothing tells of delays',
+            'log times are the stamps (a converted recording), so delays can not be seen',
         )
     seconds = float(places[-1] - places[0])
     drift, spread = _slope(places, offsets)

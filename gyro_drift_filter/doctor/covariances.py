@@ -112,8 +112,8 @@ def judge_covariances(
             Finding(
                 'impossible covariance',
                 Verdict.FAULT,
-                f'the covariance of {" and ".join(impossible)} is none: NaN, a negative variance, '
-                'or not symmetric',
+                f'the covariance of {" and ".join(impossible)} is impossible: NaN, a negative '
+                'variance, or not symmetric',
                 'correct the driver; zeros mean unknown, -1 at the first place not reported',
                 values,
             )

@@ -38,7 +38,7 @@ from gyro_drift_filter.doctor.rests import (
     look_at_rests,
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
-from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.messages.telemetry import Telemetry
 
 Floats = NDArray[np.float64]
@@ -111,7 +111,11 @@ def examine(seen: Examined) -> list[Finding]:
         refuted.add('gaps')
     if not any(map(is_clipped, seen.rates)):
         refuted.add('clipped')
-    findings += [*seen.rules.findings(seen.not_cut, refuted), *evenness]
+    findings += [
+        _with_constant_axes(finding, seen.rates)
+        for finding in seen.rules.findings(seen.not_cut, refuted)
+    ]
+    findings += evenness
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
@@ -121,6 +125,26 @@ def examine(seen: Examined) -> list[Finding]:
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
     findings.append(_judge_rests(state, rests, period))
     return _sorted(findings)
+
+
+def _is_constant(values: Values) -> bool:
+    return len(values) > 1 and all((part == values[:1]).all() for part in parts(values))
+
+
+def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
+    """Return a finding, that all axes live as an open question where one has never changed."""
+    if finding.name != 'alive' or finding.verdict != Verdict.SOUND:
+        return finding
+    constant = [axis for axis, of_axis in zip(AXES, rates, strict=True) if _is_constant(of_axis)]
+    if not constant:
+        return finding
+    return Finding(
+        'alive',
+        Verdict.UNKNOWN,
+        f'always the same rate about {", ".join(constant)}: dead, a dead band in the driver, or '
+        'steps that are coarser than the noise',
+        'record the sensor turned by hand about each axis',
+    )
 
 
 def _sorted(findings: list[Finding]) -> list[Finding]:

@@ -52,6 +52,6 @@ def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
         f'all six values are those of the sample before in {repeated} samples '
         f'({100.0 * repeated / n:.3g} %), {runs} times',
         'the bus or the driver hangs, or polls faster than the sensor measures: poll on its '
-        'data-ready signal, and drop what was not read anew',
+        'data-ready signal, and do not publish the same sample twice',
         found,
     )

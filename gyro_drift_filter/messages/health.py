@@ -77,9 +77,10 @@ class Health:
         self, span: Span, of_input: Sequence[Rule], of_filter: Sequence[Rule]
     ) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter by the rules that apply."""
+        sound = 'filtering' if span.now.telemetry.samples else 'no sample yet'
         return [
             self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
-            self._status(FILTER, of_filter, 'filtering', span, _filter_values(span)),
+            self._status(FILTER, of_filter, sound, span, _filter_values(span)),
         ]
 
     def rules(

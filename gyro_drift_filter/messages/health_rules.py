@@ -293,7 +293,7 @@ INPUT_RULES = (
         Level.ERROR,
         lambda span: span.now.returned > span.before.returned,
         'the filtered messages come back on the input: some node sends the output there. They are '
-        'passed over; remap one of the topics',
+        'not filtered again; remap one of the topics',
     ),
     Rule(
         'malformed',
@@ -334,7 +334,8 @@ INPUT_RULES = (
         lambda span: bool(_axes_with(span, AxisFault.FROZEN)),
         lambda span: (
             f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
-            'second or more, while the other sensors live: it hangs, or the driver has a dead band'
+            'second or more, while the other sensors change: it hangs, or the driver has a dead '
+            'band'
         ),
     ),
     Rule(
@@ -480,8 +481,8 @@ FILTER_RULES = (
         lambda span: span.now.telemetry.beyond,
         lambda span: (
             'steady as at rest, but the rate is beyond bias.max '
-            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and stays in: if it does not '
-            'turn, raise bias.max, and have the sensor looked at'
+            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: if '
+            'the robot does not turn, raise bias.max, and have the sensor looked at'
         ),
     ),
     Rule(

@@ -22,6 +22,7 @@ the other.
 import json
 import math
 import os
+import re
 import tempfile
 import time
 from collections.abc import Sequence
@@ -45,6 +46,7 @@ LONGEST_AGE = 30 * 86_400.0
 CLOCK_ERROR = 86_400.0
 _LONGEST_NAME = 200
 LARGEST_FILE = 100_000  # bytes
+_LONGEST_BEGINNING = 100  # bytes, of which the first key is
 
 
 class MemoryFileError(GyroDriftFilterError):
@@ -86,6 +88,24 @@ def file_of(node: str, frame: str) -> Path:
     return root / 'gyro_drift_filter' / f'{name}.json'
 
 
+def is_memory_file(path: Path) -> bool:
+    """Tell whether a path is free for a bias: nothing there, an empty file, or one from before.
+
+    Raises:
+        MemoryFileError: It can't be read.
+    """
+    if not path.exists():
+        return True
+    if not path.is_file():  # a pipe would be waited for, a device be replaced by a file
+        return False
+    try:
+        with path.open('rb') as file:
+            beginning = file.read(_LONGEST_BEGINNING)
+    except OSError as error:
+        raise MemoryFileError(f'{path} can not be read: {error.strerror}') from error
+    return re.fullmatch(rb'\s*(\{\s*"format":.*)?', beginning, re.DOTALL) is not None
+
+
 def recall(
     path: Path, node: str | None, frame: str, largest: float, now: float | None = None
 ) -> RememberedBias | None:
@@ -102,6 +122,8 @@ def recall(
         MemoryFileError: The file is damaged, of another node or frame, stale, or its bias beyond
             `largest`.
     """
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise MemoryFileError(f'{path} can not be read: it is no file')
     try:
         with path.open('rb') as file:
             content = json.loads(file.read(LARGEST_FILE))
@@ -111,6 +133,8 @@ def recall(
         if min(*deviation, *shift.deviation) < 0.0:
             raise ValueError('a deviation is negative')
         age = (time.time() if now is None else now) - float(content['time'])
+        if not math.isfinite(age):
+            raise ValueError('its time is not finite')
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -119,8 +143,15 @@ def recall(
         raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
     if owner != (FORMAT, node, frame):
         raise MemoryFileError(f'{path} is of another node, frame or version')
-    if not -CLOCK_ERROR <= age <= LONGEST_AGE:
-        raise MemoryFileError(f'{path} is from {age / 86_400.0:.1f} days ago')
+    if age < -CLOCK_ERROR:
+        raise MemoryFileError(
+            f'{path} is from {-age / 86_400.0:.1f} days ahead: is the clock of this machine set?'
+        )
+    if age > LONGEST_AGE:
+        raise MemoryFileError(
+            f'{path} is from {age / 86_400.0:.1f} days ago, which is too old, unless the clock of '
+            'this machine is wrong'
+        )
     if max(map(abs, bias)) > largest:
         raise MemoryFileError(f'{path} holds {list(bias)} rad/s, which is beyond bias.max')
     return RememberedBias(bias, deviation, shift, max(age, 0.0))

@@ -119,12 +119,14 @@ class Heading:
             filter's own account of its bias.
         before: Turn in rad by the bias that was still in before it was known.
         turned: Sum of all turns about any axis in rad; errors of scale are a share of it.
+        calibrated: Whether a matrix takes these off.
     """
 
     raw: float
     left: float
     before: float
     turned: float
+    calibrated: bool
 
 
 @dataclass(frozen=True)
@@ -303,8 +305,9 @@ class RunWatch:
 
     def _heading(self, total: Any, bias: Bias) -> Heading:
         seconds = float(total['seconds'])
+        calibrated = self._filter.parameters.is_calibrated
         if seconds == 0.0:
-            return Heading(0.0, float('nan'), 0.0, 0.0)
+            return Heading(0.0, float('nan'), 0.0, 0.0, calibrated)
         before = 0.0
         if not bias.taken_off:
             turn = float(total['up_seconds'] @ bias.rates)
@@ -318,7 +321,7 @@ class RunWatch:
         if self._judged > 0.0:
             variance = self._variance / self._judged
         left = float(np.sqrt(total['up_squares'] @ variance / seconds))
-        return Heading(turn / seconds, left, before, float(total['turned']))
+        return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
 
 
 def _rests(total: Any) -> Rests:

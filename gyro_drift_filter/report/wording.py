@@ -192,7 +192,7 @@ def _about_heading(verdict: Verdict) -> str:
             f', and a turn of {abs(np.degrees(heading.before)):.1f} deg from before the bias was '
             'known'
         )
-    scale = _SCALE * heading.turned
+    scale = 0.0 if heading.calibrated else _SCALE * heading.turned
     if scale > 5.0 * heading.left * verdict.seconds and scale > 10.0 * _VISIBLE:
         text += (
             f'. It turned by {np.degrees(heading.turned):.0f} deg in all, so each percent that the '

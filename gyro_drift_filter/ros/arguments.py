@@ -35,7 +35,7 @@ Filter a gyroscope while the robot runs: drift, noise and outliers go, motion st
               motion_hint        what the parameter motion_hint names
   publishes   imu/data_filtered  sensor_msgs/Imu, every sample
               /diagnostics       what came in, and what to do about it
-              ~/bias, ~/innovation and others, while somebody listens
+              ~/bias, ~/innovation and others, while there are subscribers
   serves      ~/reset, ~/calibrate
 
   -r imu/data_raw:=/camera/imu   filter another topic
@@ -67,6 +67,8 @@ def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
             with suppress(NoSectionsError):
                 read_sections(path)
         reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        if 'should be of same type' in reason:
+            reason += ': in a list write 0.0, not 0, where others have a decimal point'
         raise GyroDriftFilterError(reason) from error
 
 

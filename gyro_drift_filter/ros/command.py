@@ -28,6 +28,9 @@ def main() -> int:
             file=sys.stderr,
         )
         return 1
+    except KeyboardInterrupt:  # what follows has handlers of its own
+        print('gyro_drift_filter_node: interrupted while it loaded', file=sys.stderr)
+        return 130
     return run()
 
 

@@ -43,7 +43,7 @@ _LATEST_SECONDS = 0.2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM.
+    """Run the node until SIGINT, SIGTERM, or SIGHUP as of a terminal that is closed.
 
     Args:
         arguments: Of the process, its name first.
@@ -63,6 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # leaves EventsExecutor half made, which aborts.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as under nohup
+        signal.signal(signal.SIGHUP, stop)
     node = None
     try:
         if asks_for_help(arguments):

@@ -92,6 +92,6 @@ class BiasMemory:
             if not self._warned:
                 self._node.get_logger().warning(
                     f'the bias will not be remembered: {error}; set bias.memory to false if that '
-                    'is how it is meant to be'
+                    'is intended'
                 )
             self._warned = True

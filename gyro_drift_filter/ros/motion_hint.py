@@ -19,13 +19,18 @@ from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.timer import Timer
 
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 
 _CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
 assert set(_CLASSES) == set(HINT_TYPES)
+# By then the executor has let go of a subscription that was destroyed in one of its callbacks.
+_PAUSE_SECONDS = 0.1
 
 
 class MotionHint:
@@ -36,19 +41,34 @@ class MotionHint:
         self._hint = hint
         self._kind = 'none'
         self._subscription: Any = None
+        self._pause: Timer | None = None
         self.listen(kind)
 
     def listen(self, kind: str) -> None:
         """Listen to messages of another type, 'none' for not at all."""
         if kind == self._kind:
             return
+        self._kind = kind
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
-        self._kind = kind
-        if kind != 'none':
+            # DDS refuses another type for a topic while the old subscription is still there.
+            self._pause = self._node.create_timer(
+                _PAUSE_SECONDS, self._resume, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
+        elif self._pause is None:
+            self._subscribe()
+
+    def _resume(self) -> None:
+        assert self._pause is not None
+        self._node.destroy_timer(self._pause)
+        self._pause = None
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        if self._kind != 'none':
             self._subscription = self._node.create_subscription(
-                _CLASSES[kind], 'motion_hint', self._take, qos_profile_sensor_data
+                _CLASSES[self._kind], 'motion_hint', self._take, qos_profile_sensor_data
             )
 
     def _take(self, message: Any) -> None:

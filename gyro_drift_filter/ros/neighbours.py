@@ -22,6 +22,9 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
+# What rmw says of an endpoint that was discovered before its node.
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+
 
 class Neighbours:
     """Look at the nodes at the input and the output, and at those of the same name."""
@@ -104,6 +107,8 @@ class Neighbours:
 
 
 def _name(other: TopicEndpointInfo) -> str:
+    if other.node_name == _UNKNOWN_NODE:
+        return 'a node whose name ROS does not know yet'
     return _full_name(other.node_namespace, other.node_name)
 
 

@@ -61,6 +61,7 @@ from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
 _LOG_PAUSE = 10_000_000_000  # ns
+_BESIDE = 'imu/temperature', 'motion_hint', '/diagnostics'
 # After so many messages what was lost is counted: several times while a full queue is emptied.
 _COUNT_EVERY = 50
 # Best effort matches every publisher, reliable matches every subscriber. The input's depth rides
@@ -91,7 +92,7 @@ class GyroDriftFilterNode(Node):
 
     Raises:
         ParameterError: A parameter has a wrong name or value.
-        GyroDriftFilterError: Input and output are one topic.
+        GyroDriftFilterError: Two of its topics are one, as input and output.
     """
 
     def __init__(self, parameter_files: Sequence[Path] = (), **options: Any) -> None:
@@ -102,7 +103,7 @@ class GyroDriftFilterNode(Node):
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
         parameters = LiveParameters(self, self._configure, parameter_files)
-        self._refuse_a_loop()
+        self._refuse_shared_topics()
         self._messages = MessageFilter(parameters.current)
         if not is_cache_cold():
             # The first step loads the kernels: before there is a message to wait for it.
@@ -151,12 +152,22 @@ class GyroDriftFilterNode(Node):
             + ('' if is_compiled() else ', in plain Python: install numba for speed')
         )
 
-    def _refuse_a_loop(self) -> None:
-        topic = self.resolve_topic_name('imu/data_raw')
-        if topic == self.resolve_topic_name('imu/data_filtered'):
+    def _refuse_shared_topics(self) -> None:
+        own = (*(f'~/{name}' for name in SAMPLE_TOPICS), '~/at_rest')
+        known: dict[str, str] = {}
+        for name in ('imu/data_raw', 'imu/data_filtered', *_BESIDE, *own):
+            topic = self.resolve_topic_name(name)
+            if topic not in known:
+                known[topic] = name
+                continue
+            both = f'{known[topic]} and {name}'
+            if name == 'imu/data_filtered':
+                raise GyroDriftFilterError(
+                    f'input and output are both {topic}: the filter would filter its own output; '
+                    f'remap one of {both}'
+                )
             raise GyroDriftFilterError(
-                f'input and output are both {topic}: the filter would filter its own output; remap '
-                'one of imu/data_raw and imu/data_filtered'
+                f'{both} are both {topic}: each needs a topic of its own; remap one of them'
             )
 
     def _create_sample_output(self, name: str) -> Publisher:

@@ -81,6 +81,8 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
     Raises:
         BagError: The bag or the archive exists already or can't be written.
     """
+    if not bag.name:  # as of . and /
+        raise BagError(f'{bag} exists already: choose another name')
     archive = truth_path(bag)
     if archive.exists():
         raise BagError(f'{archive} exists already: remove it or choose another name')

@@ -31,7 +31,7 @@ from gyro_drift_filter.tune.objective import Objective
 
 Floats = NDArray[np.float64]
 
-# Half of the evaluations are spread evenly; then Nelder and Mead's simplex goes downhill from the
+# A third of the evaluations is spread evenly; then Nelder and Mead's simplex goes downhill from the
 # best of them, as thresholds make steps that have no slope. Its first steps are so wide.
 _FIRST_STEP = 0.12
 _ENOUGH = {'xatol': 5e-3, 'fatol': 5e-5}
@@ -84,6 +84,10 @@ class Evaluations:
             self._told(self.count)
         return self._known[parameters]
 
+    def best(self, total: Callable[[Floats], float]) -> Parameters:
+        """Return those of all that were evaluated whose total over the stretches is least."""
+        return min(self._known, key=lambda parameters: total(self._known[parameters]))
+
     def side_by_side(self, function: Callable[[Any], Any], values: Iterable[Any]) -> list[Any]:
         """Return what a function makes of values, on all cores; None where the time was up."""
 
@@ -116,7 +120,7 @@ def search(
         TimeIsUpError: There was no time for any place.
     """
     dimensions = len(start)
-    places = np.vstack([start, _spread(budget // 2 - 1, dimensions, seed)])
+    places = np.vstack([start, _spread(budget // 3 - 1, dimensions, seed)])
     found = evaluations.side_by_side(cost, places)
     ranked = [
         (value, place)
@@ -125,7 +129,22 @@ def search(
     ]
     if not ranked:
         raise TimeIsUpError
-    best = min(ranked)
+    _, best = min(ranked)
+    return downhill(cost, np.array(best), budget - budget // 3)
+
+
+def downhill(cost: Callable[[Floats], float], start: Floats, budget: int) -> Floats:
+    """Return the best place found in the unit cube on the way down from a place.
+
+    Args:
+        cost: Of a place.
+        start: Where the way begins.
+        budget: How many times `cost` is called at most.
+
+    Raises:
+        TimeIsUpError: There was no time for any place.
+    """
+    best = cost(start), start.tolist()
 
     def noted(trial: Floats) -> float:
         nonlocal best
@@ -133,16 +152,15 @@ def search(
         best = min(best, (value, trial.tolist()))
         return value
 
-    first = np.array(best[1])
-    steps = np.where(first > 0.5, -_FIRST_STEP, _FIRST_STEP) * np.eye(dimensions)
+    steps = np.where(start > 0.5, -_FIRST_STEP, _FIRST_STEP) * np.eye(len(start))
     options = {
-        'initial_simplex': np.vstack([first, first + steps]),
-        'maxfev': budget - budget // 2,
+        'initial_simplex': np.vstack([start, start + steps]),
+        'maxfev': budget,
         **_ENOUGH,
     }
-    bounds = [(0.0, 1.0)] * dimensions
+    bounds = [(0.0, 1.0)] * len(start)
     with suppress(TimeIsUpError):  # the best so far counts
-        minimize(noted, first, method='Nelder-Mead', bounds=bounds, options=options)
+        minimize(noted, start, method='Nelder-Mead', bounds=bounds, options=options)
     return np.array(best[1])
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, Range, at_places
-from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, search
+from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, downhill, search
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ Floats = NDArray[np.float64]
 LEAST_GAIN, LARGEST_CHANCE = 0.01, 0.05
 # Evaluations for each parameter.
 BUDGET = 40
+# One in so many of them refines what was found by all stretches.
+REFINING = 4
 # Of the time; the rest is for what the search leads to.
 SEARCH_SHARE = 0.7
 # Steps of each parameter by which its sensitivity is told, in parts of its range.
@@ -95,12 +97,13 @@ class Tuning:
 
     Attributes:
         before: The parameters that were to be tuned.
-        chosen: Those that suit the recording, which are those before where they are as good.
+        chosen: Those that suit the recording: the best, refined by all stretches, or those before
+            where they are as good.
         best: The best for the stretches that were searched on.
         gain: Of the best over those before, on the stretches held back.
         cost_before: Of the parameters before, on the stretches held back: nats a sample, or with
             truth the rms error in rad/s.
-        cost_chosen: The same of those chosen.
+        cost_best: The same of the best, or again of those before where they stay.
         sensitivities: Of all parameters that were tuned, the largest first.
         evaluations: How often the filter ran through the recording.
         out_of_time: Whether the time limit has left something out.
@@ -111,7 +114,7 @@ class Tuning:
     best: Parameters
     gain: Gain
     cost_before: float
-    cost_chosen: float
+    cost_best: float
     sensitivities: list[Sensitivity]
     evaluations: int
     out_of_time: bool
@@ -178,14 +181,15 @@ class _Run:
         start = np.array([range_.place(before, noise) for range_ in self._ranges])
         best = before
         with suppress(TimeIsUpError):
-            place = search(cost, start, self._evaluations, budget, seed)
+            place = search(cost, start, self._evaluations, budget - budget // REFINING, seed)
             best = at_places(self._ranges, place.tolist(), before, noise)
         self._evaluations.deadline = self._end
         best = self._without_the_idle(best, ~held_back)
         costs = self._evaluations.costs(best)
         gain = self._gain(default, costs, held_back)
-        chosen = best if gain.is_worth_it else before
-        costs = self._evaluations.costs(chosen)
+        if not gain.is_worth_it:
+            costs = default
+        chosen = self._refined(budget // REFINING) if gain.is_worth_it else before
         sensitivities = self._sensitivities(chosen)
         return Tuning(
             before,
@@ -198,6 +202,22 @@ class _Run:
             self._evaluations.count,
             self._evaluations.out_of_time,
         )
+
+    def _refined(self, budget: int) -> Parameters:
+        """Return the best by all stretches: the search has seen half of them."""
+        before, noise = self._before, self._objective.noise
+
+        def parameters(place: Floats) -> Parameters:
+            return at_places(self._ranges, place.tolist(), before, noise)
+
+        def cost(place: Floats) -> float:
+            return self._total(self._evaluations.costs(parameters(place)))
+
+        # The filter ran through all stretches each time, so nothing of it is lost.
+        best = self._evaluations.best(self._total)
+        start = np.array([range_.place(best, noise) for range_ in self._ranges])
+        refined = parameters(downhill(cost, start, budget))
+        return self._without_the_idle(refined, np.full(STRETCHES, True))
 
     def _total(self, costs: Floats) -> float:
         """Return what the search makes small, in nats."""
