@@ -23,17 +23,21 @@ import shutil
 import subprocess
 import sys
 import time
+from itertools import chain, repeat
 
 import fsspec
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.fleet.addresses import shown
-from gyro_drift_filter.fleet.columns import COLUMNS
-from gyro_drift_filter.fleet.health import find_change, judge_fleet
+from gyro_drift_filter.fleet.bag_report import report_path
+from gyro_drift_filter.fleet.changes import Found, Series, Usual, find_change
+from gyro_drift_filter.fleet.columns import COLUMNS, schema
+from gyro_drift_filter.fleet.health import judge_fleet
 from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_path
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import find_bags
@@ -90,6 +94,23 @@ def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path, capsys):
     # The name of the file stands in the metadata at its end, and nothing else differs.
     common = next(k for k, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b)
     assert common > 0.9 * len(theirs)
+
+
+def test_the_report_on_a_bag_is_there_whole_or_not_at_all(small, tmp_path):
+    (bag,) = find_bags([str(small / 'robot_00' / 'day_01')], None)
+    reports = tmp_path / 'reports'
+    result = measure(bag, Job(Parameters(), reports=reports))
+    (page,) = reports.iterdir()
+    assert page == report_path(reports, result.content)
+    text = page.read_text()
+    assert 'robot_00, day_01' in text
+    assert text.rstrip().endswith('</html>')
+    page.rename(tmp_path / 'page')
+    page.mkdir()
+    result = measure(bag, Job(Parameters(), reports=reports))
+    assert 'can not be written' in result.rows[0]['error']
+    assert not result.lasting
+    assert list(reports.iterdir()) == [page]
 
 
 def test_each_column_says_what_it_is(measured):
@@ -288,31 +309,120 @@ def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
     assert 'would both be written to' in capsys.readouterr().err
 
 
-def series(random, *means):
+def steps(random, *means):
     return np.concatenate([m + random.standard_normal(6) for m in means])
 
 
+def fleet_of(random, *shape):
+    """Return what is usual among robots whose values are white noise of deviation 1."""
+    return Usual([Series(str(k), v, 0.0) for k, v in enumerate(random.standard_normal(shape))])
+
+
+def change_of(usual, values, both_ways=False):
+    return find_change(Series('the one', values, 0.1), usual, both_ways, 2000)
+
+
 def test_a_change_is_found_where_it_is_and_its_size_is_known(random):
-    found = find_change(series(random, 0.0, 20.0), 1.0, False, 2000)
+    usual = fleet_of(random, 40, 12)
+    found = change_of(usual, steps(random, 0.0, 20.0))
     assert found.certain
     assert found.since == 6
     assert 12.0 < found.size < 30.0
-    assert find_change(series(random, 20.0, 0.0), 0.1, False, 2000) is None  # it got better
-    assert find_change(series(random, 20.0, 0.0), 0.1, True, 2000).certain
-    assert find_change(np.arange(3.0), 0.1, True, 10) is None
+    assert change_of(usual, steps(random, 20.0, 0.0)) is None  # it got better
+    assert change_of(usual, steps(random, 20.0, 0.0), both_ways=True).certain
+    assert change_of(usual, np.arange(3.0)) is None
 
 
-def test_what_was_repaired_is_no_finding(random):
-    found = find_change(series(random, 0.0, 30.0, 0.0), 0.1, True, 2000)
-    assert found is None or found.since == 12
+@pytest.mark.parametrize('both_ways', [False, True])
+def test_what_was_repaired_is_no_finding(random, both_ways):
+    usual = fleet_of(random, 40, 18)
+    found = change_of(usual, steps(random, 0.0, 30.0, 0.0), both_ways)
+    assert found is None or not found.certain
+
+
+def test_one_odd_bag_of_the_last_two_is_no_change(random):
+    usual = fleet_of(random, 40, 12)
+    values = steps(random, 0.0, 0.0)
+    values[-1] += 30.0
+    assert not change_of(usual, values).certain
+    values[-2] += 30.0
+    assert change_of(usual, values).certain
+
+
+def judged_fleets(draw, fleets=10):
+    """Return in how many fleets of sixty series chance makes a finding."""
+    named = 0
+    for _ in range(fleets):
+        fleet = [Series(str(k // 3), values, 0.1) for k, values in enumerate(draw())]
+        usual, tests = Usual(fleet), sum(len(series.values) for series in fleet)
+        found = [find_change(series, usual, True, tests) for series in fleet]
+        named += any(change and change.certain for change in found)
+    return named
 
 
 def test_chance_makes_no_finding(random):
-    """In thirty fleets of twenty robots, with twelve series each."""
-    for _ in range(30):
-        values = random.standard_normal((240, 10))
-        found = [find_change(v, 0.7, True, values.size) for v in values]
-        assert not any(change and change.certain for change in found)
+    assert judged_fleets(lambda: random.standard_normal((60, 10)), fleets=30) == 0
+
+
+def test_days_that_are_like_the_one_before_are_no_finding(random):
+    """What each sensor does, as with the weather, is nothing that one of them has."""
+
+    def wander():
+        values = random.standard_normal((60, 24))
+        for day in range(1, 24):
+            values[:, day] = 0.9 * values[:, day - 1] + math.sqrt(0.19) * values[:, day]
+        return values
+
+    assert judged_fleets(wander) == 0
+
+
+def test_odd_days_are_no_finding(random):
+    """Student's t of three degrees of freedom has some of ten deviations."""
+    assert judged_fleets(lambda: random.standard_t(3.0, (60, 8)), fleets=20) == 0
+
+
+def test_a_few_sensors_of_a_worse_kind_are_no_finding(random):
+    """Short histories of their own do not tell it, but the fleet does."""
+    kinds = np.where(np.arange(60) % 15 < 3, 10.0, 1.0)[:, None]
+    assert judged_fleets(lambda: kinds * random.standard_normal((60, 6)), fleets=20) == 0
+
+
+def rows_of_fleet(random, robots=5, bags=10):
+    """Return the rows of a fleet that does well."""
+    return [
+        {
+            'robot': f'{robot}', 'source': f'{robot}/{day:02}', 'content': 'c', 'topic': '/imu',
+            'frame_id': 'imu', 'axis': axis, 'start': day * 10**14, 'duration': 60.0,
+            'messages': 6000, 'gaps': 0, 'noise': 2e-3 * math.exp(0.02 * random.standard_normal()),
+            'noise_samples': 3000, 'bias': 1e-3 * random.standard_normal(),
+            'bias_deviation': 1e-4, 'outlier_share': 0.0,
+        }
+        for robot in range(robots) for day in range(bags) for axis in 'xyz'
+    ]  # fmt: skip
+
+
+def judged(rows):
+    return judge_fleet(pa.Table.from_pylist(rows, schema()))
+
+
+def test_a_frozen_axis_is_found_though_it_has_no_noise_to_be_compared(random):
+    rows = rows_of_fleet(random)
+    for row in rows:
+        if (row['robot'], row['axis']) == ('3', 'y') and row['start'] >= 8 * 10**14:
+            row['noise'] = 0.0
+    first, second, *_ = judged(rows)
+    assert (first.robot, second.size) == ('3', 0.0)
+    (change,) = (change for change in first.changes if change.certain)
+    assert (change.quantity, change.axis, change.after) == ('frozen', 'y', 100.0)
+
+
+def test_a_change_that_is_certain_stands_before_a_larger_one_that_is_not(random, monkeypatch):
+    of_axes = [Found(5, 0.0, 1.0, 9.0, certain=False), Found(5, 0.0, 1.0, 4.0, certain=True)]
+    told = chain(of_axes, repeat(None))
+    monkeypatch.setattr('gyro_drift_filter.fleet.health.find_change', lambda *_: next(told))
+    (sensor,) = judged(rows_of_fleet(random, robots=1))
+    (change,) = sensor.changes
+    assert (change.quantity, change.axis, sensor.size) == ('noise', 'y', 4.0)
 
 
 @pytest.mark.slow

@@ -49,27 +49,28 @@ class NoOutput:
 
     def __init__(self, recording: Recording, inputs: Mapping[str, Topics]) -> None:
         """Begin with the names of the outputs by the Imu topic that they belong to."""
-        self.is_imu = {topic: np.zeros(by_connection(recording) + 1, np.bool_) for topic in inputs}
+        self.is_imu = _imu_channels(recording, inputs)
         self.left_out: dict[str, str] = {}
         self.written = [0] * len(inputs)
-        for connection in recording.connections:
-            if connection.topic in inputs and is_cdr(connection):
-                self.is_imu[connection.topic][connection.id] = True
-        _require_cdr(self.is_imu)
 
     def write(self, piece: Piece, imus: Any, reports: Any, statuses: Any) -> None:
         """Write nothing."""
 
 
-def _require_cdr(is_imu: Mapping[str, NDArray[np.bool_]]) -> None:
-    """Make sure that the messages of each Imu topic can be read.
+def _imu_channels(recording: Recording, topics: Collection[str]) -> dict[str, NDArray[np.bool_]]:
+    """Return by each Imu topic, by the `id` of a connection, whether its messages can be read.
 
     Raises:
-        BagError: They can't.
+        BagError: None of a topic can.
     """
-    for topic, of_topic in is_imu.items():
+    channels = {topic: np.zeros(by_connection(recording), np.bool_) for topic in topics}
+    for connection in recording.connections:
+        if connection.topic in channels and is_cdr(connection):
+            channels[connection.topic][connection.id] = True
+    for topic, of_topic in channels.items():
         if not of_topic.any():
             raise BagError(f'the messages of topic {topic} are not in CDR')
+    return channels
 
 
 class Output:
@@ -108,7 +109,7 @@ class Output:
         # The last one is that of messages which are passed over.
         self._passed_over = by_connection(recording)
         self._channels = np.zeros((2, self._passed_over + 1), np.int64)
-        self.is_imu = {topic: np.zeros(self._passed_over, np.bool_) for topic in inputs}
+        self.is_imu = _imu_channels(recording, inputs)
         self._reporting: list[int] = []
         report_channel = 0
         for connection in recording.connections:
@@ -120,7 +121,6 @@ class Output:
                 self.left_out[topic] = 'its messages are not in CDR'
                 continue
             if topic in inputs:
-                self.is_imu[topic][connection.id] = True
                 self._channels[1, connection.id] = list(inputs).index(topic)
             if topic not in kept:
                 continue
@@ -129,7 +129,6 @@ class Output:
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
                 self._reporting.append(connection.id)
-        _require_cdr(self.is_imu)
         self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
         self._states['last_at_rest'] = -1.0
         for state, names in zip(self._states, inputs.values(), strict=True):

@@ -25,11 +25,11 @@ from gyro_drift_filter.cli.result_files import (
     as_plain,
     check_targets,
     without_matplotlib,
-    write_whole,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.calibrate.calibration import Samples

@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, Any
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.doctor.findings import Finding

@@ -24,9 +24,10 @@ from urllib.parse import quote
 
 from gyro_drift_filter.cli.fleet import NEEDED, TABLE
 from gyro_drift_filter.cli.printing import say
-from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.fleet.health import Sensor

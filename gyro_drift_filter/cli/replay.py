@@ -23,7 +23,7 @@ from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets, write_whole
+from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import as_json
@@ -31,6 +31,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter

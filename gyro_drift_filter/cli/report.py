@@ -27,13 +27,13 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
     check_targets,
     without_matplotlib,
-    write_whole,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import as_json
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection

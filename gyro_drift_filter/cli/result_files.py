@@ -12,10 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that results are written to: looked at before the work, written whole or not at all."""
+"""Files that results are written to: looked at before the work."""
 
 import dataclasses
-import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -85,23 +84,6 @@ def _check_writable(folder: Path) -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file whole or not at all: an empty one would pass for one without parameters.
-
-    Raises:
-        GyroDriftFilterError: It can't be written.
-    """
-    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
-    try:
-        try:
-            unfinished.write_text(text, encoding='utf-8')
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise GyroDriftFilterError(f'{path} can not be written: {error.strerror}') from error
 
 
 def as_plain(value: Any) -> Any:

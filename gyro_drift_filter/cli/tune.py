@@ -27,12 +27,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_whole
+from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import printable, reason
+from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.tune.tuning import Tuning

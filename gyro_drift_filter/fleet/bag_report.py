@@ -19,10 +19,10 @@ from pathlib import Path
 
 from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.fleet.whole_file import write_whole
 from gyro_drift_filter.report.figures import Drawer, roles
 from gyro_drift_filter.report.page import Recording, page
 from gyro_drift_filter.report.signals import Signals
+from gyro_drift_filter.whole_file import write_whole
 
 # Of all traces of one topic: a page is then some two thirds larger than the library on it.
 _POINTS = 60_000

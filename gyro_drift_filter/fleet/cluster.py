@@ -29,7 +29,7 @@ _BY_THE_CLOCK = {
     'distributed.worker.profile.enabled': False,
     'distributed.scheduler.active-memory-manager.start': False,
     'distributed.admin.tick.interval': '1s',
-    'distributed.admin.system-monitor.interval': '5s',
+    'distributed.admin.system-monitor.interval': '1m',
     'distributed.worker.memory.monitor-interval': '1s',
 }
 

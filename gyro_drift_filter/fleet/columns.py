@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 from gyro_drift_filter.messages.health import package_version
+from gyro_drift_filter.whole_file import whole_file
 
 
 class Column(NamedTuple):
@@ -99,18 +100,13 @@ def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     Raises:
         GyroDriftFilterError: It can't be written.
     """
-    unfinished = path.with_name(f'.{path.name}.incomplete')
     parts, of_table = iter(rows), schema()
-    try:
-        try:
-            with pq.ParquetWriter(unfinished, of_table, compression='zstd') as writer:
-                while part := list(islice(parts, _PART)):
-                    writer.write_table(pa.Table.from_pylist(part, of_table))
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error
+    with (
+        whole_file(path) as unfinished,
+        pq.ParquetWriter(unfinished, of_table, compression='zstd') as writer,
+    ):
+        while part := list(islice(parts, _PART)):
+            writer.write_table(pa.Table.from_pylist(part, of_table))
 
 
 def read_table(path: Path) -> pa.Table:

@@ -15,38 +15,26 @@
 """Which sensors get worse: changes in their history that are more than its scatter.
 
 A sensor is an Imu topic with its frame of one robot; its history are the bags in the order of their
-start. A quantity of it is cut into stretches of one mean each by PELT (Killick, Fearnhead and
-Eckley, J. Am. Stat. Assoc. 107 (2012) 1590). The last stretch is compared with the earlier one that
-it is furthest from, for the worse: what was and is no more, as before a repair, is no finding.
+start. The last stretch of a quantity of it is compared with an earlier one: what was and is no
+more, as before a repair, is no finding.
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import ruptures
-from numpy.typing import NDArray
-from scipy import stats
 
-Floats = NDArray[np.float64]
+from gyro_drift_filter.fleet.changes import Series, Usual, find_change
 
-# A mean and its change can be told from four bags on: two make a stretch, as one odd bag is none.
-_STRETCH = 2
-LEAST_BAGS = 2 * _STRETCH
-# How often chance alone may make a finding in a whole fleet.
-_CHANCE = 0.01
-# A change within so many deviations of the history is one that happens.
-MATTERS = 3.0
-# What is known of a scatter from elsewhere is worth so many bags: sensors of a kind differ.
-_KNOWN = 8
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
-# Deviation of Gaussian noise per median absolute deviation.
-_PER_MEDIAN = 1.4826
+
+
+# What is compared, and its own standard deviation.
+Value = tuple[float, float] | None
 
 
 class Quantity(NamedTuple):
@@ -56,7 +44,7 @@ class Quantity(NamedTuple):
         name: Of the change.
         unit: Of what is shown.
         columns: That it is made of.
-        value: Returns of these what is compared, and its own standard deviation.
+        value: Returns of these what is compared, and its own standard deviation; None for nothing.
         shown: Returns of what is compared what is shown.
         both_ways: Whether it may get worse either way.
         of_axes: Whether each axis has its own.
@@ -65,29 +53,42 @@ class Quantity(NamedTuple):
     name: str
     unit: str
     columns: tuple[str, ...]
-    value: Callable[..., tuple[float, float]]
+    value: Callable[..., Value]
     shown: Callable[[float], float]
     both_ways: bool = False
     of_axes: bool = True
 
 
-def _noise(noise: float, samples: int) -> tuple[float, float]:
+def _noise(noise: float, samples: int) -> Value:
+    if not (noise > 0.0 and samples):
+        return None
     return math.log(noise), math.hypot(_WARMTH, math.sqrt(0.5 / samples))
 
 
-def _bias(bias: float, deviation: float, instability: float | None) -> tuple[float, float]:
+def _frozen(noise: float, samples: int) -> Value:
+    return _share(0.0 if noise else 1.0, samples)
+
+
+def _bias(bias: float, deviation: float, instability: float | None) -> Value:
     return bias, math.hypot(deviation, instability or 0.0)
 
 
-def _share(share: float, samples: int) -> tuple[float, float]:
+def _share(share: float, samples: int) -> Value:
     """Return the arcsine of a share's root: its deviation by chance is the same for all."""
+    if not samples:
+        return None
     return math.asin(math.sqrt(min(share, 1.0))), 0.5 / math.sqrt(samples)
 
 
-def _gaps(gaps: int, samples: int) -> tuple[float, float]:
-    return _share(gaps / samples, samples)
+def _gaps(gaps: int, samples: int) -> Value:
+    return _share(gaps / max(samples, 1), samples)
 
 
+def _percent(value: float) -> float:
+    return 100.0 * math.sin(value) ** 2
+
+
+FROZEN = 'frozen'
 QUANTITIES = (
     Quantity(
         'noise',
@@ -109,16 +110,18 @@ QUANTITIES = (
         '%',
         ('outlier_share', 'messages'),
         _share,
-        lambda value: 100.0 * math.sin(value) ** 2,
+        _percent,
     ),
     Quantity(
         'gaps',
         '%',
         ('gaps', 'messages'),
         _gaps,
-        lambda value: 100.0 * math.sin(value) ** 2,
+        _percent,
         of_axes=False,
     ),
+    # What is alive has noise: a share of the samples at rest that is all or nothing.
+    Quantity(FROZEN, '%', ('noise', 'noise_samples'), _frozen, _percent),
 )
 # That may be missing.
 _OPTIONAL = {'bias_instability'}
@@ -193,35 +196,26 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
         if row['axis'] is not None:
             key = row['robot'], row['topic'], row['frame_id']
             of_sensors.setdefault(key, []).append(row)
-    series = [
-        _Series(key, quantity, axis, of_axis)
+    histories = [
+        _History(key, quantity, axis, of_axis)
         for key, of_sensor in of_sensors.items()
         for quantity in QUANTITIES
         for axis, of_axis in _of_axes(quantity, of_sensor)
     ]
-    tests = sum(len(one.values) for one in series)
-    # The sensors of a fleet are of a kind: that few days of one agree by chance says little.
+    tests = sum(len(one.bags) for one in histories)
+    # The sensors of a fleet are of a kind: what few days of one say by chance is little.
     usual = {
-        quantity.name: _median(
-            usual_scatter(one.values)
-            for one in series
-            if one.quantity == quantity and len(one.values) >= LEAST_BAGS
-        )
+        quantity.name: Usual([one.series for one in histories if one.quantity == quantity])
         for quantity in QUANTITIES
     }
-    found: dict[tuple[str, str, str], list[_Series]] = {}
-    for one in series:
+    found: dict[tuple[str, str, str], list[_History]] = {}
+    for one in histories:
         found.setdefault(one.sensor, []).append(one)
     sensors = [
         _sensor(key, of_sensor, found.get(key, []), usual, tests)
         for key, of_sensor in of_sensors.items()
     ]
     return sorted(sensors, key=lambda s: (-s.size, s.robot, s.topic, s.frame))
-
-
-def _median(values: Iterable[float]) -> float:
-    """Return the median, 0 of none."""
-    return float(np.median([*values] or [0.0]))
 
 
 def _with_whole_start(table: pa.Table, place: Sequence[str], needed: Iterable[str]) -> pa.Schema:
@@ -238,7 +232,7 @@ def _of_axes(
     return [(axis, [row for row in rows if row['axis'] == axis]) for axis in 'xyz']
 
 
-class _Series:
+class _History:
     """One quantity of one axis over time."""
 
     def __init__(
@@ -249,21 +243,20 @@ class _Series:
         rows: list[dict[str, Any]],
     ) -> None:
         self.sensor, self.quantity, self.axis = sensor, quantity, axis
-        usable = [row for row in rows if all(_is_known(row, name) for name in quantity.columns)]
-        usable.sort(key=_time)
-        self.bags = [_time(row) for row in usable]
-        pairs = [quantity.value(*(row[name] for name in quantity.columns)) for row in usable]
-        self.values, deviations = np.array(pairs, float).reshape(-1, 2).T
-        # What each value is uncertain by, by itself.
-        self.own = float(np.sqrt(np.mean(np.square(deviations)))) if pairs else 0.0
+        values = [
+            (_time(row), value) for row in rows if (value := _value(row, quantity)) is not None
+        ]
+        values.sort()
+        self.bags = [bag for bag, _ in values]
+        compared, deviations = np.array([value for _, value in values]).reshape(-1, 2).T
+        own = float(np.sqrt(np.mean(np.square(deviations)))) if values else 0.0
+        self.series = Series(sensor[0], compared, own)
 
 
-def _is_known(row: dict[str, Any], name: str) -> bool:
-    value = row[name]
-    # A dead axis has no noise to be compared, and an axis without samples none either.
-    if name in ('noise', 'noise_samples', 'messages'):
-        return value is not None and value > 0
-    return value is not None or name in _OPTIONAL
+def _value(row: dict[str, Any], quantity: Quantity) -> Value:
+    if any(row[name] is None for name in quantity.columns if name not in _OPTIONAL):
+        return None
+    return quantity.value(*(row[name] for name in quantity.columns))
 
 
 def _time(row: dict[str, Any]) -> tuple[int, str]:
@@ -273,8 +266,8 @@ def _time(row: dict[str, Any]) -> tuple[int, str]:
 def _sensor(
     key: tuple[str, str, str],
     rows: list[dict[str, Any]],
-    series: list[_Series],
-    usual: Mapping[str, float],
+    of_sensor: list[_History],
+    usual: Mapping[str, Usual],
     tests: int,
 ) -> Sensor:
     bags = sorted(
@@ -288,89 +281,28 @@ def _sensor(
     index = {_time(bag): k for k, bag in enumerate(bags)}
     histories: dict[str, dict[str, list[Point]]] = {}
     largest: dict[str, Change] = {}
-    for one in series:
+    for one in of_sensor:
         where = [index[bag] for bag in one.bags]
-        quantity = one.quantity
-        points = [
-            Point(k, quantity.shown(v)) for k, v in zip(where, one.values.tolist(), strict=True)
-        ]
+        quantity, values = one.quantity, one.series.values.tolist()
+        points = [Point(k, quantity.shown(v)) for k, v in zip(where, values, strict=True)]
         histories.setdefault(quantity.name, {})[one.axis] = points
-        change = find_change(
-            one.values, max(one.own, usual[quantity.name]), quantity.both_ways, tests
-        )
-        if change is None or change.size <= _size_of(largest.get(quantity.name)):
+        found = find_change(one.series, usual[quantity.name], quantity.both_ways, tests)
+        if found is None:
             continue
-        largest[quantity.name] = Change(
+        change = Change(
             quantity.name,
             one.axis,
-            where[change.since],
-            quantity.shown(change.before),
-            quantity.shown(change.after),
+            where[found.since],
+            quantity.shown(found.before),
+            quantity.shown(found.after),
             quantity.unit,
-            change.size,
-            change.certain,
+            found.size,
+            found.certain,
         )
-    changes = sorted(largest.values(), key=lambda change: (not change.certain, -change.size))
-    return Sensor(*key, bags, histories, changes)
+        largest[quantity.name] = min(largest.get(quantity.name, change), change, key=_rank)
+    return Sensor(*key, bags, histories, sorted(largest.values(), key=_rank))
 
 
-def _size_of(change: Change | None) -> float:
-    return 0.0 if change is None else change.size
-
-
-class Found(NamedTuple):
-    """A change in a series: see `Change`."""
-
-    since: int
-    before: float
-    after: float
-    size: float
-    certain: bool
-
-
-def usual_scatter(values: Floats) -> float:
-    """Return the deviation of values (n,) from one to the next: a jump and a drift hardly count."""
-    steps = np.diff(values)
-    return _PER_MEDIAN * float(np.median(np.abs(steps - np.median(steps)))) / math.sqrt(2.0)
-
-
-def find_change(values: Floats, least: float, both_ways: bool, tests: int) -> Found | None:
-    """Return the largest change for the worse between the last stretch of a series and another.
-
-    Args:
-        values: (n,) in the order of time.
-        least: Scatter that the values have at least, known from elsewhere.
-        both_ways: Whether less is worse, too, and not only more.
-        tests: Values of all series that are looked at, each of which might be where chance makes a
-            change.
-    """
-    if len(values) < LEAST_BAGS:
-        return None
-    chance = _CHANCE / tests
-    # By chance a split of n values of deviation 1 explains more of their squares once in so often.
-    penalty = float(stats.chi2.isf(chance, 1))
-    # A linear kernel's cost is that of a change of the mean; it is compiled.
-    cut = ruptures.KernelCPD('linear', min_size=_STRETCH)
-    scaled = (values / max(least, usual_scatter(values))).reshape(-1, 1)
-    edges = [0, *cut.fit(scaled).predict(pen=penalty)]
-    stretches = [values[a:b] for a, b in pairwise(edges)]
-    if len(stretches) < 2:
-        return None
-    *history, last = stretches
-    # The scatter is that of the history alone: what gets worse may scatter as it does. What is
-    # known of it from elsewhere counts as so many bags more.
-    free = sum(map(len, history)) - len(history)
-    squares = sum(float(np.square(s - s.mean()).sum()) for s in history)
-    scatter = max(math.sqrt((squares + _KNOWN * least**2) / (free + _KNOWN)), least)
-    differences = [float(last.mean() - s.mean()) for s in history]
-    worst = max(
-        range(len(differences)), key=lambda k: abs(differences[k]) if both_ways else differences[k]
-    )
-    difference = abs(differences[worst]) if both_ways else differences[worst]
-    if difference <= 0.0:
-        return None
-    other = history[worst]
-    ratio = difference / (scatter * math.sqrt(1.0 / len(last) + 1.0 / len(other)))
-    size = difference / scatter
-    certain = size > MATTERS and 2.0 * float(stats.t.sf(ratio, free + _KNOWN)) < chance
-    return Found(int(edges[worst + 1]), float(other.mean()), float(last.mean()), size, certain)
+def _rank(change: Change) -> tuple[bool, float]:
+    """Return what sorts the changes that are certain before all others, the largest first."""
+    return not change.certain, -change.size

@@ -21,7 +21,7 @@ from importlib.resources import files
 from typing import Any
 
 from gyro_drift_filter.errors import printable
-from gyro_drift_filter.fleet.health import QUANTITIES, Change, Sensor
+from gyro_drift_filter.fleet.health import FROZEN, QUANTITIES, Change, Sensor
 from gyro_drift_filter.report.page import document, table_of, text_of
 
 # Sensors that are drawn: those that get worse come first, and more make a page that none reads.
@@ -166,6 +166,7 @@ def _data(sensor: Sensor, link: Link) -> dict[str, Any]:
                 },
             }
             for quantity in QUANTITIES
+            if quantity.name != FROZEN or FROZEN in since
         ],
     }
 

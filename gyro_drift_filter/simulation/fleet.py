@@ -12,8 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A simulated fleet: robots that drive and stand once a day, three that get worse, broken bags."""
+"""A simulated fleet: robots that drive and stand once a day, some that get worse, broken bags."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -37,14 +38,25 @@ _BIAS, _TURN_ON = 0.01, 2e-4
 _ACCELERATION_NOISE = 0.03  # m/s^2
 # Shares of the samples in motion, and sizes in rad/s, of spikes that motors make.
 _SPIKES, _SPIKE_SIZE = 0.002, (1.0, 5.0)
+# Samples that are lost in one gap.
+_GAP = 5
 
 
 class Fault(StrEnum):
-    """How a gyroscope gets worse."""
+    """How a gyroscope gets worse, from half time on."""
 
-    BIAS = 'bias'  # it jumps at half time, on one axis
-    NOISE = 'noise'  # it is three times as large from then on
-    OUTLIERS = 'outliers'  # from then on their share in motion grows, to a tenth
+    BIAS = 'bias'  # it jumps, on one axis
+    NOISE = 'noise'  # it is three times as large
+    OUTLIERS = 'outliers'  # their share in motion grows, to a tenth
+    DRIFT = 'drift'  # the bias moves on, by 0.1 deg/s a bag, on one axis
+    WEAR = 'wear'  # the noise grows by a tenth a bag
+    GAPS = 'gaps'  # they come more often, up to one in a second
+    FROZEN = 'frozen'  # one axis says the same at all times
+
+    @property
+    def quantity(self) -> str:
+        """What the table shows it by."""
+        return {Fault.DRIFT: 'bias', Fault.WEAR: 'noise'}.get(self, str(self))
 
 
 @dataclass(frozen=True)
@@ -106,14 +118,24 @@ def _write_bag(bag: Path, settings: FleetSettings, robot: int, day: int) -> None
     fault, late = settings.faults.get(robot), day - settings.bags // 2
     noise = _NOISE * of_robot.uniform(0.8, 1.2) * np.exp(_NOISE_SCATTER * random.standard_normal())
     bias = _BIAS * of_robot.standard_normal(3) + _TURN_ON * random.standard_normal(3)
-    spikes = _SPIKES
+    spikes, gaps, is_frozen = _SPIKES, 0.0, False
+    grown = (late + 1) / (settings.bags - settings.bags // 2)
     if fault is not None and late >= 0:
-        if fault == Fault.BIAS:
-            bias[1] += 0.03
-        elif fault == Fault.NOISE:
-            noise *= 3.0
-        else:
-            spikes += 0.1 * (late + 1) / (settings.bags - settings.bags // 2)
+        match fault:
+            case Fault.BIAS:
+                bias[1] += 0.03
+            case Fault.NOISE:
+                noise *= 3.0
+            case Fault.OUTLIERS:
+                spikes += 0.1 * grown
+            case Fault.DRIFT:
+                bias[1] += math.radians(0.1) * (late + 1)
+            case Fault.WEAR:
+                noise *= 1.1 ** (late + 1)
+            case Fault.GAPS:
+                gaps = grown / settings.sample_rate
+            case Fault.FROZEN:
+                is_frozen = True
     time = np.arange(n) / settings.sample_rate
     third = settings.seconds / 3.0
     moving = (time >= third) & (time < 2.0 * third)
@@ -125,6 +147,12 @@ def _write_bag(bag: Path, settings: FleetSettings, robot: int, day: int) -> None
     rates += np.where(flagged, signs * random.uniform(*_SPIKE_SIZE, (n, 3)), 0.0)
     forces = np.array([0.0, 0.0, GRAVITY]) + _ACCELERATION_NOISE * random.standard_normal((n, 3))
     stamps = even_stamps(n, settings.sample_rate) + day * _DAY
+    if is_frozen:
+        rates[:, 0] = bias[0]
+    if gaps:
+        lost = np.flatnonzero(random.random(n) < gaps)[:, None] + np.arange(_GAP)
+        there = ~np.isin(np.arange(n), lost)
+        stamps, rates, forces = stamps[there], rates[there], forces[there]
     _write(bag, stamps, rates, forces)
 
 

@@ -14,21 +14,34 @@
 
 """Files that are there whole or not at all, whatever ends the run."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file, and the folders that it is in.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield where to write a file, which is there with the end of the block; so are its folders.
 
     Raises:
         GyroDriftFilterError: It can't be written.
     """
-    unfinished = path.with_suffix('.incomplete')
+    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.write_text(text, encoding='utf-8')
-        unfinished.replace(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield unfinished
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
     except OSError as error:
         raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text as `whole_file` does."""
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding='utf-8')
