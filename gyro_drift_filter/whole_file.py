@@ -38,7 +38,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         finally:
             unfinished.unlink(missing_ok=True)
     except OSError as error:
-        raise GyroDriftFilterError(f'{path} can not be written: {reason(error)}') from error
+        why = error.strerror or reason(error)
+        raise GyroDriftFilterError(f'{path} can not be written: {why}') from error
 
 
 def write_whole(path: Path, text: str) -> None:
