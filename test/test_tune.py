@@ -31,8 +31,10 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
+from gyro_drift_filter.tune import tuning
 from gyro_drift_filter.tune.objective import Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, at_places
+from gyro_drift_filter.tune.search import TimeIsUpError
 from gyro_drift_filter.tune.tuning import LEAST_GAIN, _Run, tune
 from support.bags import write
 from support.paths import RECORDINGS
@@ -170,6 +172,16 @@ def test_spikes_smaller_than_the_default_expects(truth, random):
     assert found.sensitivities[0].name == 'outlier.acceleration'
     error = Objective(material(simulation, truth=True)).costs
     assert error(found.chosen).mean() < 0.1 * error(Parameters()).mean()
+
+
+def test_no_time_to_refine_leaves_the_best_that_is_known(monkeypatch):
+    def nothing(*_):
+        raise TimeIsUpError
+
+    monkeypatch.setattr(tuning, 'downhill', nothing)
+    found = tune(material(simulate(TURNING)), Parameters(method='kalman'), budget=40)
+    assert found.gain.is_worth_it
+    assert found.chosen != found.before
 
 
 def test_the_same_seed_finds_the_same():

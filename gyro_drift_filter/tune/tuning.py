@@ -173,23 +173,20 @@ class _Run:
         held_back = np.column_stack([first, ~first]).ravel()
         before, noise = self._before, self._objective.noise
         default = self._evaluations.costs(before)
-
-        def cost(place: Floats) -> float:
-            parameters = at_places(self._ranges, place.tolist(), before, noise)
-            return self._total(self._evaluations.costs(parameters)[~held_back])
-
         start = np.array([range_.place(before, noise) for range_ in self._ranges])
         best = before
         with suppress(TimeIsUpError):
+            cost = self._cost_of(~held_back)
             place = search(cost, start, self._evaluations, budget - budget // REFINING, seed)
-            best = at_places(self._ranges, place.tolist(), before, noise)
+            best = self._at(place)
         self._evaluations.deadline = self._end
         best = self._without_the_idle(best, ~held_back)
         costs = self._evaluations.costs(best)
         gain = self._gain(default, costs, held_back)
-        if not gain.is_worth_it:
-            costs = default
-        chosen = self._refined(budget // REFINING) if gain.is_worth_it else before
+        if gain.is_worth_it:
+            chosen = self._refined(budget // REFINING)
+        else:
+            chosen, costs = before, default
         sensitivities = self._sensitivities(chosen)
         return Tuning(
             before,
@@ -205,19 +202,20 @@ class _Run:
 
     def _refined(self, budget: int) -> Parameters:
         """Return the best by all stretches: the search has seen half of them."""
-        before, noise = self._before, self._objective.noise
-
-        def parameters(place: Floats) -> Parameters:
-            return at_places(self._ranges, place.tolist(), before, noise)
-
-        def cost(place: Floats) -> float:
-            return self._total(self._evaluations.costs(parameters(place)))
-
+        everywhere, noise = np.full(STRETCHES, True), self._objective.noise
         # The filter ran through all stretches each time, so nothing of it is lost.
         best = self._evaluations.best(self._total)
         start = np.array([range_.place(best, noise) for range_ in self._ranges])
-        refined = parameters(downhill(cost, start, budget))
-        return self._without_the_idle(refined, np.full(STRETCHES, True))
+        with suppress(TimeIsUpError):
+            best = self._at(downhill(self._cost_of(everywhere), start, budget))
+        return self._without_the_idle(best, everywhere)
+
+    def _at(self, place: Floats) -> Parameters:
+        return at_places(self._ranges, place.tolist(), self._before, self._objective.noise)
+
+    def _cost_of(self, stretches: NDArray[np.bool_]) -> Callable[[Floats], float]:
+        """Return what the search makes small on some stretches."""
+        return lambda place: self._total(self._evaluations.costs(self._at(place))[stretches])
 
     def _total(self, costs: Floats) -> float:
         """Return what the search makes small, in nats."""
