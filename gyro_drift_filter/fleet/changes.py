@@ -112,7 +112,7 @@ class Usual:
             self.known = (1.0 + math.sqrt(1.0 + 2.0 * more)) / more
 
     def wander(self, series: Series) -> float:
-        """Return by how much other robots' values differ more over many bags than white noise."""
+        """Return how many times more than white noise other robots vary over many bags."""
         bags, most = 1, 1.0
         while 2 * bags <= len(series.values):
             most = max(most, self._wander_of_others(series.robot, bags))
@@ -120,7 +120,7 @@ class Usual:
         return most
 
     def _wander_of_others(self, robot: str, bags: int) -> float:
-        """Return the same for the means of so many bags; 0 where there are no others."""
+        """Return this factor for means of so many bags; 0 if there are no other robots."""
         if bags not in self._wander:
             # So many tell a median well enough, and more cost time.
             long = [series for series in self._fleet if len(series.values) >= 2 * bags]
@@ -162,7 +162,10 @@ def _by_chance(bags: int) -> tuple[float, float]:
 
 
 def _deviation_of_means(values: Floats, bags: int) -> float:
-    """Return the deviation of means of so many values, as of single ones if they were white."""
+    """Return the deviation of the means of so many values, times the root of their number.
+
+    For white noise this is the deviation of a single value.
+    """
     blocks = len(values) // bags
     means = np.sort(values[len(values) - blocks * bags :].reshape(blocks, bags).mean(axis=1))
     first, second = np.triu_indices(blocks, 1)
@@ -191,7 +194,7 @@ def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Fo
     if len(values) < LEAST_BAGS:
         return None
     chance, wander = _CHANCE / tests, usual.wander(series)
-    # By chance a split of n values of deviation 1 explains more of their squares once in so often.
+    # White noise of deviation 1 is split by this penalty with the probability `chance` only.
     penalty = float(stats.chi2.isf(chance, 1)) * wander**2
     # A linear kernel's cost is that of a change of the mean; it is compiled.
     cut = ruptures.KernelCPD('linear', min_size=_STRETCH)
@@ -207,8 +210,8 @@ def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Fo
     if not both_ways and after <= before:
         return None
     low, high = (history[reference], last) if after > before else (last, history[reference])
-    # Of an even number of bags that of the two in the middle which is the nearer one: one odd bag
-    # of two is no level.
+    # The median of an even number of bags is taken as the middle one that is nearer to the other
+    # stretch, so that one odd bag of two does not make a change.
     difference = max(float(high[(len(high) - 1) // 2] - low[len(low) // 2]), 0.0)
     # The scatter is that of the history alone: what gets worse may scatter as it does. What is
     # known of it from the fleet counts as so many bags more.
