@@ -365,10 +365,35 @@ def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
             if settled:
                 break
         gains = [modes[f'gain_{name}'][j] for name in ('rate', 'acceleration', 'jerk')]
-        np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-5)
-        np.testing.assert_allclose(modes['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-9)
+        # At 4 kHz the plain recursion ends by rounding, 5e-5 before what it would settle to.
+        np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-4)
+        np.testing.assert_allclose(modes['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-8)
     assert (np.diff(modes['gain_rate'][:MODES]) > 0).all()
-    assert ((modes['stay'][:MODES] > 0) & (modes['stay'][:MODES] < 1)).all()
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_the_transition_matrices_keep_the_probability(rate):
+    """The matrices that the geometric shares stand for, written out, have columns of sum one."""
+    filter_ = Filter(Parameters(sample_rate=rate))
+    filter_.step(10**18, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    modes = filter_.record[0]['coefficients']['methods']['adaptive']['modes']
+    further = modes['up_further']
+    for transitions in modes['transitions']:
+        down_further = transitions['down_further']
+        matrix = np.diag(transitions['stay'][:MODES])
+        for j in range(MODES):
+            share = transitions['up_first'][j]
+            for k in range(j + 1, MODES):
+                matrix[k, j] = share = share * further[k] if k > j + 1 else share
+            share = transitions['down_first'][j, 0]
+            for k in range(j - 1, -1, -1):
+                matrix[k, j] = share = share * down_further[k, 0] if k < j - 1 else share
+        assert (matrix >= 0).all()
+        assert (np.diag(matrix) > 0).all()
+        np.testing.assert_allclose(matrix.sum(axis=0), 1.0, rtol=1e-12)
+        # Of acceleration and jerk a part is kept on the way down.
+        kept = transitions['down_first'][1:MODES, 2:] / transitions['down_first'][1:MODES, :1]
+        assert ((kept > 0) & (kept < 1)).all()
 
 
 @pytest.mark.parametrize('knock', [True, False])
@@ -402,3 +427,65 @@ def test_fast_motion_from_power_on_is_not_taken_for_noise():
             worst.append(np.sqrt(np.mean(error**2, axis=0)).max() / 0.005)
     assert max(worst) < 1.5
     assert np.median(worst) < 1.1
+
+
+@pytest.fixture
+def stops(random):
+    """Motion that ends after 25 s, on a gyroscope that has stood still for 20 s before."""
+    truth = np.zeros((40, 2800, 3))
+    time = np.arange(500) / 100
+    truth[:, 2000:2500] = np.sin(2 * np.pi * 1.7 * time)[:, None]
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    return z, truth, still_accelerations(random, 2800)
+
+
+def error_after_the_stop(stops, turning):
+    """Return the rms error of the first axis from 0.2 to 1 s after; another may go on turning."""
+    z, truth, accelerations = stops
+    z = z.copy()
+    z[:, 2000:, 2] += turning
+    out = np.array([with_accelerations(one, accelerations)['angular_velocity'] for one in z])
+    return np.sqrt(np.mean((out - truth)[:, 2520:2600, 0] ** 2))
+
+
+def test_a_stop_is_seen_sooner_where_all_axes_stand(stops):
+    assert error_after_the_stop(stops, 0.0) < 0.7 * error_after_the_stop(stops, 0.5)
+
+
+def test_a_shake_announces_a_motion(random):
+    """What turns a body shakes its accelerometer: the filter follows the rate sooner."""
+    begin = np.concatenate([np.zeros(2000), 0.5 * np.arange(10) / 100])[:, None] * np.ones(3)
+    shaken, calm = [], []
+    for _ in range(40):
+        z, accelerations = begin + at_rest(random, 2010), still_accelerations(random, 2010)
+        calm.append(with_accelerations(z, accelerations)['angular_velocity'][2000:])
+        accelerations[2000:, 0] += 0.3 * random.standard_normal(10)
+        shaken.append(with_accelerations(z, accelerations)['angular_velocity'][2000:])
+    error, of_calm = (
+        np.sqrt(np.mean((np.array(out) - begin[2000:]) ** 2)) for out in (shaken, calm)
+    )
+    assert error < 0.9 * of_calm
+
+
+@pytest.mark.parametrize('nothing', [0.0, np.nan])
+def test_a_robot_without_an_accelerometer_is_not_always_shaken(nothing, random):
+    z, still = at_rest(random), still_accelerations(random)
+    with_one = with_accelerations(z, still)['angular_velocity'][1500:].std()
+    without = with_accelerations(z, np.full_like(still, nothing))['angular_velocity'][1500:].std()
+    assert without < 1.1 * with_one
+
+
+def test_a_slow_turn_that_begins_in_motor_vibration_is_given_back(random):
+    """It is half of the vibration, so it shows only when it has become a fast turn."""
+    rate = np.radians(np.repeat([0.0, 0.55, 20.0], [6000, 200, 3000]))
+    rate = np.convolve(np.pad(rate, 10, mode='edge'), np.full(21, 1 / 21), 'valid')
+    lacking = []
+    for _ in range(16):
+        z = rate[:, None] * [1.0, 0.0, 0.0] + np.radians(1.0) * random.standard_normal((9200, 3))
+        stamps = START + 5_000_000 * np.arange(len(z))
+        results = Filter(Parameters()).run(stamps, z, still_accelerations(random, len(z)))
+        difference = (z - results['bias'] - results['angular_velocity'])[6000:, 0]
+        lacking.append(np.degrees(np.cumsum(difference) * 0.005))
+    when_seen, later = np.mean(lacking, axis=0)[[199, -1]]
+    assert when_seen > 0.1
+    assert abs(later) < 0.75 * when_seen

@@ -166,17 +166,20 @@ def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     starting = filter_['workspace']['methods']['starting']
     tracking = filter_['state']['methods']['tracking']
     for axis in range(3):
-        usable = is_usable(rate[axis])
         starting[axis] = 1 - tracking[axis]
         if starting[axis]:
-            if not usable:
+            if is_usable(rate[axis]):
+                methods.start(filter_, axis, rate[axis])
+            else:
                 result['status'] = SampleStatus.REFUSED
-                continue
-            methods.start(filter_, axis, rate[axis])
-        else:
+    methods.look_around(filter_, sample)
+    for axis in range(3):
+        if not tracking[axis]:
+            continue
+        if not starting[axis]:
             for _ in range(missing):
                 methods.coast(filter_, axis)
-        if usable:
+        if is_usable(rate[axis]):
             methods.predict(filter_, axis)
         else:
             methods.coast(filter_, axis)

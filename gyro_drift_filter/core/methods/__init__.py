@@ -26,8 +26,9 @@ Each method is a module with the same verbs, kernels that mostly take the record
 
 For each sample `step.py` calls, on each axis in turn:
 
-    start, if this is the first sample; else coast for each sample that is missing before it
-    predict, or coast where the sample is no number; then, when all axes have come so far,
+    start, if this is the first sample; then, when all axes have come so far,
+    coast for each sample that is missing before it; predict, or coast where the sample is no
+    number; then, when all axes have come so far,
     innovation_variance; update, unless the sample is no number; estimate
 
 So the first sample goes through `predict` and `update`, too. Coefficients are those of the sample
@@ -147,7 +148,7 @@ def predict(filter_: 'FilterRecord', axis: int) -> None:
     method, workspace = filter_['settings']['method'], filter_['workspace']['methods']
     if method == ADAPTIVE:
         modes = coefficients['adaptive']['modes']
-        adaptive.predict(states['adaptive'][axis], workspace['adaptive']['axes'][axis], modes)
+        adaptive.predict(states['adaptive'][axis], workspace['adaptive'], axis, modes)
     elif not workspace['starting'][axis]:  # safeguard: first sample
         paper.predict(states['paper'][axis], coefficients['paper'][axis], method == SAGE_HUSA)
 
@@ -159,21 +160,33 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
     method, workspace = filter_['settings']['method'], filter_['workspace']['methods']
     if method == ADAPTIVE:
         modes = coefficients['adaptive']['modes']
-        adaptive.coast(states['adaptive'][axis], workspace['adaptive']['axes'][axis], modes)
+        adaptive.coast(states['adaptive'][axis], workspace['adaptive'], axis, modes)
     else:
         paper.coast(states['paper'][axis], coefficients['paper'][axis], method == SAGE_HUSA)
 
 
 @kernel
+def look_around(filter_: 'FilterRecord', sample: Sample) -> None:
+    """Look at the accelerometer and at all axes together, before prediction."""
+    if filter_['settings']['method'] == ADAPTIVE:
+        state, own = filter_['state'], filter_['workspace']['methods']['adaptive']
+        for axis in range(3):
+            own['rate'][axis] = state['filtered'][axis] - state['bias']['bias'][axis]
+        calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
+        axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
+        rest = state['bias']['rest']
+        adaptive.look_around(axes, own, tracking, sample, rest, calm_samples)
+
+
+@kernel
 def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
-    """Look at all axes together, between prediction and update."""
+    """Look at the rates of all axes together, between prediction and update."""
     states, workspace = filter_['state']['methods'], filter_['workspace']['methods']
     if filter_['settings']['method'] == ADAPTIVE:
         axes, tracking = states['adaptive'], states['tracking']
-        checks, rest = filter_['state']['checks'], filter_['state']['bias']['rest']
-        own, settings = workspace['adaptive'], filter_['settings']
-        period = filter_['state']['clock']['period']
-        adaptive.compare_axes(axes, own, tracking, checks, rest, sample, settings, period)
+        checks, settings = filter_['state']['checks'], filter_['settings']
+        own, period = workspace['adaptive'], filter_['state']['clock']['period']
+        adaptive.compare_axes(axes, own, tracking, checks, sample, settings, period)
 
 
 @inlined_kernel

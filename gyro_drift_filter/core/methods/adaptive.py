@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import CountPerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import rotation_terms
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import (
@@ -41,6 +41,8 @@ from gyro_drift_filter.core.methods.mode_set import (
     ModeSet,
     PerMode,
     Terms,
+    Transition,
+    Transitions,
     derive_mode_set,
 )
 from gyro_drift_filter.core.methods.noise import (
@@ -93,6 +95,8 @@ COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
 LARGEST_COMPENSATION = 2.0  # rad
 LARGEST_KNOCK = 0.02  # rad
+# The slowest mode averages over so long: a turn that has begun since then may not show yet.
+RECENT_SECONDS = 1.0
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
 # Rates that are all those of the sample before were not measured anew where that is less likely by
 # chance than this. Drivers that poll, and buses that hang, do it far more often.
@@ -100,6 +104,12 @@ REPEAT = 1e-3
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Blocks of samples in a row that have to be still (`rest.py`) for outliers to be judged by noise.
 STILL_BLOCKS = 3
+# A body may stand, and all its motion have died away, where all rates are this close to those at
+# rest, in standard deviations of the noise, and the accelerometer has been calm for as long as a
+# hand takes to turn back.
+NEAR_REST = 0.7
+CALM_SECONDS = 0.15
+SHAKEN_SAMPLES = 2  # as the gyroscope may lag behind the accelerometer by a sample
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
@@ -113,6 +123,7 @@ class AdaptiveCoefficients(TypedDict):
 
     modes: ModeSet
     limits: OutlierLimits
+    calm_samples: int
     block_samples: int
     block_forgetting: float  # b of equation (13), from block to block of noise
 
@@ -146,6 +157,7 @@ class AdaptiveAxis(TypedDict):
     jolt: Jolt  # of the accelerometer along the same axis
     knocked: bool  # a jolt was felt while samples were held back
     held_angle: float  # rad, what the held samples turned beyond what was put out
+    recent_angle: float  # rad, that was smoothed away of late while the sensor seemed to stand
     bridge: Bridge
     compensation: float  # rad, of it what was motion and is still to be given back
 
@@ -192,6 +204,7 @@ class AdaptiveWorkspace(TypedDict):
     """What all axes need between prediction and estimate."""
 
     axes: Annotated[Sequence[AdaptiveAxisWorkspace], ADAPTIVE_AXIS_WORKSPACE, (3,)]
+    rate: PerAxis  # that was filtered last, without the bias at rest, rad/s
     circumstances: Circumstances
     derivation: Derivation
 
@@ -212,6 +225,7 @@ def derive(
     """
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
+    coefficients['calm_samples'] = max(SHAKEN_SAMPLES, int(CALM_SECONDS / period + 0.5))
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
     coefficients['block_samples'] = samples
     exponent = BLOCK_SECONDS / FORGETTING_SECONDS
@@ -235,6 +249,7 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     _put_modes_at(state, rate)
     _make_certain(state, MODES - 1)
     state['held_angle'] = 0.0
+    state['recent_angle'] = 0.0
     state['compensation'] = 0.0
     state['knocked'] = False
     state['bridge']['samples'] = 0
@@ -292,19 +307,22 @@ def rescale(state: AdaptiveAxis, periods: float) -> None:
 
 
 @kernel
-def predict(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+def predict(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: ModeSet) -> None:
     """Predict the next sample, into the workspace: each mode, and all together."""
-    _mix(state, workspace, modes)
-    _predict_modes(state, workspace, modes)
+    own = workspace['axes'][axis]
+    transitions = modes['transitions'][workspace['circumstances']['transition']]
+    _mix(state, own, transitions, modes['up_further'])
+    _predict_modes(state, own, modes)
 
 
 @kernel
-def coast(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: ModeSet) -> None:
     """Pass over a sample that is missing or no number: the prediction is the state then."""
-    predict(state, workspace, modes)
-    _take_prediction(state, workspace)
+    predict(state, workspace, axis, modes)
+    own = workspace['axes'][axis]
+    _take_prediction(state, own)
     state['sample_accepted'] = False
-    note_missing(state['doubt'], workspace['typical_innovation'])
+    note_missing(state['doubt'], own['typical_innovation'])
     interrupt_block(state['noise'])
 
 
@@ -323,35 +341,68 @@ def _take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> N
 
 
 @kernel
+def look_around(
+    axes: Sequence[AdaptiveAxis],
+    workspace: AdaptiveWorkspace,
+    tracking: CountPerAxis,
+    sample: Sample,
+    rest: Rest,
+    calm_samples: int,
+) -> None:
+    """Look at the accelerometer and at all axes together, before the prediction of a sample.
+
+    A body may stand where the accelerometer has been calm for `calm_samples`.
+    """
+    circumstances, shake, force = workspace['circumstances'], 0.0, sample['linear_acceleration']
+    # Zeros on all axes are of a driver that has nothing to report, or of no accelerometer.
+    measured = not (force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0)
+    still = has_stood_still(rest, STILL_BLOCKS)
+    jolted = jolted_before = False
+    shaken, settling = False, True
+    for axis in range(3):
+        if not tracking[axis]:
+            continue
+        jolt, rate = axes[axis]['jolt'], workspace['rate'][axis]
+        if feel_jolt(jolt, force[axis] if measured else np.nan):
+            jolted = True
+        if was_jolted(jolt):
+            jolted_before = True
+        change = shake_along(jolt, still)
+        shake += change * change
+        shaken = shaken or jolt['calm_samples'] < SHAKEN_SAMPLES
+        calm = jolt['calm_samples'] >= calm_samples
+        near = NEAR_REST * NEAR_REST * axes[axis]['noise']['variance']
+        settling = settling and calm and rate * rate < near
+    circumstances['jolted'] = jolted
+    circumstances['jolted_before'] = jolted_before
+    circumstances['shake'] = math.sqrt(shake)
+    circumstances['still'] = still
+    circumstances['at_rest'] = has_stood_still(rest, SEGMENT_BLOCKS)
+    transition = Transition.SETTLING if settling else Transition.MOVING
+    circumstances['transition'] = Transition.SHAKEN if shaken else transition
+
+
+@kernel
 def compare_axes(
     axes: Sequence[AdaptiveAxis],
     workspace: AdaptiveWorkspace,
     tracking: CountPerAxis,
     checks: SensorChecks,
-    rest: Rest,
     sample: Sample,
     settings: 'Settings',
     period: float,
 ) -> None:
-    """Look at all axes together, between prediction and update: jolts, drop-outs, repeats."""
-    rate, linear_acceleration = sample['angular_velocity'], sample['linear_acceleration']
-    jolted = jolted_before = surprised = turned = False
+    """Look at the rates of all axes together, between prediction and update."""
+    rate, circumstances = sample['angular_velocity'], workspace['circumstances']
+    surprised = turned = False
     all_equal = checks['equal'][0] > 0 and checks['equal'][1] > 0 and checks['equal'][2] > 0
     _turn_compensation(axes, period)
     likelihood = 1.0  # that the sensor has measured the same rates twice
-    shake = 0.0
-    still = has_stood_still(rest, STILL_BLOCKS)
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
         if not tracking[axis]:
             continue
-        if feel_jolt(state['jolt'], linear_acceleration[axis]):
-            jolted = True
-        if was_jolted(state['jolt']):
-            jolted_before = True
-        change = shake_along(state['jolt'], still)
-        shake += change * change
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
         if all_equal and _has_turned(state, own, rate[axis]):
@@ -360,18 +411,12 @@ def compare_axes(
             likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
-    circumstances = workspace['circumstances']
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
     unlikely = all_equal and likelihood < REPEAT
     if unlikely:
         checks['not_measured'] += 1
-    repeated = unlikely and turned and not still
+    repeated = unlikely and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
-    circumstances['jolted'] = jolted
-    circumstances['jolted_before'] = jolted_before
-    circumstances['shake'] = math.sqrt(shake)
-    circumstances['still'] = still
-    circumstances['at_rest'] = has_stood_still(rest, SEGMENT_BLOCKS)
 
 
 @kernel
@@ -529,21 +574,32 @@ def _compensate(
         state['held_angle'] = 0.0
         state['knocked'] = False
     missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
-    if verdict == Verdict.ACCEPT and not circumstances['still']:
-        missed += (sample - rate) * period
+    if verdict == Verdict.ACCEPT:
+        # A motion is seen only when a block of samples has shown it: what was smoothed away since
+        # it began was motion, too.
+        recent = state['recent_angle'] + (sample - rate) * period
+        if circumstances['still']:
+            state['recent_angle'] = _without_denormal(recent * (1.0 - period / RECENT_SECONDS))
+        else:
+            missed += recent
+            state['recent_angle'] = 0.0
     angle = state['compensation'] + missed
     if angle == 0.0:
         state['compensation'] = 0.0
         return 0.0
-    angle = min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION)
-    if abs(angle) < LEAST_COMPENSATION:
-        angle = 0.0
+    angle = _without_denormal(min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION))
     noise = state['noise']['variance'] * 0.5 * period * SMOOTHING_SECONDS
     small = angle * angle < SMOOTHING_DEVIATIONS * SMOOTHING_DEVIATIONS * noise
     seconds = SMOOTHING_SECONDS if small else COMPENSATION_SECONDS
     now = angle * min(period / seconds, COMPENSATION_SHARE)
     state['compensation'] = angle - now
     return float(now / period)
+
+
+@kernel
+def _without_denormal(angle: float) -> float:
+    """Return an angle in rad, or none where it is too small for anything."""
+    return 0.0 if abs(angle) < LEAST_COMPENSATION else angle
 
 
 @kernel
@@ -676,7 +732,12 @@ def _largest(values: PerMode) -> float:
 
 
 @kernel
-def _mix(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+def _mix(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    transitions: Transitions,
+    up_further: PerMode,
+) -> None:
     """Multiply by the transition matrix: the mixing step of interacting models.
 
     Each mode passes on a share of its probability upwards and one downwards, which end with
@@ -689,8 +750,8 @@ def _mix(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) 
     mixed_rate, mixed_acceleration = workspace['rate'], workspace['acceleration']
     mixed_jerk, held = workspace['jerk'], workspace['held']
     from_below, from_above = workspace['from_below'], workspace['from_above']
-    stay, up_first, up_further = modes['stay'], modes['up_first'], modes['up_further']
-    down_first, down_further = modes['down_first'], modes['down_further']
+    stay, up_first = transitions['stay'], transitions['up_first']
+    down_first, down_further = transitions['down_first'], transitions['down_further']
     for j in range(LANES):
         weight = probability[j]
         held[j, 0] = weight

@@ -28,15 +28,18 @@ MODES values. Each mode is a Kalman filter with the gain that the paper's equati
 (12) settle to with its Q. A mode is named by the time over which it averages:
 Q = R (period / time) ** 6.
 
-Which mode holds is a hidden Markov chain with a transition matrix: motion grows without warning,
-and dies away from mode to mode. The probabilities of going several modes up or down are geometric,
-so that one pass over the modes each way multiplies by the whole matrix.
+Which mode holds is a hidden Markov chain: motion grows without warning, and dies away from mode to
+mode. Its transition matrix depends on what the sensor as a whole shows before the sample
+(`Transition`). The probabilities of going several modes up or down are geometric, so that one pass
+over the modes each way multiplies by the whole matrix.
 
 Rates are in rad/s and times in s. Acceleration and jerk are angular, in rad/s per sample and per
 sample squared. Variances are relative to R.
 """
 
 import math
+from collections.abc import Sequence
+from enum import IntEnum
 from typing import Annotated, TypedDict
 
 import numpy as np
@@ -45,33 +48,35 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.matrices import Matrix, invert, multiply, multiply_transposed
 
-MODES = 22
+MODES = 24
 # Arrays over the modes fill vector registers; what is beyond MODES has no part in anything.
 LANES = 24
 
 # The slowest mode averages over this time in s: a longer one would lag behind a slow turn in strong
 # noise. The fastest mode follows changes of FASTEST ** 3 times the noise per sample.
-SLOWEST = 0.7
+SLOWEST = 0.95
 FASTEST = 25.0
 
 # How long acceleration and jerk last: a multiple of the mode's time, but no shorter than a movement
 # of a hand, and no longer than it takes to know that a robot is not turning after all, in s.
 LAG_PER_TIME = 8.0
 SHORTEST_LAG = 0.03
-LONGEST_LAG = 0.7
+LONGEST_LAG = 1.2
 
 # Motion grows UP_RATE times a second at the fastest modes. The others last for about their own
 # time: their probability to go up per sample is at most that times UP_PER_TIME * period / time. The
-# same holds for going down, of which DOWN is the probability per sample and per further mode.
+# same holds for going down, of which DOWN is the probability per sample and per further mode. By
+# `Transition`: once a motion begins, any mode may be left at once; a body that stands has come to
+# rest from whatever mode it was in.
 UP_RATE = 3.0
-UP_PER_TIME = 3.0
-DOWN = 0.1
-DOWN_PER_TIME = 4.0
+UP_PER_TIME = (0.65, 3.0, math.inf)
+DOWN = (0.1, 0.6, 0.1)
+DOWN_PER_TIME = (0.6, 2.3, 0.6)
 
 # A transition upwards goes one mode further with this probability, times the ratio of the
 # innovation variances to this power. A power above one keeps the predicted variance finite with any
 # number of modes.
-UP_FURTHER = 0.75
+UP_FURTHER = 0.8
 UP_FURTHER_POWER = 1.2
 
 # Of the variance of a mode's rate, gain * R (12), this share is noise where the gain is small, and
@@ -85,6 +90,32 @@ LEAST_PROBABILITY = 1e-30  # of a mode
 PerMode = Annotated[NDArray[np.float64], np.float64, (LANES,)]
 # By mode: of probability, rate, acceleration and jerk, side by side as all are moved alike.
 Terms = Annotated[NDArray[np.float64], np.float64, (LANES, 4)]
+
+
+class Transition(IntEnum):
+    """Which transition matrix holds: what is known of the motion before the sample."""
+
+    MOVING = 0  # the body moves, or nothing tells that it does not
+    # All three rates are about what they are at rest, and the accelerometer is calm: no axis of a
+    # body that stands turns. If it does stand, motion has died away on all axes.
+    SETTLING = 1
+    # The accelerometer has just been shaken, as it is by what turns a body: a motion begins.
+    SHAKEN = 2
+
+
+class Transitions(TypedDict):
+    """A transition matrix; probabilities per sample."""
+
+    # To stay in a mode; to leave it upwards and end one mode above.
+    stay: PerMode
+    up_first: PerMode
+    # To leave a mode downwards and end one mode below, for acceleration and jerk times the share
+    # that is kept on the way; and the share that goes on from the mode above.
+    down_first: Terms
+    down_further: Terms
+
+
+TRANSITIONS = record(Transitions, in_cache_lines=True)
 
 
 class ModeSet(TypedDict):
@@ -103,15 +134,8 @@ class ModeSet(TypedDict):
     # the lag behind a motion that nobody sees.
     noise_ratio: PerMode
     unseen_lag: PerMode
-    # The transition matrix. The probability per sample to stay in a mode; to leave it upwards and
-    # end one mode above; the share of what reaches the mode below that goes on to this one.
-    stay: PerMode
-    up_first: PerMode
-    up_further: PerMode
-    # The probability to leave a mode downwards and end one mode below, for acceleration and jerk
-    # times the share that is kept on the way; and the share that goes on from the mode above.
-    down_first: Terms
-    down_further: Terms
+    up_further: PerMode  # of what reaches the mode below, the share that goes on to this one
+    transitions: Annotated[Sequence[Transitions], TRANSITIONS, (len(Transition),)]
 
 
 class Derivation(TypedDict):
@@ -124,6 +148,11 @@ class Derivation(TypedDict):
     carried: Matrix
     product: Matrix
     change: Matrix
+    # by mode: the variance of the error after a sample; of that, what is kept on the way down
+    acceleration_error: PerMode
+    jerk_error: PerMode
+    kept_acceleration: PerMode
+    kept_jerk: PerMode
 
 
 MODE_SET = record(ModeSet, in_cache_lines=True)
@@ -151,14 +180,17 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['unseen_lag'][j] = gain * (1.0 - gain)
         modes['gain_acceleration'][j] = covariance[0, 1] / innovation
         modes['gain_jerk'][j] = covariance[0, 2] / innovation
-        # Errors of acceleration and jerk, (12); the transitions downwards need those of this mode
-        # and what the mode below gives rise to by itself.
-        modes['down_first'][j, 2] = _error(covariance, 1, innovation)
-        modes['down_first'][j, 3] = _error(covariance, 2, innovation)
+        scratch['acceleration_error'][j] = _error(covariance, 1, innovation)
+        scratch['jerk_error'][j] = _error(covariance, 2, innovation)
     for j in range(MODES, LANES):
         modes['innovation_ratio'][j] = 1.0
-    _derive_transitions(period, modes)
-    _derive_kept_motion(modes)
+    _derive_kept_motion(modes, scratch)
+    ratio, up_further = modes['innovation_ratio'], modes['up_further']
+    up_further[0] = UP_FURTHER
+    for j in range(1, MODES):
+        up_further[j] = UP_FURTHER * (ratio[j - 1] / ratio[j]) ** UP_FURTHER_POWER
+    for kind in range(len(DOWN)):
+        _derive_transitions(modes['transitions'][kind], period, kind, up_further, scratch)
 
 
 @kernel
@@ -174,53 +206,52 @@ def _error(covariance: Matrix, i: int, innovation: float) -> float:
 
 
 @kernel
-def _derive_transitions(period: float, modes: ModeSet) -> None:
-    """Write the transition matrix."""
-    ratio, up_further = modes['innovation_ratio'], modes['up_further']
-    unforeseen = 1.0 - math.exp(-UP_RATE * period)
-    up_further[0] = UP_FURTHER
-    for j in range(1, MODES):
-        up_further[j] = UP_FURTHER * (ratio[j - 1] / ratio[j]) ** UP_FURTHER_POWER
+def _derive_transitions(
+    transitions: Transitions,
+    period: float,
+    kind: int,
+    up_further: PerMode,
+    scratch: Derivation,
+) -> None:
+    """Write a transition matrix; `kind` is a member of `Transition`."""
+    unforeseen, down = 1.0 - math.exp(-UP_RATE * period), DOWN[kind]
     for j in range(MODES):
         time = _time(period, j)
-        up = unforeseen * min(1.0, UP_PER_TIME * period / time) if j < MODES - 1 else 0.0
-        down = DOWN * min(1.0, DOWN_PER_TIME * period / time) if j > 0 else 0.0
-        modes['stay'][j] = 1.0 - up - down
+        up = unforeseen * min(1.0, UP_PER_TIME[kind] * period / time) if j < MODES - 1 else 0.0
+        leave = down * min(1.0, DOWN_PER_TIME[kind] * period / time) if j > 0 else 0.0
+        transitions['stay'][j] = 1.0 - up - leave
         # The shares of all modes above add up to one, and those of all modes below.
         shares, share = 1.0, 1.0
         for k in range(j + 2, MODES):
             share *= up_further[k]
             shares += share
-        modes['up_first'][j] = up / shares
-        down_first = down * (1.0 - DOWN) / (1.0 - DOWN ** float(max(j, 1)))
-        for term in range(2):
-            modes['down_first'][j, term] = down_first
-            modes['down_further'][j, term] = DOWN
+        transitions['up_first'][j] = up / shares
+        first = leave * (1.0 - down) / (1.0 - down ** float(max(j, 1)))
+        kept_acceleration, kept_jerk = scratch['kept_acceleration'][j], scratch['kept_jerk'][j]
+        for term in range(4):
+            kept = 1.0 if term < 2 else kept_acceleration if term == 2 else kept_jerk
+            transitions['down_first'][j, term] = first * kept
+            if j > 0:
+                transitions['down_further'][j - 1, term] = down * kept
 
 
 @kernel
-def _derive_kept_motion(modes: ModeSet) -> None:
+def _derive_kept_motion(modes: ModeSet, scratch: Derivation) -> None:
     """Write what is kept of acceleration and jerk in a transition downwards.
 
     The slower mode's own values are the prior there, and the faster mode's value is a measurement
     with the faster mode's error, (12).
     """
-    down_first, down_further = modes['down_first'], modes['down_further']
-    for j in range(MODES):
-        error_acceleration, error_jerk = down_first[j, 2], down_first[j, 3]
-        down_first[j, 2] = down_first[j, 3] = 0.0
-        if j > 0:
-            r, process = modes['lag_ratio'][j - 1], modes['process_ratio'][j - 1]
-            # The stationary covariance of [acceleration, jerk] of the mode below.
-            jerk = r**4.0 * process / (1.0 - r * r)
-            both = (r * jerk + 2.0 * r**3.0 * process) / (1.0 - r * r)
-            acceleration = (2.0 * r * both + jerk + 4.0 * r * r * process) / (1.0 - r * r)
-            keep_acceleration = acceleration / (acceleration + error_acceleration)
-            keep_jerk = jerk / (jerk + error_jerk)
-            down_first[j, 2] = down_first[j, 0] * keep_acceleration
-            down_first[j, 3] = down_first[j, 0] * keep_jerk
-            down_further[j - 1, 2] = DOWN * keep_acceleration
-            down_further[j - 1, 3] = DOWN * keep_jerk
+    for j in range(1, MODES):
+        r, process = modes['lag_ratio'][j - 1], modes['process_ratio'][j - 1]
+        # The stationary covariance of [acceleration, jerk] of the mode below.
+        jerk = r**4.0 * process / (1.0 - r * r)
+        both = (r * jerk + 2.0 * r**3.0 * process) / (1.0 - r * r)
+        acceleration = (2.0 * r * both + jerk + 4.0 * r * r * process) / (1.0 - r * r)
+        scratch['kept_acceleration'][j] = acceleration / (
+            acceleration + scratch['acceleration_error'][j]
+        )
+        scratch['kept_jerk'][j] = jerk / (jerk + scratch['jerk_error'][j])
 
 
 @kernel

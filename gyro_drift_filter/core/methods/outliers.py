@@ -93,6 +93,7 @@ class Circumstances(TypedDict):
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
+    transition: int  # a member of Transition: what the modes are expected to do
 
 
 class OutlierLimits(TypedDict):
@@ -133,6 +134,7 @@ class Jolt(TypedDict):
     change_before: float  # of that one
     usual_change: float  # from sample to sample, m/s^2
     samples_left: int  # for which the last jolt still counts
+    calm_samples: int  # in a row, in which noise alone may have changed it
 
 
 CIRCUMSTANCES = record(Circumstances)
@@ -181,7 +183,7 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     """Note the acceleration along one axis (m/s^2); return whether it has just jumped.
 
     A knock turns the sensor as suddenly as a spike would, but shakes the accelerometer as well.
-    Without an accelerometer (zero throughout, or NaN) nothing is ever felt.
+    Where nothing was measured, NaN, nothing is felt, nor at the sample after it.
     """
     change = abs(linear_acceleration - jolt['linear_acceleration'])
     jolt['linear_acceleration'] = linear_acceleration
@@ -189,7 +191,10 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     jolt['change_before'] = jolt['change']
     jolt['change'] = 0.0
     if not change < np.inf:
+        jolt['calm_samples'] += 1
         return False
+    shaken = change > SHAKE_RATIO * max(jolt['usual_change'], SHAKE_FLOOR)
+    jolt['calm_samples'] = 0 if shaken else jolt['calm_samples'] + 1
     usual = max(jolt['usual_change'], JOLT_FLOOR)
     jolt['change'] = change
     if change > JOLT_RATIO * usual:
