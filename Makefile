@@ -36,6 +36,7 @@ bench: $(VENV)/.installed
 quality: $(VENV)/.installed
 	@status=0; \
 	$(BIN)/python -m benchmark.quality --check || status=1; \
+	$(BIN)/python -m benchmark.quality --check --rate 50 --only adaptive || status=1; \
 	$(BIN)/python -m benchmark.bias || status=1; \
 	$(BIN)/python -m benchmark.drivers --check || status=1; \
 	$(BIN)/python -m benchmark.covariance || status=1; \

@@ -37,7 +37,7 @@ def test_a_speed_that_falls_short_is_a_failure(ratio, status, monkeypatch, capsy
 def test_a_quality_that_falls_short_is_a_failure(monkeypatch, capsys):
     monkeypatch.setattr(quality, 'make_world', lambda *arguments: None)
     monkeypatch.setattr(quality, 'score', lambda *arguments: {})
-    monkeypatch.setattr(quality, 'falls_short', lambda figures: ['a bar'])
+    monkeypatch.setattr(quality, 'falls_short', lambda figures, bars: ['a bar'])
     monkeypatch.setattr('sys.argv', ['quality', '--only', 'adaptive', '--check'])
     assert quality.main() == 1
     monkeypatch.setattr(drivers, 'score', lambda *arguments: {})
