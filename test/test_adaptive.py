@@ -354,21 +354,23 @@ def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
     modes = filter_.record[0]['coefficients']['methods']['adaptive']['modes']
     for j in range(0, MODES, 3):
         r, q = modes['lag_ratio'][j], modes['process_ratio'][j]
-        a = np.array([[1.0, 1.0, 0.0], [0.0, r, 1.0], [0.0, 0.0, r]])
-        drive = np.array([1.0, 2 * r, r * r])
+        # At 4 kHz the steps of the slowest mode would drown in the rounding of doubles.
+        a = np.array([[1.0, 1.0, 0.0], [0.0, r, 1.0], [0.0, 0.0, r]], np.longdouble)
+        drive = np.array([1.0, 2 * r, r * r], np.longdouble)
         p = np.outer(drive, drive) * q
         for _ in range(200_000):
             gain = p[:, 0] / (p[0, 0] + 1.0)
             grown = a @ (p - np.outer(gain, p[0])) @ a.T + q * np.outer(drive, drive)
-            settled = np.abs(grown - p).max() <= 1e-15 * np.abs(p).max()
+            settled = np.abs(grown - p).max() <= 1e-18 * np.abs(p).max()
             p = grown
             if settled:
                 break
         gains = [modes[f'gain_{name}'][j] for name in ('rate', 'acceleration', 'jerk')]
-        # At 4 kHz the plain recursion ends by rounding, 5e-5 before what it would settle to.
-        np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-4)
-        np.testing.assert_allclose(modes['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-8)
+        np.testing.assert_allclose(gains, p[:, 0] / (p[0, 0] + 1.0), rtol=1e-5)
+        np.testing.assert_allclose(modes['innovation_ratio'][j], p[0, 0] + 1.0, rtol=1e-9)
     assert (np.diff(modes['gain_rate'][:MODES]) > 0).all()
+    stay = modes['transitions']['stay'][:, :MODES]
+    assert ((stay > 0) & (stay < 1)).all()
 
 
 @pytest.mark.parametrize('rate', RATES)
@@ -389,7 +391,6 @@ def test_the_transition_matrices_keep_the_probability(rate):
             for k in range(j - 1, -1, -1):
                 matrix[k, j] = share = share * down_further[k, 0] if k < j - 1 else share
         assert (matrix >= 0).all()
-        assert (np.diag(matrix) > 0).all()
         np.testing.assert_allclose(matrix.sum(axis=0), 1.0, rtol=1e-12)
         # Of acceleration and jerk a part is kept on the way down.
         kept = transitions['down_first'][1:MODES, 2:] / transitions['down_first'][1:MODES, :1]
