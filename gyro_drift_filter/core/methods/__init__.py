@@ -24,11 +24,11 @@ Each method is a module with the same verbs, kernels that mostly take the record
     update               take a sample in: its innovation, and whether it counts as an outlier
     estimate             rate and variance after that, with Q and R
 
-For each sample `step.py` calls, on each axis in turn:
+For each sample `step.py` calls the first of these lines on all axes, then the second, then the
+third:
 
-    start, if this is the first sample; then, when all axes have come so far,
-    coast for each sample that is missing before it; predict, or coast where the sample is no
-    number; then, when all axes have come so far,
+    start, if this is the first sample
+    coast for each sample that is missing before it; predict, or coast where it is no number
     innovation_variance; update, unless the sample is no number; estimate
 
 So the first sample goes through `predict` and `update`, too. Coefficients are those of the sample
@@ -170,12 +170,10 @@ def look_around(filter_: 'FilterRecord', sample: Sample) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
         state, own = filter_['state'], filter_['workspace']['methods']['adaptive']
-        for axis in range(3):
-            own['rate'][axis] = state['filtered'][axis] - state['bias']['bias'][axis]
-        calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
         axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
-        rest = state['bias']['rest']
-        adaptive.look_around(axes, own, tracking, sample, rest, calm_samples)
+        rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
+        calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
+        adaptive.look_around(axes, own, tracking, sample, rest, filtered, bias, calm_samples)
 
 
 @kernel

@@ -60,6 +60,7 @@ from gyro_drift_filter.core.methods.noise import (
 )
 from gyro_drift_filter.core.methods.outliers import (
     FIRST_CHANGE,
+    JOLT_SAMPLES,
     Circumstances,
     Doubt,
     Jolt,
@@ -109,7 +110,6 @@ STILL_BLOCKS = 3
 # hand takes to turn back.
 NEAR_REST = 0.7
 CALM_SECONDS = 0.15
-SHAKEN_SAMPLES = 2  # as the gyroscope may lag behind the accelerometer by a sample
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
@@ -204,7 +204,6 @@ class AdaptiveWorkspace(TypedDict):
     """What all axes need between prediction and estimate."""
 
     axes: Annotated[Sequence[AdaptiveAxisWorkspace], ADAPTIVE_AXIS_WORKSPACE, (3,)]
-    rate: PerAxis  # that was filtered last, without the bias at rest, rad/s
     circumstances: Circumstances
     derivation: Derivation
 
@@ -225,7 +224,7 @@ def derive(
     """
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
-    coefficients['calm_samples'] = max(SHAKEN_SAMPLES, int(CALM_SECONDS / period + 0.5))
+    coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
     coefficients['block_samples'] = samples
     exponent = BLOCK_SECONDS / FORGETTING_SECONDS
@@ -347,11 +346,14 @@ def look_around(
     tracking: CountPerAxis,
     sample: Sample,
     rest: Rest,
+    filtered: PerAxis,
+    bias: PerAxis,
     calm_samples: int,
 ) -> None:
     """Look at the accelerometer and at all axes together, before the prediction of a sample.
 
-    A body may stand where the accelerometer has been calm for `calm_samples`.
+    A body may stand where the accelerometer has been calm for `calm_samples`, and the rates that
+    were filtered last are about the bias at rest (both (3,) in rad/s).
     """
     circumstances, shake, force = workspace['circumstances'], 0.0, sample['linear_acceleration']
     # Zeros on all axes are of a driver that has nothing to report, or of no accelerometer.
@@ -362,14 +364,14 @@ def look_around(
     for axis in range(3):
         if not tracking[axis]:
             continue
-        jolt, rate = axes[axis]['jolt'], workspace['rate'][axis]
+        jolt, rate = axes[axis]['jolt'], filtered[axis] - bias[axis]
         if feel_jolt(jolt, force[axis] if measured else np.nan):
             jolted = True
         if was_jolted(jolt):
             jolted_before = True
         change = shake_along(jolt, still)
         shake += change * change
-        shaken = shaken or jolt['calm_samples'] < SHAKEN_SAMPLES
+        shaken = shaken or jolt['calm_samples'] < JOLT_SAMPLES
         calm = jolt['calm_samples'] >= calm_samples
         near = NEAR_REST * NEAR_REST * axes[axis]['noise']['variance']
         settling = settling and calm and rate * rate < near

@@ -148,11 +148,10 @@ class Derivation(TypedDict):
     carried: Matrix
     product: Matrix
     change: Matrix
-    # by mode: the variance of the error after a sample; of that, what is kept on the way down
+    # by mode: variances of the errors after a sample, relative to R
     acceleration_error: PerMode
     jerk_error: PerMode
-    kept_acceleration: PerMode
-    kept_jerk: PerMode
+    kept: Terms  # shares that are kept in a transition to the mode below
 
 
 MODE_SET = record(ModeSet, in_cache_lines=True)
@@ -227,9 +226,8 @@ def _derive_transitions(
             shares += share
         transitions['up_first'][j] = up / shares
         first = leave * (1.0 - down) / (1.0 - down ** float(max(j, 1)))
-        kept_acceleration, kept_jerk = scratch['kept_acceleration'][j], scratch['kept_jerk'][j]
         for term in range(4):
-            kept = 1.0 if term < 2 else kept_acceleration if term == 2 else kept_jerk
+            kept = scratch['kept'][j, term]
             transitions['down_first'][j, term] = first * kept
             if j > 0:
                 transitions['down_further'][j - 1, term] = down * kept
@@ -237,7 +235,7 @@ def _derive_transitions(
 
 @kernel
 def _derive_kept_motion(modes: ModeSet, scratch: Derivation) -> None:
-    """Write what is kept of acceleration and jerk in a transition downwards.
+    """Write what is kept in a transition downwards: of acceleration and jerk a part.
 
     The slower mode's own values are the prior there, and the faster mode's value is a measurement
     with the faster mode's error, (12).
@@ -248,10 +246,10 @@ def _derive_kept_motion(modes: ModeSet, scratch: Derivation) -> None:
         jerk = r**4.0 * process / (1.0 - r * r)
         both = (r * jerk + 2.0 * r**3.0 * process) / (1.0 - r * r)
         acceleration = (2.0 * r * both + jerk + 4.0 * r * r * process) / (1.0 - r * r)
-        scratch['kept_acceleration'][j] = acceleration / (
-            acceleration + scratch['acceleration_error'][j]
-        )
-        scratch['kept_jerk'][j] = jerk / (jerk + scratch['jerk_error'][j])
+        kept = scratch['kept'][j]
+        kept[0] = kept[1] = 1.0
+        kept[2] = acceleration / (acceleration + scratch['acceleration_error'][j])
+        kept[3] = jerk / (jerk + scratch['jerk_error'][j])
 
 
 @kernel

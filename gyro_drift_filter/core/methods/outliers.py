@@ -168,8 +168,13 @@ def shake_along(jolt: Jolt, still: bool) -> float:
     change = max(jolt['change'], jolt['change_before'])
     if not still:
         return change
-    usual = max(jolt['usual_change'], SHAKE_FLOOR)
-    return 0.0 if change < SHAKE_RATIO * usual else change
+    return 0.0 if change < _change_of_noise(jolt) else change
+
+
+@kernel
+def _change_of_noise(jolt: Jolt) -> float:
+    """Return by how much noise alone may change the acceleration with a sample, in m/s^2."""
+    return SHAKE_RATIO * max(jolt['usual_change'], SHAKE_FLOOR)
 
 
 @kernel
@@ -193,8 +198,7 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     if not change < np.inf:
         jolt['calm_samples'] += 1
         return False
-    shaken = change > SHAKE_RATIO * max(jolt['usual_change'], SHAKE_FLOOR)
-    jolt['calm_samples'] = 0 if shaken else jolt['calm_samples'] + 1
+    jolt['calm_samples'] = 0 if change > _change_of_noise(jolt) else jolt['calm_samples'] + 1
     usual = max(jolt['usual_change'], JOLT_FLOOR)
     jolt['change'] = change
     if change > JOLT_RATIO * usual:
