@@ -96,8 +96,8 @@ class Transition(IntEnum):
     """Which transition matrix holds: what is known of the motion before the sample."""
 
     MOVING = 0  # the body moves, or nothing tells that it does not
-    # All three rates are about what they are at rest, and the accelerometer is calm: no axis of a
-    # body that stands turns. If it does stand, motion has died away on all axes.
+    # All three rates are about what they are at rest, and the accelerometer is calm. A body that
+    # stands turns about no axis, so motion may have died away on all three.
     SETTLING = 1
     # The accelerometer has just been shaken, as it is by what turns a body: a motion begins.
     SHAKEN = 2
