@@ -19,7 +19,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.motion_bias import ACCELERATION, BIAS, DIRECTION, BiasShift
+from gyro_drift_filter.core.motion_bias import (
+    ACCELERATION,
+    BIAS,
+    DIRECTION,
+    START_DIRECTION,
+    BiasShift,
+)
 from support.messages import START
 from support.paths import FLIGHTS
 from support.sensor import DEGREE, at_rest
@@ -124,6 +130,41 @@ def test_the_covariance_stays_one(random):
         for axis in range(3):
             common = motion['shift']['common'][axis] + motion['shift']['untracked'][axis]
             assert common <= motion['covariance'][BIAS + axis, BIAS + axis] * 1.0001 + 1e-12
+
+
+def swing(plateau):
+    """Return rates and accelerations of a body that swings about the vertical at up to 4 rad/s.
+
+    One swing stops at 3 rad/s for so many samples, as if that were the end of the range.
+    """
+    time = np.arange(1000) / 100.0
+    rates = np.zeros((len(time), 3))
+    rates[:, 2] = np.round(4.0 * np.sin(2.0 * np.pi * time), 3)
+    rates[::2, :2] = 0.001  # the other axes live
+    begin = 800 + int(np.argmax(rates[800:, 2] >= 3.0))
+    rates[begin : begin + plateau, 2] = 3.0
+    return rates[: begin + plateau + 1], np.tile([0.0, 0.0, 9.81], (begin + plateau + 1, 1))
+
+
+def test_a_rate_that_comes_twice_leaves_the_direction_of_gravity():
+    """By chance it does, and looks like the end of the range: what may be missed is an angle."""
+    before, after = (Filter() for _ in range(2))
+    rates, accelerations = swing(2)
+    run(before, rates[:-1], accelerations[:-1])
+    run(after, rates, accelerations)
+    motion = after.state['bias']['motion']
+    assert motion['directed']
+    added = np.diag(motion['covariance'] - before.state['bias']['motion']['covariance'])[:3]
+    np.testing.assert_allclose(added, 0.03**2, rtol=0.1)
+    assert motion['missed_turn'] == 0.0
+
+
+def test_after_a_long_stay_at_the_end_of_the_range_the_direction_of_gravity_is_taken_anew():
+    filter_ = Filter()
+    rates, accelerations = swing(12)
+    run(filter_, rates[:-1], accelerations[:-1])
+    covariance = filter_.state['bias']['motion']['covariance']
+    np.testing.assert_allclose(np.diag(covariance)[:3], START_DIRECTION**2)
 
 
 def test_a_shift_of_the_last_run_is_taken_up(random):

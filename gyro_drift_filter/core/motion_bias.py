@@ -135,6 +135,7 @@ class MotionBias(TypedDict):
     moving_seconds: float  # since the start, of motion
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
+    missed_turn: float  # rad, by which it may have turned further while a rate is at its limit
     # the value under way
     samples: int
     seconds: float
@@ -226,6 +227,20 @@ def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
     _start_value(state)
+
+
+@kernel
+def miss_turn(state: MotionBias, angle: float) -> None:
+    """Note that the body may have turned further by an angle in rad: a rate is at its limit."""
+    missed = state['missed_turn']
+    if angle > 0.0:
+        state['missed_turn'] = missed + angle
+        if missed + angle > START_DIRECTION:
+            lose_direction(state)
+    elif missed > 0.0:
+        for axis in range(3):
+            state['covariance'][DIRECTION + axis, DIRECTION + axis] += missed * missed
+        state['missed_turn'] = 0.0
 
 
 @kernel

@@ -24,6 +24,7 @@ from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_secon
 from gyro_drift_filter.core.motion_bias import (
     BIAS,
     lose_direction,
+    miss_turn,
     motion_variance,
     track_motion,
 )
@@ -243,6 +244,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     if says_nothing(state['checks']):
         lose_direction(motion)
     workspace['sound'] = True
+    clipped = 0.0
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
         if result['outlier'][axis] > 0.0:
@@ -250,8 +252,9 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             workspace['sound'] = False
         workspace['rate'][axis] = rate
         if state['checks']['at_limit'][axis]:
-            lose_direction(motion)
+            clipped = max(clipped, abs(rate))
     seconds *= 1 + max(missing, 0)
+    miss_turn(motion, clipped * seconds)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
     track_motion(motion, workspace, sample, seconds, rest, lengths)
 
