@@ -21,6 +21,7 @@ from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.motion_bias import BIAS
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
@@ -401,6 +402,8 @@ def test_calibrate(random):
     assert np.abs(filter_.state['bias']['bias']).max() < 0.1 * DEGREE  # a turn, for all it knows
     filter_.calibrate()
     np.testing.assert_allclose(filter_.state['bias']['bias'], truth, atol=0.05 * DEGREE)
+    in_motion = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    np.testing.assert_allclose(in_motion, truth, atol=0.05 * DEGREE)
     rates, accelerations = moving_and_resting(random, [(5, True)], lambda time: 0.0)
     run(filter_, rates, accelerations, start=START + 30 * 10**9)
     with pytest.raises(GyroDriftFilterError, match='the sensor moves'):

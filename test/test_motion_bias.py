@@ -18,13 +18,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.motion_bias import (
     ACCELERATION,
     BIAS,
     DIRECTION,
+    MOTION_BIAS,
+    MOTION_WORKSPACE,
     START_DIRECTION,
+    VELOCITY,
     BiasShift,
+    _correct,
+    learn_at_rest,
+    shift_of,
+    shift_variance,
 )
 from support.messages import START
 from support.paths import FLIGHTS
@@ -128,8 +136,12 @@ def test_the_covariance_stays_one(random):
         )
         assert np.abs(motion['values'][ACCELERATION:]).max() < 1.0
         for axis in range(3):
-            common = motion['shift']['common'][axis] + motion['shift']['untracked'][axis]
-            assert common <= motion['covariance'][BIAS + axis, BIAS + axis] * 1.0001 + 1e-12
+            common = motion['at_rest']['common'][axis]
+            variances = (
+                motion['covariance'][BIAS + axis, BIAS + axis],
+                motion['at_rest']['variance'][axis],
+            )
+            assert common**2 <= variances[0] * variances[1] * 1.0001
 
 
 def swing(plateau):
@@ -174,6 +186,94 @@ def test_a_shift_of_the_last_run_is_taken_up(random):
     rates, accelerations = flown(random, 1, bias, shift, 0.0)
     results = run(filter_, rates, accelerations)
     np.testing.assert_allclose(results['bias'][5], bias + shift, atol=1e-4)
+
+
+def joint(random):
+    """Return a state with random values and covariances, and the same as dense arrays.
+
+    The latter are the twelve states of the motion and, after them, the three biases at rest, which
+    are correlated with the others by the bias in motion of their axis alone.
+    """
+    state = zeroed(MOTION_BIAS)[0]
+    root = random.standard_normal((12, 12))
+    state['values'] = random.standard_normal(12)
+    state['covariance'] = root @ root.T
+    at_rest = state['at_rest']
+    at_rest['bias'] = random.standard_normal(3)
+    own = np.diag(state['covariance'])[BIAS : BIAS + 3]
+    at_rest['common'] = 0.5 * own
+    at_rest['variance'] = 0.7 * own
+    values = np.concatenate([state['values'], at_rest['bias']])
+    covariance = np.zeros((15, 15))
+    covariance[:12, :12] = state['covariance']
+    covariance[12:, 12:] = 0.25 * state['covariance'][BIAS : BIAS + 3, BIAS : BIAS + 3]
+    covariance[12:, :12] = 0.5 * state['covariance'][BIAS : BIAS + 3]
+    covariance[:12, 12:] = covariance[12:, :12].T
+    covariance[range(12, 15), range(12, 15)] = at_rest['variance']
+    return state, values, covariance
+
+
+def measure(values, covariance, row, measured, noise):
+    """Return values and covariance (n, n) after a measurement row @ values of a Kalman filter."""
+    gain = covariance @ row / (row @ covariance @ row + noise)
+    values = values + gain * (measured - row @ values)
+    return values, covariance - np.outer(gain, row @ covariance)
+
+
+def check(state, values, covariance):
+    at_rest = state['at_rest']
+    np.testing.assert_allclose(state['values'], values[:12], atol=1e-12)
+    np.testing.assert_allclose(state['covariance'], covariance[:12, :12], atol=1e-12)
+    np.testing.assert_allclose(at_rest['bias'], values[12:], atol=1e-12)
+    for axis in range(3):
+        own, bias = 12 + axis, BIAS + axis
+        assert at_rest['variance'][axis] == pytest.approx(covariance[own, own])
+        assert at_rest['common'][axis] == pytest.approx(covariance[own, bias])
+        difference = np.zeros(15)
+        difference[bias], difference[own] = 1.0, -1.0
+        assert shift_of(state, axis) == pytest.approx(difference @ values)
+        assert shift_variance(state, axis) == pytest.approx(difference @ covariance @ difference)
+
+
+def test_motion_and_rest_are_one_kalman_filter(random):
+    """Beside a dense one of all fifteen states."""
+    workspace = zeroed(MOTION_WORKSPACE)[0]
+    for axis in range(3):
+        state, values, covariance = joint(random)
+        row = np.zeros(15)
+        row[VELOCITY + axis] = 1.0
+        spread = covariance[VELOCITY + axis, VELOCITY + axis] + 0.3
+        workspace['gain'] = covariance[:12, VELOCITY + axis] / spread
+        _correct(state, workspace, -values[VELOCITY + axis], spread)
+        check(state, *measure(values, covariance, row, 0.0, 0.3))
+
+
+def test_a_rest_measures_both_biases(random):
+    for axis in range(3):
+        state, values, covariance = joint(random)
+        # Each axis of the biases is by itself at rest.
+        own = [BIAS + axis, 12 + axis]
+        alone = covariance[np.ix_(own, own)]
+        learn_at_rest(state, axis, 0.4, 0.3)
+        values[own], alone = measure(values[own], alone, np.array([0.0, 1.0]), 0.4, 0.3)
+        covariance[BIAS + axis] = covariance[:, BIAS + axis] = 0.0
+        covariance[12 + axis] = covariance[:, 12 + axis] = 0.0
+        covariance[np.ix_(own, own)] = alone
+        check(state, values, covariance)
+
+
+def test_a_rest_undoes_what_misled_in_motion(random):
+    """As a speed that lasts: gravity seems to have been elsewhere. The bias has not moved."""
+    bias = np.array([0.01, -0.02, 0.005])
+    rates, accelerations = flown(random, 60, bias, np.zeros(3))
+    time = np.arange(len(rates)) / 100.0
+    accelerations[:, 0] += np.where((time > 12.0) & (time < 55.0), 0.4, 0.0)
+    filter_ = Filter()
+    in_motion = run(filter_, rates, accelerations)['bias'][-1]
+    assert np.abs(in_motion - bias).max() > 3e-4
+    run(filter_, *at_rest(random, 10, bias), start=START + 60 * 10**9)
+    after = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    np.testing.assert_allclose(after, bias, atol=2e-4)
 
 
 @pytest.mark.slow

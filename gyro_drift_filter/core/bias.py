@@ -326,10 +326,9 @@ def calibrate_bias(state: Bias) -> None:
     """Take the mean of the stillness under way for the bias, whatever the bias was."""
     for axis in range(3):
         blocks = state['still_blocks']
-        mean, variance = state['still_sum'][axis] / blocks, state['variance'][axis]
-        noise = variance_of_mean(state['rest'], axis, blocks)
-        learn_at_rest(state['motion'], axis, mean - state['bias'][axis], variance, noise, 1.0)
-        state['bias'][axis], state['variance'][axis] = mean, noise
+        state['bias'][axis] = state['still_sum'][axis] / blocks
+        state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
     # What came before says nothing against it.
     state['recent_count'] = 0
     state['doubt'] = 0
@@ -507,31 +506,40 @@ def _stays(state: Bias, seconds: float) -> bool:
 
 @kernel
 def _learn(state: Bias) -> None:
-    """Take the segment into the bias, and how well it was predicted into the random walk."""
-    rest = state['rest']
-    anew = not state['known'] and not state['provisional'][0] > 0.0
-    surprise = share = 0.0
-    for axis in range(3):
-        mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
-        variance = state['variance'][axis] + state['growth']
-        innovation, spread = mean - state['bias'][axis], variance + noise
-        surprise += innovation * innovation / spread / 3.0
-        share += state['growth'] / spread / 3.0
+    """Take the segment into the bias."""
+    rest, anew = state['rest'], not state['known']
+    if anew:
         # What was no rest may have been a turn: the first one replaces it.
-        gain = variance / spread if state['known'] else 1.0
-        learn_at_rest(state['motion'], axis, innovation, variance, noise, gain)
-        state['bias'][axis] += gain * innovation
-        state['variance'][axis] = (1.0 - gain) * variance if state['known'] else noise
+        for axis in range(3):
+            state['bias'][axis] = segment_mean(rest, axis)
+            state['variance'][axis] = segment_variance(rest, axis)
+    else:
+        _correct(state)
     for axis in range(3):
         anew = limit_shift(state['motion'], axis, rest['signals'][axis]['variance']) or anew
     if anew:
         start_motion_bias(state['motion'], state['bias'], state['variance'])
-    if state['known']:
-        exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
-        state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
-        state['recent'][0]['growth'] = state['growth']
-        state['recent'][0]['reach'] = state['reach']
     _settle(state)
+
+
+@kernel
+def _correct(state: Bias) -> None:
+    """Correct the bias by the segment, and the random walk by how well it was predicted."""
+    rest, surprise, share = state['rest'], 0.0, 0.0
+    for axis in range(3):
+        mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
+        variance = state['variance'][axis] + state['growth']
+        innovation, spread = mean - state['bias'][axis], variance + noise
+        gain = variance / spread
+        surprise += innovation * innovation / spread / 3.0
+        share += state['growth'] / spread / 3.0
+        learn_at_rest(state['motion'], axis, mean, noise)
+        state['bias'][axis] += gain * innovation
+        state['variance'][axis] = (1.0 - gain) * variance
+    exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
+    state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
+    state['recent'][0]['growth'] = state['growth']
+    state['recent'][0]['reach'] = state['reach']
 
 
 @kernel

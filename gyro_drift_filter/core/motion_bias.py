@@ -33,9 +33,11 @@ it needs their product T over the block and the integral M of what is left of it
     ds = T ds0 - [s]x M db
     du = T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da
 
-The bias at rest is another one, but most of what moves the one moves the other: `common` is the
-covariance of the two. What is learned at rest is learned of the bias in motion as far as that goes;
-what is learned in motion is not learned of the bias at rest, and the landing does not undo it.
+The bias at rest is another one by a shift, but most of what moves the one moves the other. So it is
+in the same filter, of which each rest measures it, and what is known of the shift is what is known
+of the difference. A rest brings the bias in motion to that at rest and the shift; what a motion
+showed of the shift stays. What motion teaches of the bias at rest counts in here alone: `bias.py`
+learns it from rests, so that a flight does not change what is subtracted after the landing.
 """
 
 import math
@@ -109,19 +111,17 @@ Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
 Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
 
 
-class Shift(TypedDict):
-    """By how much the bias in motion is another one than that at rest: covariances in (rad/s)^2."""
+class AtRest(TypedDict):
+    """The bias at rest, as the bias in motion knows it: covariances in (rad/s)^2."""
 
-    common: PerAxis  # of the bias in motion and that at rest
-    untracked: PerAxis  # more of it, which motion teaches nothing of
-    shift: PerAxis  # rad/s
+    bias: PerAxis  # rad/s
     variance: PerAxis
-    known: CountPerAxis  # 1 where the variance is by memory or by the noise at rest, else 0
-    in_motion: PerAxis  # covariance with the bias in motion
-    at_rest: PerAxis  # with the bias at rest
+    common: PerAxis  # covariance with the bias in motion
+    untracked: PerAxis  # more of all three, which motion teaches nothing of
+    known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
 
-SHIFT = record(Shift)
+AT_REST = record(AtRest)
 
 
 class MotionBias(TypedDict):
@@ -129,13 +129,13 @@ class MotionBias(TypedDict):
 
     values: Values  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
     covariance: Covariance
-    shift: Shift
+    at_rest: AtRest
     growth: float  # (rad/s)^2, of both biases, since it was last added
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
-    missed_turn: float  # rad, by which it may have turned further while a rate is at its limit
+    missed_turn: float  # rad, that the rates may not have shown since they were at their limit
     # the value under way
     samples: int
     seconds: float
@@ -152,7 +152,7 @@ class SharedBias(TypedDict):
 
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
-    shift: Shift
+    at_rest: AtRest
     settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
 
 
@@ -179,10 +179,32 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     state['speed_deviation'] = SPEED
     for axis in range(3):
         known = variance[axis] < np.inf
-        state['shift']['known'][axis] = known
-        state['shift']['shift'][axis] = shift[axis]
+        state['at_rest']['known'][axis] = known
         guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
-        state['shift']['variance'][axis] = min(variance[axis], guess * guess)
+        _replace_shift(state, axis, shift[axis], min(variance[axis], guess * guess))
+
+
+@kernel
+def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -> None:
+    """Take another shift of an axis; the bias in motion has to be started anew after it."""
+    at_rest, i = state['at_rest'], BIAS + axis
+    state['values'][i] = at_rest['bias'][axis] + shift
+    state['covariance'][i, i] = variance
+    at_rest['variance'][axis] = at_rest['common'][axis] = 0.0
+
+
+@kernel
+def shift_of(state: MotionBias, axis: int) -> float:
+    """Return by how much the bias in motion of an axis is above that at rest, in rad/s."""
+    return float(state['values'][BIAS + axis] - state['at_rest']['bias'][axis])
+
+
+@kernel
+def shift_variance(state: MotionBias, axis: int) -> float:
+    """Return the variance of the shift of an axis, in (rad/s)^2."""
+    at_rest, i = state['at_rest'], BIAS + axis
+    common = at_rest['common'][axis]
+    return float(max(state['covariance'][i, i] - 2.0 * common + at_rest['variance'][axis], 0.0))
 
 
 @kernel
@@ -191,32 +213,33 @@ def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
 
     Return whether that is another one, so that the bias in motion has to be started anew.
     """
-    shift = state['shift']
-    before = shift['variance'][axis]
+    before = shift_variance(state, axis)
     largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
-    if shift['known'][axis] and before <= largest:
+    if state['at_rest']['known'][axis] and before <= largest:
         return False
+    shift = shift_of(state, axis)
     if largest < before:
         # What was learned with the larger one shrinks with it.
-        shift['shift'][axis] *= largest / before
-    shift['variance'][axis] = largest
-    shift['known'][axis] = 1
+        shift *= largest / before
+    _replace_shift(state, axis, shift, largest)
+    state['at_rest']['known'][axis] = 1
     return True
 
 
 @kernel
 def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> None:
-    """Begin with the bias at rest (3,) in rad/s, its variance (3,) in (rad/s)^2, and the shift."""
-    shift = state['shift']
+    """Begin with the bias at rest (3,) in rad/s and its variance (3,); the shift is kept."""
+    at_rest = state['at_rest']
     for axis in range(3):
-        state['values'][BIAS + axis] = bias[axis] + shift['shift'][axis]
+        i = BIAS + axis
+        shift, of_shift = shift_of(state, axis), shift_variance(state, axis)
         for k in range(STATES):
-            state['covariance'][BIAS + axis, k] = state['covariance'][k, BIAS + axis] = 0.0
-        state['covariance'][BIAS + axis, BIAS + axis] = variance[axis] + shift['variance'][axis]
-        shift['common'][axis] = variance[axis]
-        shift['untracked'][axis] = 0.0
-        shift['in_motion'][axis] = shift['variance'][axis]
-        shift['at_rest'][axis] = 0.0
+            state['covariance'][i, k] = state['covariance'][k, i] = 0.0
+        state['values'][i] = bias[axis] + shift
+        state['covariance'][i, i] = variance[axis] + of_shift
+        at_rest['bias'][axis] = bias[axis]
+        at_rest['variance'][axis] = at_rest['common'][axis] = variance[axis]
+        at_rest['untracked'][axis] = 0.0
     state['growth'] = 0.0
     state['moving_seconds'] = 0.0
     state['moving'] = False
@@ -244,27 +267,19 @@ def miss_turn(state: MotionBias, angle: float) -> None:
 
 
 @kernel
-def learn_at_rest(
-    state: MotionBias, axis: int, innovation: float, variance: float, noise: float, gain: float
-) -> None:
-    """Take an innovation of the bias at rest in, in rad/s, which took it in with a gain.
-
-    Its variance is that of the bias at rest before it, and that of its noise, in (rad/s)^2.
-    """
+def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> None:
+    """Take the mean rate of a rest, in rad/s, with the variance of its noise, in (rad/s)^2, in."""
     _settle_growth(state)
     _track_all(state, axis)
-    shift, i = state['shift'], BIAS + axis
-    spread = variance + noise
-    common, at_rest = shift['common'][axis], shift['at_rest'][axis]
-    of_bias, of_shift = common / spread, at_rest / spread
-    state['values'][i] += of_bias * innovation
-    shift['shift'][axis] += of_shift * innovation
-    left = state['covariance'][i, i] - of_bias * common
-    shift['variance'][axis] -= of_shift * at_rest
-    shift['in_motion'][axis] -= of_shift * common
-    kept = 1.0 - gain
-    shift['common'][axis] = kept * (common - of_bias * variance) + gain * of_bias * noise
-    shift['at_rest'][axis] = kept * (at_rest - of_shift * variance) + gain * of_shift * noise
+    at_rest, i = state['at_rest'], BIAS + axis
+    variance, common = at_rest['variance'][axis], at_rest['common'][axis]
+    innovation, spread = mean - at_rest['bias'][axis], variance + noise
+    gain, gain_in_motion = variance / spread, common / spread
+    at_rest['bias'][axis] += gain * innovation
+    at_rest['variance'][axis] -= gain * variance
+    at_rest['common'][axis] -= gain * common
+    state['values'][i] += gain_in_motion * innovation
+    left = state['covariance'][i, i] - gain_in_motion * common
     # Each axis by itself, as the bias at rest is.
     for k in range(STATES):
         state['covariance'][i, k] = state['covariance'][k, i] = 0.0
@@ -279,7 +294,7 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         kept['bias'][axis] = state['values'][i]
         kept['variance'][axis] = state['covariance'][i, i]
-    _copy(state['shift'], kept['shift'])
+    _copy(state['at_rest'], kept['at_rest'])
 
 
 @kernel
@@ -290,26 +305,24 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         state['values'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
-    _copy(kept['shift'], state['shift'])
+    _copy(kept['at_rest'], state['at_rest'])
 
 
 @kernel
-def _copy(source: Shift, target: Shift) -> None:
+def _copy(source: AtRest, target: AtRest) -> None:
     for axis in range(3):
+        target['bias'][axis] = source['bias'][axis]
+        target['variance'][axis] = source['variance'][axis]
         target['common'][axis] = source['common'][axis]
         target['untracked'][axis] = source['untracked'][axis]
-        target['shift'][axis] = source['shift'][axis]
-        target['variance'][axis] = source['variance'][axis]
-        target['in_motion'][axis] = source['in_motion'][axis]
         target['known'][axis] = source['known'][axis]
-        target['at_rest'][axis] = source['at_rest'][axis]
 
 
 @kernel
 def motion_variance(state: MotionBias, axis: int) -> float:
     """Return the variance of the bias in motion at present, in (rad/s)^2."""
     i = BIAS + axis
-    untracked = state['shift']['untracked'][axis]
+    untracked = state['at_rest']['untracked'][axis]
     return float(state['covariance'][i, i] + state['growth'] + untracked)
 
 
@@ -414,29 +427,35 @@ def _start_motion(state: MotionBias, direction: float) -> None:
 @kernel
 def _track_all(state: MotionBias, axis: int) -> None:
     """Track what was left out."""
-    shift = state['shift']
-    state['covariance'][BIAS + axis, BIAS + axis] += shift['untracked'][axis]
-    shift['common'][axis] += shift['untracked'][axis]
-    shift['untracked'][axis] = 0.0
+    untracked = state['at_rest']['untracked'][axis]
+    _widen(state, axis, untracked)
+    state['at_rest']['untracked'][axis] = 0.0
+
+
+@kernel
+def _widen(state: MotionBias, axis: int, variance: float) -> None:
+    """Add a variance in (rad/s)^2 of what moves both biases."""
+    state['covariance'][BIAS + axis, BIAS + axis] += variance
+    state['at_rest']['variance'][axis] += variance
+    state['at_rest']['common'][axis] += variance
 
 
 @kernel
 def _limit_prior(state: MotionBias) -> None:
     """Leave out of what is tracked in motion what is beyond the largest prior."""
     _settle_growth(state)
-    shift = state['shift']
+    at_rest = state['at_rest']
     for axis in range(3):
         i = BIAS + axis
         largest = LARGEST_PRIOR
-        if state['covariance'][i, i] + shift['untracked'][axis] > UNKNOWN * UNKNOWN:
+        if state['covariance'][i, i] + at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
             _track_all(state, axis)
             waits = state['moving_seconds'] < UNKNOWN_SECONDS
             largest = UNKNOWN_PRIOR if waits else LATER_PRIOR
-        beyond = min(state['covariance'][i, i] - largest * largest, shift['common'][axis])
+        beyond = min(state['covariance'][i, i] - largest * largest, at_rest['common'][axis])
         if beyond > 0.0:
-            state['covariance'][i, i] -= beyond
-            shift['common'][axis] -= beyond
-            shift['untracked'][axis] += beyond
+            _widen(state, axis, -beyond)
+            at_rest['untracked'][axis] += beyond
 
 
 @kernel
@@ -552,8 +571,7 @@ def _speed_seconds(state: MotionBias) -> float:
 def _settle_growth(state: MotionBias) -> None:
     """Add what both biases have walked since the last time."""
     for axis in range(3):
-        state['covariance'][BIAS + axis, BIAS + axis] += state['growth']
-        state['shift']['common'][axis] += state['growth']
+        _widen(state, axis, state['growth'])
     state['growth'] = 0.0
 
 
@@ -601,18 +619,17 @@ def _correct(
 ) -> None:
     """Correct state and covariance by an innovation, (11) and (12); the gain is there."""
     values, covariance, gain = state['values'], state['covariance'], workspace['gain']
-    shift = state['shift']
+    at_rest = state['at_rest']
     for i in range(STATES):
         values[i] += gain[i] * innovation
     for axis in range(3):
         i = BIAS + axis
         removed = gain[i] * gain[i] * spread / covariance[i, i]
-        weight = shift['in_motion'][axis] / covariance[i, i]
-        shift['shift'][axis] += weight * gain[i] * innovation
-        shift['variance'][axis] -= weight * shift['in_motion'][axis] * removed
-        shift['at_rest'][axis] -= weight * shift['common'][axis] * removed
-        shift['in_motion'][axis] *= 1.0 - removed
-        shift['common'][axis] *= 1.0 - removed
+        # The bias at rest follows by what is common to both.
+        weight = at_rest['common'][axis] / covariance[i, i]
+        at_rest['bias'][axis] += weight * gain[i] * innovation
+        at_rest['variance'][axis] -= weight * at_rest['common'][axis] * removed
+        at_rest['common'][axis] *= 1.0 - removed
     for i in range(STATES):
         weighted = gain[i] * spread
         for k in range(STATES):
