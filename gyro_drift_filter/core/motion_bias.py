@@ -65,11 +65,12 @@ LONGEST_GAP = 0.05
 
 # A robot or a hand has about this velocity, in m/s, and another one after so long, in s. What is
 # faster keeps its velocity for longer in proportion, as it gains and loses it no faster: a car.
-# What it has been of late counts, if more, for so many s: what has been fast will be again. No
-# velocity lies beyond so many of its deviations, and no robot on the road or in the air has a
-# larger one than the last of these, in m/s: a tilt that is taken for speed must not feed itself.
-SPEED, SPEED_SECONDS, SPEED_MEMORY = 1.0, 3.0, 120.0
-SPEED_DEVIATIONS, LARGEST_SPEED = 2.0, 50.0
+# What it has been of late counts, if more, for so many s: what has been fast will be again. A
+# velocity that swings to and fro, or lasts, comes no further than so many of its deviations, and no
+# robot on the road or in the air has a larger one than the last of these, in m/s: a tilt that is
+# taken for speed must not feed itself.
+SPEED, SPEED_SECONDS, SPEED_MEMORY = 0.7, 2.1, 120.0
+SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 # Vibration moves a bias by up to a share of what it makes of the values' deviation at rest, and by
 # no more than this, in rad/s: on ten flights of EuRoC by 0.2, 0.8, and 1.2e-3. What is no more than
 # a share of the noise does no harm where it is mistaken.

@@ -47,8 +47,9 @@ WHITE = 0.3
 LARGEST_NOISE = 0.2  # rad/s
 LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion can only raise them
 # Of what third differences show of another block before the first rest, the share that is taken for
-# noise. Too low costs smoothing at rest, too high would cost motion.
-UNKNOWN_SHARE = 0.1
+# noise: a hand in motion shows 5 to 200 times the variance of a quiet sensor's noise. Too low costs
+# smoothing until a block looks like noise, too high costs motion.
+UNKNOWN_SHARE = 0.03
 # A block can raise the variance no further than by this factor.
 RISE = 4.0
 LEAST_NOISE = 1e-5  # rad/s: no sensor is quieter
