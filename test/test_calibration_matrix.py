@@ -94,7 +94,7 @@ def test_the_message_holds_the_whole_covariance():
         )
     data = np.frombuffer(message, '<f8', offset=int(read_message(message)['doubles']))
     covariance = data[16:25].reshape(3, 3)
-    result = filter_.imu['result']
+    result = filter_.filter.state['result']
     np.testing.assert_array_equal(np.diag(covariance), result['angular_velocity_variance'])
     above = covariance[np.triu_indices(3, 1)]
     np.testing.assert_array_equal(above, result['angular_velocity_covariance'])

@@ -271,8 +271,8 @@ def test_a_rest_undoes_what_misled_in_motion(random):
     filter_ = Filter()
     in_motion = run(filter_, *flight)['bias'][-1]
     assert np.abs(in_motion - bias).max() > 2e-4
-    rest = flown(random, 10, bias, np.zeros(3), noise=5e-4)
-    run(filter_, *rest, start=START + 60 * 10**9)
+    rates, accelerations = flown(random, 10, bias, np.zeros(3), noise=5e-4)
+    run(filter_, rates, accelerations, start=START + 60 * 10**9)
     after = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
     np.testing.assert_allclose(after, bias, atol=6e-5)
 

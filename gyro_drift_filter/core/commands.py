@@ -30,7 +30,7 @@ from gyro_drift_filter.core.bias import (
     widen,
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
-from gyro_drift_filter.core.motion_bias import set_shift
+from gyro_drift_filter.core.motion_bias import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.settings import SETTINGS, Settings
@@ -106,15 +106,25 @@ def set_bias(
     bias: NDArray[np.float64],
     variance: NDArray[np.float64],
     shift: NDArray[np.float64],
-    shift_variance: NDArray[np.float64],
+    variance_of_shift: NDArray[np.float64],
 ) -> None:
     """Start a zeroed bias at rest, and its shift in motion: (3,) in rad/s.
 
     The variances are infinite where nothing is known.
     """
     state, settings = filter_[0]['state']['bias'], filter_[0]['settings']
-    set_shift(state['motion'], shift, shift_variance)
+    set_shift(state['motion'], shift, variance_of_shift)
     start_bias(state, bias, variance, settings['bias_turn_on_deviation'])
+
+
+@entry_kernel(FILTER, np.float64, np.float64)
+def read_shift(
+    filter_: NDArray[np.void], shift: NDArray[np.float64], variance: NDArray[np.float64]
+) -> None:
+    """Write the shift of the bias in motion, (3,) in rad/s, and its variance."""
+    motion = filter_[0]['state']['bias']['motion']
+    for axis in range(3):
+        shift[axis], variance[axis] = shift_of(motion, axis), shift_variance(motion, axis)
 
 
 @entry_kernel(FILTER, int)

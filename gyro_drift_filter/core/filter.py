@@ -26,7 +26,7 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias import BIAS, Hint
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
-from gyro_drift_filter.core.motion_bias import NO_SHIFT, BiasShift, shift_of, shift_variance
+from gyro_drift_filter.core.motion_bias import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
@@ -70,9 +70,9 @@ class Filter:
     @property
     def bias_shift(self) -> BiasShift:
         """By how much the bias in motion is another one than that at rest."""
-        motion = self.state['bias']['motion']
-        shift = [shift_of(motion, axis) for axis in range(3)]
-        return BiasShift(shift, [math.sqrt(shift_variance(motion, axis)) for axis in range(3)])
+        shift, variance = np.empty((2, 3))
+        commands.read_shift(self.record, shift, variance)
+        return BiasShift(shift.tolist(), np.sqrt(variance).tolist())
 
     def configure(self, parameters: Parameters) -> None:
         """Take new parameters between two samples; what was learned is kept.

@@ -19,6 +19,7 @@ time, a replay many that stand in one array of bytes.
 """
 
 from collections.abc import Sequence
+from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, Any, TypedDict
 
@@ -54,6 +55,16 @@ LONGEST_FRAME_ID = 256
 # Published messages that are known again: more than queues hold. A prime, so that regular stamps do
 # not share a place.
 REMEMBERED = 1021
+
+
+class Taken(IntEnum):
+    """What there is to publish for a message."""
+
+    NOTHING = 0
+    PASSED_ON = 1  # it as it came
+    MOVING = 2  # its rates filtered; the sensor does not stand still, as far as is known
+    AT_REST = 3  # its rates filtered; the sensor stands still
+
 
 Text = Annotated[NDArray[np.uint8], np.uint8, (LONGEST_FRAME_ID,)]
 
@@ -179,20 +190,21 @@ def filter_message(
     reception: Sequence[Reception],
     published: Sequence[Published],
     filter_: NDArray[np.void],
-) -> bool:
+) -> int:
     """Filter the message that the first `size` bytes are: they are made the filtered one.
 
     `imus`, `reception` and `filter_` are (1,), `published` is (REMEMBERED,), and written. Returns
-    whether there is a message to publish.
+    a member of Taken.
     """
     imu = imus[0]
     read_imu(message, 0, size, imu)
     _take(message, imu, reception[0], published, filter_[0])
     if not is_published(imu):
-        return False
-    if imu['kind'] == ImuKind.GOOD:
-        patch_imu(message, 0, imu)
-    return True
+        return Taken.NOTHING
+    if imu['kind'] != ImuKind.GOOD:
+        return Taken.PASSED_ON
+    patch_imu(message, 0, imu)
+    return Taken.AT_REST if imu['result']['at_rest'] > 0.0 else Taken.MOVING
 
 
 @entry_kernel(read_only(np.uint8), IMU, NOTE, RECEPTION, PUBLISHED, FILTER)
@@ -225,7 +237,7 @@ class MessageFilter:
     Attributes:
         filter: The filter itself.
         reception: A record of RECEPTION: what has come in.
-        imu: A record of IMU: the last message of `take`, and what the filter made of it.
+        taken: A member of Taken, of the last message of `take`.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -235,19 +247,24 @@ class MessageFilter:
         self._published: Any = np.zeros(REMEMBERED, PUBLISHED)
         self._published['angular_velocity_variance'] = np.nan  # as nothing has
         self.reception: Reception = self._reception[0]
-        self.imu: Imu = self._imus[0]
-        self._message, self._sample_message = np.empty((2, 1024), np.uint8)
+        self.taken = int(Taken.NOTHING)
+        self._make_room(1024)
+
+    def _make_room(self, size: int) -> None:
+        self._message, self._sample_message = np.empty((2, size), np.uint8)
+        # Faster to fill and to read than the array.
+        self._bytes = memoryview(self._message)  # type: ignore[arg-type]
 
     def take(self, message: bytes) -> bytes | None:
         """Filter one message; return the message to publish for it, if there is one."""
         size = len(message)
-        if size > len(self._message):
-            self._message, self._sample_message = np.empty((2, 2 * size), np.uint8)
-        self._message[:size] = np.frombuffer(message, np.uint8)
-        published = filter_message(
+        if size > len(self._bytes):
+            self._make_room(2 * size)
+        self._bytes[:size] = message
+        self.taken = filter_message(
             self._message, size, self._imus, self._reception, self._published, self.filter.record
         )
-        return self._message[:size].tobytes() if published else None
+        return self._bytes[:size].tobytes() if self.taken else None
 
     def sample_message(self, topic: str) -> bytes:
         """Return the message on one of `SAMPLE_TOPICS` for the last one that `take` filtered."""

@@ -48,8 +48,8 @@ from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Paramet
 from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.imu import EXAMPLE, ImuKind
-from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.imu import EXAMPLE
+from gyro_drift_filter.messages.message_filter import MessageFilter, Taken
 from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
@@ -121,7 +121,7 @@ class GyroDriftFilterNode(Node):
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
-        self._at_rest: bool | None = None  # as it was published last
+        self._taken = int(Taken.NOTHING)  # the last one whose rates were filtered
         self._rest_output = self.create_publisher(Bool, '~/at_rest', _LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -189,7 +189,10 @@ class GyroDriftFilterNode(Node):
         self._hint.listen(parameters.motion_hint)
 
     def _take(self, data: bytes) -> None:
-        self._cold_start.take(self._filter, data)
+        if self._cold_start.waiting is None:
+            self._filter(data)
+        else:
+            self._cold_start.take(self._filter, data)
         self._until_count -= 1
         if self._until_count == 0:
             self._until_count = _COUNT_EVERY
@@ -203,13 +206,12 @@ class GyroDriftFilterNode(Node):
         if filtered is None:
             return
         self._output.publish(filtered)
-        imu = messages.imu
-        if imu['kind'] != ImuKind.GOOD:
+        taken = messages.taken
+        if taken == Taken.PASSED_ON:
             return
-        at_rest = imu['result']['at_rest'] > 0.0
-        if at_rest != self._at_rest:
-            self._at_rest = bool(at_rest)
-            self._rest_output.publish(Bool(data=self._at_rest))
+        if taken != self._taken:
+            self._taken = taken
+            self._rest_output.publish(Bool(data=taken == Taken.AT_REST))
         for name, output in self._listened.items():
             output.publish(messages.sample_message(name))
 
