@@ -254,7 +254,8 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         if state['checks']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
     seconds *= 1 + max(missing, 0)
-    miss_turn(motion, clipped * seconds)
+    if clipped > 0.0 or motion['missed_turn'] > 0.0:
+        miss_turn(motion, clipped * seconds)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
     track_motion(motion, workspace, sample, seconds, rest, lengths)
 
