@@ -338,6 +338,19 @@ def test_a_numba_without_what_saves_compiling_does_as_well(small):
     assert small.output(change + WAY) == '6.0 numba True True'
 
 
+@pytest.mark.parametrize(('llvm', 'joins'), [(14, False), (22, True)])
+def test_numbas_setting_is_as_it_was_behind_the_kernels(llvm, joins, monkeypatch):
+    """It holds for all that is compiled in this process; and old versions of LLVM made errors."""
+    numba = pytest.importorskip('numba')
+    from gyro_drift_filter.accelerate import numba_internals
+
+    monkeypatch.setattr(numba_internals, 'llvm_version_info', (llvm, 0, 0))
+    before = numba.config.SLP_VECTORIZE
+    with numba_internals._joining_scalars():
+        assert bool(numba.config.SLP_VECTORIZE) is joins
+    assert before == numba.config.SLP_VECTORIZE
+
+
 @pytest.mark.parametrize('lacking', ['compiler', 'headers', 'setuptools', 'pycc'])
 def test_without_a_compiler_numba_is_loaded(lacking, small, tmp_path):
     """Nor without what it needs; the reason is told in one line, and no start tries again."""

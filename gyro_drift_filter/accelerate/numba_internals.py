@@ -23,7 +23,8 @@ setup.py says which versions of numba have been tested. Where a later one lacks
 - `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
   without a C++ compiler;
 - what `_inner_compiler` takes of `numba.core`: compiling takes a quarter longer;
-- `numba.np.arraymath`: see `spare_linear_algebra`, which then spares nothing.
+- `numba.np.arraymath`: see `spare_linear_algebra`, which then spares nothing;
+- `config.SLP_VECTORIZE`: see `_joining_scalars`; the method adaptive is a sixth slower.
 """
 
 import functools
@@ -34,17 +35,22 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from llvmlite.binding import llvm_version_info
 
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.argument_types import ReadOnly
+
+# LLVM's version from which on it may join scalars: that with which all kernels have been compared
+# with plain Python, bit for bit.
+_LEAST_LLVM = 22
 
 _LOCK = threading.Lock()
 _dispatchers: list[Any] = []  # of all kernels
@@ -169,9 +175,28 @@ def compile_for_kernels_alone(dispatcher: Any) -> None:
     dispatcher.add_overload = add_overload
 
 
+@contextmanager
+def _joining_scalars() -> Iterator[None]:
+    """Have LLVM make vector instructions of what is alike side by side, not of loops alone.
+
+    numba leaves this off since LLVM 14, which made wrong code by it (numba's issue 8705). The
+    results are the same to the last bit, as no operation changes its order.
+    """
+    config = numba.config
+    before = getattr(config, 'SLP_VECTORIZE', None)
+    if before is None or llvm_version_info[0] < _LEAST_LLVM:
+        yield
+        return
+    config.SLP_VECTORIZE = 1
+    try:
+        yield
+    finally:
+        config.SLP_VECTORIZE = before
+
+
 def compile_declared(dispatcher: Any, types: tuple[Any, ...]) -> None:
     """Compile a kernel for its declared types, or load it from the cache, if not done yet."""
-    with _LOCK:
+    with _LOCK, _joining_scalars():
         wanted = signature(types)
         if wanted not in dispatcher.overloads:
             dispatcher.compile(wanted)
@@ -291,6 +316,7 @@ def build_extension(kernels: Mapping[str, tuple[Any, tuple[Any, ...]]], folder: 
     with (
         patch.object(compiler, 'Flags', functools.partial(_flags_of_kernels, compiler.Flags)),
         patch.object(tempfile, 'tempdir', str(folder)),
+        _joining_scalars(),
     ):
         library = CC(cache.EXTENSION)
         library.output_dir = str(folder)
