@@ -77,7 +77,7 @@ SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 SHIFT_SHARE, LARGEST_SHIFT = 0.1, 1e-3
 # A prior beyond this would have what is not seen, the bias about the vertical, torn along by what
 # is not in the model.
-LARGEST_PRIOR = 3e-3  # rad/s
+LARGEST_PRIOR = 1.5e-3  # rad/s
 # Where next to nothing is known of the bias a rest tells far more, and most robots have one soon:
 # for so many seconds of motion the prior is the first of these, then the second.
 UNKNOWN, UNKNOWN_SECONDS, UNKNOWN_PRIOR, LATER_PRIOR = 0.02, 15.0, 5e-4, 2e-3
