@@ -344,7 +344,7 @@ def test_numbas_setting_is_as_it_was_behind_the_kernels(llvm, joins, monkeypatch
     numba = pytest.importorskip('numba')
     from gyro_drift_filter.accelerate import numba_internals
 
-    monkeypatch.setattr(numba_internals, 'llvm_version_info', (llvm, 0, 0))
+    monkeypatch.setattr('llvmlite.binding.llvm_version_info', (llvm, 0, 0))
     before = numba.config.SLP_VECTORIZE
     with numba_internals._joining_scalars():
         assert bool(numba.config.SLP_VECTORIZE) is joins

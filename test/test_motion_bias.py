@@ -174,9 +174,10 @@ def test_a_rate_that_comes_twice_leaves_the_direction_of_gravity():
 def test_after_a_long_stay_at_the_end_of_the_range_the_direction_of_gravity_is_taken_anew():
     filter_ = Filter()
     rates, accelerations = swing(12)
-    run(filter_, rates[:-1], accelerations[:-1])
-    covariance = filter_.state['bias']['motion']['covariance']
-    np.testing.assert_allclose(np.diag(covariance)[:3], START_DIRECTION**2)
+    run(filter_, rates, accelerations)
+    variance = np.diag(filter_.state['bias']['motion']['covariance'])[:3]
+    # What was missed after that is less than what takes the direction anew.
+    assert np.all((variance > 0.99 * START_DIRECTION**2) & (variance < 2.0 * START_DIRECTION**2))
 
 
 def test_a_shift_of_the_last_run_is_taken_up(random):

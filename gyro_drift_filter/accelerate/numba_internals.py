@@ -43,7 +43,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite.binding import llvm_version_info
 
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.argument_types import ReadOnly
@@ -184,7 +183,9 @@ def _joining_scalars() -> Iterator[None]:
     """
     config = numba.config
     before = getattr(config, 'SLP_VECTORIZE', None)
-    if before is None or llvm_version_info[0] < _LEAST_LLVM:
+    # llvmlite is a part of numba.
+    version = getattr(import_module('llvmlite.binding'), 'llvm_version_info', (0,))
+    if before is None or version[0] < _LEAST_LLVM:
         yield
         return
     config.SLP_VECTORIZE = 1

@@ -250,6 +250,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
 def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
+    state['missed_turn'] = 0.0
     _start_value(state)
 
 
@@ -257,10 +258,10 @@ def lose_direction(state: MotionBias) -> None:
 def miss_turn(state: MotionBias, angle: float) -> None:
     """Note that the body may have turned further by an angle in rad: a rate is at its limit."""
     missed = state['missed_turn']
-    if angle > 0.0:
+    if missed + angle > START_DIRECTION:
+        lose_direction(state)
+    elif angle > 0.0:
         state['missed_turn'] = missed + angle
-        if missed + angle > START_DIRECTION:
-            lose_direction(state)
     elif missed > 0.0:
         for axis in range(3):
             state['covariance'][DIRECTION + axis, DIRECTION + axis] += missed * missed
