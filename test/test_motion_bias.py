@@ -136,12 +136,14 @@ def test_the_covariance_stays_one(random):
         )
         assert np.abs(motion['values'][ACCELERATION:]).max() < 1.0
         for axis in range(3):
-            common = motion['at_rest']['common'][axis]
+            common = motion['bias_at_rest']['common'][axis]
             variances = (
                 motion['covariance'][BIAS + axis, BIAS + axis],
-                motion['at_rest']['variance'][axis],
+                motion['bias_at_rest']['variance'][axis],
             )
             assert common**2 <= variances[0] * variances[1] * 1.0001
+            untracked = motion['bias_at_rest']['untracked'][axis]
+            assert common + untracked <= variances[0] * 1.0001 + 1e-12
 
 
 def swing(plateau):
@@ -199,18 +201,18 @@ def joint(random):
     root = random.standard_normal((12, 12))
     state['values'] = random.standard_normal(12)
     state['covariance'] = root @ root.T
-    at_rest = state['at_rest']
-    at_rest['bias'] = random.standard_normal(3)
+    bias_at_rest = state['bias_at_rest']
+    bias_at_rest['bias'] = random.standard_normal(3)
     own = np.diag(state['covariance'])[BIAS : BIAS + 3]
-    at_rest['common'] = 0.5 * own
-    at_rest['variance'] = 0.7 * own
-    values = np.concatenate([state['values'], at_rest['bias']])
+    bias_at_rest['common'] = 0.5 * own
+    bias_at_rest['variance'] = 0.7 * own
+    values = np.concatenate([state['values'], bias_at_rest['bias']])
     covariance = np.zeros((15, 15))
     covariance[:12, :12] = state['covariance']
     covariance[12:, 12:] = 0.25 * state['covariance'][BIAS : BIAS + 3, BIAS : BIAS + 3]
     covariance[12:, :12] = 0.5 * state['covariance'][BIAS : BIAS + 3]
     covariance[:12, 12:] = covariance[12:, :12].T
-    covariance[range(12, 15), range(12, 15)] = at_rest['variance']
+    covariance[range(12, 15), range(12, 15)] = bias_at_rest['variance']
     return state, values, covariance
 
 
@@ -222,14 +224,14 @@ def measure(values, covariance, row, measured, noise):
 
 
 def check(state, values, covariance):
-    at_rest = state['at_rest']
+    bias_at_rest = state['bias_at_rest']
     np.testing.assert_allclose(state['values'], values[:12], atol=1e-12)
     np.testing.assert_allclose(state['covariance'], covariance[:12, :12], atol=1e-12)
-    np.testing.assert_allclose(at_rest['bias'], values[12:], atol=1e-12)
+    np.testing.assert_allclose(bias_at_rest['bias'], values[12:], atol=1e-12)
     for axis in range(3):
         own, bias = 12 + axis, BIAS + axis
-        assert at_rest['variance'][axis] == pytest.approx(covariance[own, own])
-        assert at_rest['common'][axis] == pytest.approx(covariance[own, bias])
+        assert bias_at_rest['variance'][axis] == pytest.approx(covariance[own, own])
+        assert bias_at_rest['common'][axis] == pytest.approx(covariance[own, bias])
         difference = np.zeros(15)
         difference[bias], difference[own] = 1.0, -1.0
         assert shift_of(state, axis) == pytest.approx(difference @ values)

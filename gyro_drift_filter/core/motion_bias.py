@@ -112,7 +112,7 @@ Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
 Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
 
 
-class AtRest(TypedDict):
+class BiasAtRest(TypedDict):
     """The bias at rest, as the bias in motion knows it: covariances in (rad/s)^2."""
 
     bias: PerAxis  # rad/s
@@ -122,7 +122,7 @@ class AtRest(TypedDict):
     known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
 
-AT_REST = record(AtRest)
+BIAS_AT_REST = record(BiasAtRest)
 
 
 class MotionBias(TypedDict):
@@ -130,7 +130,7 @@ class MotionBias(TypedDict):
 
     values: Values  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
     covariance: Covariance
-    at_rest: AtRest
+    bias_at_rest: BiasAtRest
     growth: float  # (rad/s)^2, of both biases, since it was last added
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
@@ -153,7 +153,7 @@ class SharedBias(TypedDict):
 
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
-    at_rest: AtRest
+    bias_at_rest: BiasAtRest
     settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
 
 
@@ -180,7 +180,7 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     state['speed_deviation'] = SPEED
     for axis in range(3):
         known = variance[axis] < np.inf
-        state['at_rest']['known'][axis] = known
+        state['bias_at_rest']['known'][axis] = known
         guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
         _replace_shift(state, axis, shift[axis], min(variance[axis], guess * guess))
 
@@ -188,24 +188,26 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
 @kernel
 def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -> None:
     """Take another shift of an axis; the bias in motion has to be started anew after it."""
-    at_rest, i = state['at_rest'], BIAS + axis
-    state['values'][i] = at_rest['bias'][axis] + shift
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    state['values'][i] = bias_at_rest['bias'][axis] + shift
     state['covariance'][i, i] = variance
-    at_rest['variance'][axis] = at_rest['common'][axis] = 0.0
+    bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = 0.0
 
 
 @kernel
 def shift_of(state: MotionBias, axis: int) -> float:
     """Return by how much the bias in motion of an axis is above that at rest, in rad/s."""
-    return float(state['values'][BIAS + axis] - state['at_rest']['bias'][axis])
+    return float(state['values'][BIAS + axis] - state['bias_at_rest']['bias'][axis])
 
 
 @kernel
 def shift_variance(state: MotionBias, axis: int) -> float:
     """Return the variance of the shift of an axis, in (rad/s)^2."""
-    at_rest, i = state['at_rest'], BIAS + axis
-    common = at_rest['common'][axis]
-    return float(max(state['covariance'][i, i] - 2.0 * common + at_rest['variance'][axis], 0.0))
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    common = bias_at_rest['common'][axis]
+    return float(
+        max(state['covariance'][i, i] - 2.0 * common + bias_at_rest['variance'][axis], 0.0)
+    )
 
 
 @kernel
@@ -216,21 +218,21 @@ def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
     """
     before = shift_variance(state, axis)
     largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
-    if state['at_rest']['known'][axis] and before <= largest:
+    if state['bias_at_rest']['known'][axis] and before <= largest:
         return False
     shift = shift_of(state, axis)
     if largest < before:
         # What was learned with the larger one shrinks with it.
         shift *= largest / before
     _replace_shift(state, axis, shift, largest)
-    state['at_rest']['known'][axis] = 1
+    state['bias_at_rest']['known'][axis] = 1
     return True
 
 
 @kernel
 def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> None:
     """Begin with the bias at rest (3,) in rad/s and its variance (3,); the shift is kept."""
-    at_rest = state['at_rest']
+    bias_at_rest = state['bias_at_rest']
     for axis in range(3):
         i = BIAS + axis
         shift, of_shift = shift_of(state, axis), shift_variance(state, axis)
@@ -238,9 +240,9 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
             state['covariance'][i, k] = state['covariance'][k, i] = 0.0
         state['values'][i] = bias[axis] + shift
         state['covariance'][i, i] = variance[axis] + of_shift
-        at_rest['bias'][axis] = bias[axis]
-        at_rest['variance'][axis] = at_rest['common'][axis] = variance[axis]
-        at_rest['untracked'][axis] = 0.0
+        bias_at_rest['bias'][axis] = bias[axis]
+        bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
+        bias_at_rest['untracked'][axis] = 0.0
     state['growth'] = 0.0
     state['moving_seconds'] = 0.0
     state['moving'] = False
@@ -262,7 +264,7 @@ def miss_turn(state: MotionBias, angle: float) -> None:
         lose_direction(state)
     elif angle > 0.0:
         state['missed_turn'] = missed + angle
-    elif missed > 0.0:
+    else:
         for axis in range(3):
             state['covariance'][DIRECTION + axis, DIRECTION + axis] += missed * missed
         state['missed_turn'] = 0.0
@@ -273,13 +275,13 @@ def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> No
     """Take the mean rate of a rest, in rad/s, with the variance of its noise, in (rad/s)^2, in."""
     _settle_growth(state)
     _track_all(state, axis)
-    at_rest, i = state['at_rest'], BIAS + axis
-    variance, common = at_rest['variance'][axis], at_rest['common'][axis]
-    innovation, spread = mean - at_rest['bias'][axis], variance + noise
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    variance, common = bias_at_rest['variance'][axis], bias_at_rest['common'][axis]
+    innovation, spread = mean - bias_at_rest['bias'][axis], variance + noise
     gain, gain_in_motion = variance / spread, common / spread
-    at_rest['bias'][axis] += gain * innovation
-    at_rest['variance'][axis] -= gain * variance
-    at_rest['common'][axis] -= gain * common
+    bias_at_rest['bias'][axis] += gain * innovation
+    bias_at_rest['variance'][axis] -= gain * variance
+    bias_at_rest['common'][axis] -= gain * common
     state['values'][i] += gain_in_motion * innovation
     left = state['covariance'][i, i] - gain_in_motion * common
     # Each axis by itself, as the bias at rest is.
@@ -296,7 +298,7 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         kept['bias'][axis] = state['values'][i]
         kept['variance'][axis] = state['covariance'][i, i]
-    _copy(state['at_rest'], kept['at_rest'])
+    _copy(state['bias_at_rest'], kept['bias_at_rest'])
 
 
 @kernel
@@ -307,11 +309,11 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         state['values'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
-    _copy(kept['at_rest'], state['at_rest'])
+    _copy(kept['bias_at_rest'], state['bias_at_rest'])
 
 
 @kernel
-def _copy(source: AtRest, target: AtRest) -> None:
+def _copy(source: BiasAtRest, target: BiasAtRest) -> None:
     for axis in range(3):
         target['bias'][axis] = source['bias'][axis]
         target['variance'][axis] = source['variance'][axis]
@@ -324,7 +326,7 @@ def _copy(source: AtRest, target: AtRest) -> None:
 def motion_variance(state: MotionBias, axis: int) -> float:
     """Return the variance of the bias in motion at present, in (rad/s)^2."""
     i = BIAS + axis
-    untracked = state['at_rest']['untracked'][axis]
+    untracked = state['bias_at_rest']['untracked'][axis]
     return float(state['covariance'][i, i] + state['growth'] + untracked)
 
 
@@ -429,35 +431,35 @@ def _start_motion(state: MotionBias, direction: float) -> None:
 @kernel
 def _track_all(state: MotionBias, axis: int) -> None:
     """Track what was left out."""
-    untracked = state['at_rest']['untracked'][axis]
+    untracked = state['bias_at_rest']['untracked'][axis]
     _widen(state, axis, untracked)
-    state['at_rest']['untracked'][axis] = 0.0
+    state['bias_at_rest']['untracked'][axis] = 0.0
 
 
 @kernel
 def _widen(state: MotionBias, axis: int, variance: float) -> None:
     """Add a variance in (rad/s)^2 of what moves both biases."""
     state['covariance'][BIAS + axis, BIAS + axis] += variance
-    state['at_rest']['variance'][axis] += variance
-    state['at_rest']['common'][axis] += variance
+    state['bias_at_rest']['variance'][axis] += variance
+    state['bias_at_rest']['common'][axis] += variance
 
 
 @kernel
 def _limit_prior(state: MotionBias) -> None:
     """Leave out of what is tracked in motion what is beyond the largest prior."""
     _settle_growth(state)
-    at_rest = state['at_rest']
+    bias_at_rest = state['bias_at_rest']
     for axis in range(3):
         i = BIAS + axis
         largest = LARGEST_PRIOR
-        if state['covariance'][i, i] + at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
+        if state['covariance'][i, i] + bias_at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
             _track_all(state, axis)
             waits = state['moving_seconds'] < UNKNOWN_SECONDS
             largest = UNKNOWN_PRIOR if waits else LATER_PRIOR
-        beyond = min(state['covariance'][i, i] - largest * largest, at_rest['common'][axis])
+        beyond = min(state['covariance'][i, i] - largest * largest, bias_at_rest['common'][axis])
         if beyond > 0.0:
             _widen(state, axis, -beyond)
-            at_rest['untracked'][axis] += beyond
+            bias_at_rest['untracked'][axis] += beyond
 
 
 @kernel
@@ -621,17 +623,17 @@ def _correct(
 ) -> None:
     """Correct state and covariance by an innovation, (11) and (12); the gain is there."""
     values, covariance, gain = state['values'], state['covariance'], workspace['gain']
-    at_rest = state['at_rest']
+    bias_at_rest = state['bias_at_rest']
     for i in range(STATES):
         values[i] += gain[i] * innovation
     for axis in range(3):
         i = BIAS + axis
         removed = gain[i] * gain[i] * spread / covariance[i, i]
         # The bias at rest follows by what is common to both.
-        weight = at_rest['common'][axis] / covariance[i, i]
-        at_rest['bias'][axis] += weight * gain[i] * innovation
-        at_rest['variance'][axis] -= weight * at_rest['common'][axis] * removed
-        at_rest['common'][axis] *= 1.0 - removed
+        weight = bias_at_rest['common'][axis] / covariance[i, i]
+        bias_at_rest['bias'][axis] += weight * gain[i] * innovation
+        bias_at_rest['variance'][axis] -= weight * bias_at_rest['common'][axis] * removed
+        bias_at_rest['common'][axis] *= 1.0 - removed
     for i in range(STATES):
         weighted = gain[i] * spread
         for k in range(STATES):

@@ -57,8 +57,8 @@ LONGEST_FRAME_ID = 256
 REMEMBERED = 1021
 
 
-class Taken(IntEnum):
-    """What there is to publish for a message."""
+class MessageOutcome(IntEnum):
+    """What there is to publish for a message, and whether the sensor stands still."""
 
     NOTHING = 0
     PASSED_ON = 1  # it as it came
@@ -194,17 +194,17 @@ def filter_message(
     """Filter the message that the first `size` bytes are: they are made the filtered one.
 
     `imus`, `reception` and `filter_` are (1,), `published` is (REMEMBERED,), and written. Returns
-    a member of Taken.
+    a member of MessageOutcome.
     """
     imu = imus[0]
     read_imu(message, 0, size, imu)
     _take(message, imu, reception[0], published, filter_[0])
     if not is_published(imu):
-        return Taken.NOTHING
+        return MessageOutcome.NOTHING
     if imu['kind'] != ImuKind.GOOD:
-        return Taken.PASSED_ON
+        return MessageOutcome.PASSED_ON
     patch_imu(message, 0, imu)
-    return Taken.AT_REST if imu['result']['at_rest'] > 0.0 else Taken.MOVING
+    return MessageOutcome.AT_REST if imu['result']['at_rest'] > 0.0 else MessageOutcome.MOVING
 
 
 @entry_kernel(read_only(np.uint8), IMU, NOTE, RECEPTION, PUBLISHED, FILTER)
@@ -237,7 +237,7 @@ class MessageFilter:
     Attributes:
         filter: The filter itself.
         reception: A record of RECEPTION: what has come in.
-        taken: A member of Taken, of the last message of `take`.
+        outcome: A member of MessageOutcome, of the last message of `take`.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -247,7 +247,7 @@ class MessageFilter:
         self._published: Any = np.zeros(REMEMBERED, PUBLISHED)
         self._published['angular_velocity_variance'] = np.nan  # as nothing has
         self.reception: Reception = self._reception[0]
-        self.taken = int(Taken.NOTHING)
+        self.outcome = int(MessageOutcome.NOTHING)
         self._make_room(1024)
 
     def _make_room(self, size: int) -> None:
@@ -261,10 +261,10 @@ class MessageFilter:
         if size > len(self._bytes):
             self._make_room(2 * size)
         self._bytes[:size] = message
-        self.taken = filter_message(
+        self.outcome = filter_message(
             self._message, size, self._imus, self._reception, self._published, self.filter.record
         )
-        return self._bytes[:size].tobytes() if self.taken else None
+        return self._bytes[:size].tobytes() if self.outcome else None
 
     def sample_message(self, topic: str) -> bytes:
         """Return the message on one of `SAMPLE_TOPICS` for the last one that `take` filtered."""

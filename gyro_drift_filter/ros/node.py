@@ -49,7 +49,7 @@ from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import EXAMPLE
-from gyro_drift_filter.messages.message_filter import MessageFilter, Taken
+from gyro_drift_filter.messages.message_filter import MessageFilter, MessageOutcome
 from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros.cold_start import ColdStart
@@ -121,7 +121,7 @@ class GyroDriftFilterNode(Node):
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
-        self._taken = int(Taken.NOTHING)  # the last one whose rates were filtered
+        self._outcome = int(MessageOutcome.NOTHING)  # the last one whose rates were filtered
         self._rest_output = self.create_publisher(Bool, '~/at_rest', _LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -189,10 +189,7 @@ class GyroDriftFilterNode(Node):
         self._hint.listen(parameters.motion_hint)
 
     def _take(self, data: bytes) -> None:
-        if self._cold_start.waiting is None:
-            self._filter(data)
-        else:
-            self._cold_start.take(self._filter, data)
+        self._cold_start.take(self._filter, data)
         self._until_count -= 1
         if self._until_count == 0:
             self._until_count = _COUNT_EVERY
@@ -206,12 +203,12 @@ class GyroDriftFilterNode(Node):
         if filtered is None:
             return
         self._output.publish(filtered)
-        taken = messages.taken
-        if taken == Taken.PASSED_ON:
+        outcome = messages.outcome
+        if outcome == MessageOutcome.PASSED_ON:
             return
-        if taken != self._taken:
-            self._taken = taken
-            self._rest_output.publish(Bool(data=taken == Taken.AT_REST))
+        if outcome != self._outcome:
+            self._outcome = outcome
+            self._rest_output.publish(Bool(data=outcome == MessageOutcome.AT_REST))
         for name, output in self._listened.items():
             output.publish(messages.sample_message(name))
 
