@@ -30,6 +30,7 @@ from gyro_drift_filter.core.methods.adaptive import (
     SMOOTHING_SECONDS,
 )
 from gyro_drift_filter.core.methods.mode_set import MODES
+from gyro_drift_filter.core.methods.outliers import Reason, Verdict, verdict_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 
 START = 10**18
@@ -490,3 +491,47 @@ def test_a_slow_turn_that_begins_in_motor_vibration_is_given_back(random):
     when_seen, later = np.mean(lacking, axis=0)[[199, -1]]
     assert when_seen > 0.1
     assert abs(later) < 0.75 * when_seen
+
+
+def reasons_of(stamps, rates, accelerations):
+    """Return all reasons; what is held back, and nothing else, has to be flagged."""
+    filter_, found = Filter(), set()
+    axes = filter_.record[0]['workspace']['methods']['adaptive']['axes']
+    for stamp, rate, acceleration in zip(stamps, rates, accelerations, strict=True):
+        axes['reason'] = -1
+        result = filter_.step(int(stamp), rate, acceleration)
+        for axis in np.flatnonzero(axes['reason'] >= 0):
+            reason = Reason(axes['reason'][axis])
+            found.add(reason)
+            assert axes['verdict'][axis] == verdict_of(reason)
+            assert (result['outlier'][axis] > 0.0) == (verdict_of(reason) == Verdict.HOLD)
+    return found
+
+
+def test_each_reason_is_given_for_some_sample(random):
+    n = 5000
+    rates = 0.005 * random.standard_normal((n, 3))
+    accelerations = np.array([0.0, 0.0, 9.8]) + 0.02 * random.standard_normal((n, 3))
+    in_motion = slice(2000, 3000)
+    rates[in_motion] += 8.0 * np.sin(np.outer(np.arange(1000) / 100.0, [25.0, 20.0, 30.0]))
+    rates[2600:2800:5] = rates[2599:2799:5]  # polled faster than it measures
+    rates[1200:1500:3, 0] += 2.0  # so often that it can't be outliers
+    rates[2520:2600:10] = 0.0  # nothing to report
+    rates[1700:1712, 1] += 1.5 * np.sin(np.linspace(0.0, np.pi, 12))  # a motion from rest
+    rates[1800, 0] += 0.5  # a knock
+    accelerations[1800] += 30.0
+    rates[1900:1903, 0] += [1.5, 1.2, 0.8]  # a harder one
+    accelerations[1900] += 30.0
+    for first in range(2100, 2500, 40):  # faster and faster, the way it turns
+        way = np.sign(rates[first, 0] - rates[first - 1, 0])
+        size = (first // 40 % 4 + 2) / 3
+        rates[first : first + 5, 0] += way * size * np.array([2.0, 3.5, 6.0, 8.0, 10.0])
+    rates[2900:3000] = rates[2900:3000].clip(-7.0, 7.0)  # the end of the range
+    rates[3500:3520, 2] += 5.0 * (-1.0) ** np.arange(20)  # no motion, and no outliers either
+    rates[3700:3740, 1] = 3.0  # a constant
+    kept = np.ones(n, bool)
+    kept[4000:4004] = False
+    rates[4004:4020] += 1.0  # what went on meanwhile
+    stamps = START + np.arange(n) * 10_000_000
+    found = reasons_of(stamps[kept], rates[kept], accelerations[kept])
+    assert found == set(Reason)

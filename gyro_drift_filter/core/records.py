@@ -69,7 +69,7 @@ class State(TypedDict):
 
 
 class Workspace(TypedDict):
-    """What is needed within one step, and is not read after it."""
+    """What is needed within one step; no later step reads it, and no snapshot keeps it."""
 
     methods: MethodWorkspace
     motion: MotionWorkspace

@@ -65,6 +65,7 @@ from gyro_drift_filter.core.methods.outliers import (
     Doubt,
     Jolt,
     OutlierLimits,
+    Reason,
     Verdict,
     derive_limits,
     feel_jolt,
@@ -76,6 +77,7 @@ from gyro_drift_filter.core.methods.outliers import (
     note_verdict,
     shake_along,
     start_doubt,
+    verdict_of,
     was_jolted,
 )
 from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
@@ -189,7 +191,8 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction: float  # of the sample by all modes together
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
-    verdict: int  # on the sample: a member of Verdict
+    verdict: int  # on the sample: a member of Verdict,
+    reason: int  # and of Reason
     accepted: float  # the sample that was accepted before it, rad/s
     returned: bool  # it lies there again, after one that was held back
     at_limit: bool  # the rate is at the end of the range
@@ -490,15 +493,17 @@ def update(
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, accepted = circumstances['dropout'], state['accepted']
-    verdict = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
-    # After the verdict, which it overrules: it has to see every sample.
+    reason = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
+    # After the judgement, which it overrules: it has to see every sample.
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:
-        verdict = Verdict.ACCEPT
+        reason = Reason.CONSTANT
     elif circumstances['repeated']:
-        verdict = Verdict.BRIDGE
+        reason = Reason.REPEATED
     elif own['at_limit'] and _is_behind(sample, prediction, typical):
-        verdict = Verdict.PASS
+        reason = Reason.AT_LIMIT
+    verdict = verdict_of(reason)
+    own['reason'] = reason
     own['verdict'] = verdict
     own['accepted'] = accepted
     own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, accepted)

@@ -83,6 +83,33 @@ class Verdict(IntEnum):
     PASS = 4  # as it is: the sensor is at the end of its range
 
 
+class Reason(IntEnum):
+    """Why a verdict is what it is; `verdict_of` says which one it is."""
+
+    # ACCEPT
+    EXPECTED = 0  # within the limits
+    CROWDED = 1  # so many were held back of late that the doubt is wrong
+    RETURNED = 2  # back at the prediction from before those that were held back
+    CONSTANT = 3  # it has come so often that it is the rate
+    # HOLD
+    FAR = 4  # beyond both limits, and nothing shows that it is motion
+    ALL_ZERO = 5  # on all axes, and not as predicted: the sensor had nothing to report
+    # START_ANEW
+    REACHED = 6  # as far as a body can come since the last sample that was measured
+    PUSHED = 7  # the accelerometer was shaken by as much as the jump explains, or by a jolt before
+    JOLTED = 8  # the accelerometer has jumped, and the next sample is still away
+    CONFIRMED = 9  # a jump that only rest makes doubtful, and that the next sample confirms
+    GROWN = 10  # further away, as a motion is that has only begun
+    GROWN_AGAIN = 11  # further away for the second time
+    AGREED = 12  # more in a row agree than outliers do
+    HELD_LONGEST = 13  # no more are held back
+    CROWDED_WHILE_HELD = 14  # as CROWDED, with samples held back
+    # BRIDGE
+    REPEATED = 15  # the sensor has not measured since the sample before
+    # PASS
+    AT_LIMIT = 16  # at the end of the range
+
+
 class Circumstances(TypedDict):
     """What is known of a sample beside its rate on the axis at hand."""
 
@@ -229,8 +256,8 @@ def judge(
     typical_innovation: float,
     circumstances: Circumstances,
     limits: OutlierLimits,
-) -> Verdict:
-    """Return the verdict on a sample.
+) -> Reason:
+    """Return the reason for the verdict on a sample.
 
     Arguments in rad/s: the sample, its prediction, the last sample that was accepted, the typical
     size of an innovation.
@@ -240,7 +267,7 @@ def judge(
     jump = limits['threshold'] * typical_innovation
     held, jolted = doubt['held'], circumstances['jolted']
     if doubt['share_held'] > CROWDED and not dropout:
-        return Verdict.ACCEPT if held == 0 else Verdict.START_ANEW
+        return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     still = circumstances['still']
     least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
     doubtful = size > jump and size > least_jump
@@ -248,7 +275,7 @@ def judge(
         # An extrapolation says little: what a body can have come to meanwhile is no outlier.
         reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
         if abs(sample - accepted) <= reach:
-            return Verdict.START_ANEW if doubtful else Verdict.ACCEPT
+            return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
         # one, too.
@@ -256,13 +283,16 @@ def judge(
         shaken = shaken and (not still or size <= limits['least_jump'])
         knocked = circumstances['jolted_before'] or shaken
         if doubtful and knocked and not dropout and size < JOLT_LIMIT:
-            return Verdict.START_ANEW
-        return Verdict.HOLD if doubtful or dropout else Verdict.ACCEPT
+            return Reason.PUSHED
+        if dropout:
+            return Reason.ALL_ZERO
+        return Reason.FAR if doubtful else Reason.EXPECTED
     lasted = held >= limits['longest_hold']
     if dropout:
         # One more than other runs: two drop-outs of two samples each may follow each other.
-        longer = doubt['agreeing'] > limits['run']
-        return Verdict.START_ANEW if lasted or longer else Verdict.HOLD
+        if doubt['agreeing'] > limits['run']:
+            return Reason.AGREED
+        return Reason.HELD_LONGEST if lasted else Reason.ALL_ZERO
     offset = doubt['offset']
     same_side = innovation * offset > 0.0
     held_jump = limits['threshold'] * doubt['typical_innovation']
@@ -270,25 +300,39 @@ def judge(
     # Beyond the prediction on the other side it has come back as well: the prediction was off.
     away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
     if near and not away:
-        return Verdict.ACCEPT
+        return Reason.RETURNED
     change = abs(sample - doubt['last_sample'])
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = same_side and abs(offset) <= limits['least_jump'] and change < limits['growth_limit']
-    if small or (jolted and size < JOLT_LIMIT * (held + 1.0)):
-        return Verdict.START_ANEW
+    if small:
+        return Reason.CONFIRMED
+    if jolted and size < JOLT_LIMIT * (held + 1.0):
+        return Reason.JOLTED
     # Outliers do not go away further and further, as a body does that gains speed.
     if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):
-        return Verdict.START_ANEW
+        return Reason.GROWN_AGAIN
     grows = same_side and size > GROWTH * abs(offset)
     starts = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** EXTRAPOLATION_POWER
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
-        return Verdict.START_ANEW
+        return Reason.GROWN
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
-    if lasted or (alike and doubt['agreeing'] >= run):
+    if alike and doubt['agreeing'] >= run:
+        return Reason.AGREED
+    return Reason.HELD_LONGEST if lasted else Reason.FAR
+
+
+@kernel
+def verdict_of(reason: int) -> Verdict:
+    """Return the verdict that a `Reason` stands for."""
+    if reason >= Reason.AT_LIMIT:
+        return Verdict.PASS
+    if reason >= Reason.REPEATED:
+        return Verdict.BRIDGE
+    if reason >= Reason.REACHED:
         return Verdict.START_ANEW
-    return Verdict.HOLD
+    return Verdict.HOLD if reason >= Reason.FAR else Verdict.ACCEPT
 
 
 @kernel
