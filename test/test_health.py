@@ -486,7 +486,7 @@ def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switche
     assert statuses[10].message.startswith(text)
     assert statuses[10].values['Time since rest (s)'] == 'no rest yet'
     for axis in 'xyz':
-        deviation = float(statuses[10].values[f'Bias deviation (rad/s) {axis}'])
+        deviation = float(statuses[10].values[f'Deviation of the bias at rest (rad/s) {axis}'])
         assert deviation == pytest.approx(Parameters().bias_turn_on_deviation, rel=1e-3)
     assert (statuses[-1].level, statuses[-1].message) == (Level.OK, 'filtering')
     assert float(statuses[-1].values['Time since rest (s)']) < 1.0

@@ -45,7 +45,7 @@ def rates_of(messages):
 def bias_of(live):
     """Return the bias in rad/s that the node knows of, from its diagnostics."""
     found = values(diagnostics(live, lambda statuses: FILTER in statuses)[FILTER])
-    return np.array([float(found[f'Bias (rad/s) {axis}']) for axis in 'xyz'])
+    return np.array([float(found[f'Bias at rest (rad/s) {axis}']) for axis in 'xyz'])
 
 
 def deviations_of(messages):
@@ -238,7 +238,7 @@ def test_the_type_of_the_hint_changes_while_it_runs(fresh):
 def test_warmth_widens_the_bias(fresh, random):
     def deviation():
         found = values(diagnostics(fresh, lambda statuses: FILTER in statuses)[FILTER])
-        return float(found['Bias deviation (rad/s) x'])
+        return float(found['Deviation of the bias at rest (rad/s) x'])
 
     thermometer = fresh.node.create_publisher(Temperature, 'imu/temperature', 10)
     fresh.wait(lambda: thermometer.get_subscription_count() > 0, 'the node to listen')

@@ -203,7 +203,7 @@ def _forget_stillness(state: Bias) -> None:
 
 @kernel
 def bias_variance(state: Bias, axis: int) -> float:
-    """Return the variance of the bias at present, in (rad/s)^2."""
+    """Return the variance of the bias at rest by now, in (rad/s)^2."""
     return float(state['variance'][axis] + state['growth'])
 
 

@@ -62,14 +62,18 @@ class Filter:
 
     @property
     def bias_deviation(self) -> NDArray[np.float64]:
-        """The standard deviation of the bias at present, (3,) in rad/s."""
+        """The standard deviation of the bias at rest by now, (3,) in rad/s."""
         bias = self.state['bias']
         deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['growth'])
         return deviation
 
     @property
     def bias_shift(self) -> BiasShift:
-        """By how much the bias in motion is another one than that at rest."""
+        """By how much the bias in motion is another one than that at rest.
+
+        It leaves out what gravity shows, in motion, of the bias at rest itself: that is subtracted
+        in motion, too, but learned anew after each rest.
+        """
         shift, variance = np.empty((2, 3))
         commands.read_shift(self.record, shift, variance)
         return BiasShift(shift.tolist(), np.sqrt(variance).tolist())

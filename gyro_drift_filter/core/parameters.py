@@ -181,7 +181,8 @@ class Parameters:
         'forgetting_factor',
         'How much weight the adapted noise statistics keep from one update to the next (b of '
         'equation (13)): 0.98 remembers about 50 updates. sage_husa updates at every sample, '
-        'adaptive after every tenth of a second of rest. The paper uses 0.95 to 0.99.',
+        'adaptive after every half second of rest, as if that were five updates. The paper uses '
+        '0.95 to 0.99.',
         low=0.9,
         high=0.9999,
     )
@@ -248,7 +249,8 @@ class Parameters:
         80.0,
         'outlier.acceleration',
         'A sample is held back where its innovation is beyond both outlier.threshold and what the '
-        'body could reach in one sample period with this angular acceleration. For adaptive.',
+        'body could reach in one sample period with this angular acceleration. While the sensor '
+        'stands still, a smaller change is enough for the latter. For adaptive.',
         unit='rad/s^2',
         low=0.0,
         high=1.0e6,

@@ -35,10 +35,10 @@ class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
-    the bias does. Bias and its deviation are in rad/s; noise is a variance in (rad/s)^2, of the
-    last sample; period, rest_seconds and steady_seconds are in s, rest_seconds since the start
-    where segments is 0. resolution is in rad/s, 0 where there is none; faults are members of
-    `AxisFault`.
+    the bias does. Bias and its deviation are those at rest, in rad/s; noise is a variance in
+    (rad/s)^2, of the last sample; period, rest_seconds and steady_seconds are in s, rest_seconds
+    since the start where segments is 0. resolution is in rad/s, 0 where there is none; faults are
+    members of `AxisFault`.
     """
 
     samples: int
