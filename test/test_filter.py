@@ -234,25 +234,32 @@ def test_bridging_stays_near_and_ends_at_the_limit(method):
     assert abs(result['angular_velocity'][0] - 0.5) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'method'),
-    [
-        ('method', 'kalman', 'adaptive'),
-        ('forgetting_factor', 0.9, 'adaptive'),
-        ('forgetting_factor', 0.9, 'sage_husa'),
-        ('epsilon', 1e-6, 'kalman'),
-        ('outlier.enabled', False, 'adaptive'),
-        ('outlier.threshold', 100.0, 'adaptive'),
-        ('outlier.acceleration', 1e5, 'adaptive'),
-        ('outlier.run', 1, 'adaptive'),
-        ('sample_rate', 50.0, 'adaptive'),
-        ('gap_limit', 0.005, 'kalman'),
-        ('model.phi', (0.9, 0.9, 0.9), 'kalman'),
-        ('model.process_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
-        ('model.measurement_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
-        ('model.noise_deviation', (0.05, 0.05, 0.05), 'adaptive'),
-    ],
-)
+EFFECTS = [
+    ('method', 'kalman', 'adaptive'),
+    ('forgetting_factor', 0.9, 'adaptive'),
+    ('forgetting_factor', 0.9, 'sage_husa'),
+    ('epsilon', 1e-6, 'kalman'),
+    ('outlier.enabled', False, 'adaptive'),
+    ('outlier.threshold', 100.0, 'adaptive'),
+    ('outlier.acceleration', 1e5, 'adaptive'),
+    ('outlier.run', 1, 'adaptive'),
+    ('sample_rate', 50.0, 'adaptive'),
+    ('gap_limit', 0.005, 'kalman'),
+    ('model.phi', (0.9, 0.9, 0.9), 'kalman'),
+    ('model.process_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
+    ('model.measurement_noise', (1e-4, 1e-4, 1e-4), 'sage_husa'),
+    ('model.noise_deviation', (0.05, 0.05, 0.05), 'adaptive'),
+]
+
+
+def test_every_parameter_of_a_method_has_a_case():
+    """Those of other files' tests are about the bias, the calibration, counts and hints."""
+    elsewhere = ('bias.', 'calibration.', 'input.', 'motion_hint')
+    methods = {name for name in Parameters().names() if not name.startswith(elsewhere)}
+    assert {name for name, _, _ in EFFECTS} == methods
+
+
+@pytest.mark.parametrize(('name', 'value', 'method'), EFFECTS)
 def test_every_parameter_takes_effect_at_once(name, value, method):
     data = recording(3000)
     # The adaptive method learns its noise at rest: at the start, and where the bias is one.

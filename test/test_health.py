@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHODS, Method
+from gyro_drift_filter.core.methods import ADVICE, METHOD_NAMES, METHODS, Method
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
@@ -216,6 +216,18 @@ def test_health_of_a_sound_input():
     for key in ('Outliers', 'Process noise Q ((rad/s)^2)', 'Measurement noise R ((rad/s)^2)'):
         for axis in 'xyz':
             assert float(filter_.values[f'{key} {axis}']) >= 0
+
+
+@pytest.mark.parametrize('method', METHOD_NAMES)
+def test_health_says_how_long_the_noise_was_learned(method):
+    filter_ = MessageFilter(Parameters(method=method))
+    filter_all(filter_, simulated(1200))
+    values = Health().judge(filter_.report(), 12.0)[1].values
+    key = 'Rest the noise was learned from (s)'
+    if ADVICE[method].learns_noise:
+        assert all(float(values[f'{key} {axis}']) > 1.0 for axis in 'xyz')
+    else:
+        assert values[key] == 'not learned from rest'
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,9 @@ from hypothesis import strategies as st
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.report import pictures
 from gyro_drift_filter.report.figures import autocorrelation, reduced
 from gyro_drift_filter.report.page import LARGEST_PAGE, points_for
 from gyro_drift_filter.report.signals import Signals
@@ -35,6 +37,7 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 from support.bags import write
 from support.browser import check_quiet, opened, wait_for
 from support.chunks import imus_of, piece_of
+from support.paths import REPOSITORY
 
 EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
 
@@ -323,3 +326,13 @@ def test_what_the_bag_names_runs_nothing_in_a_browser(browser, tmp_path):
     heading = browser.execute_script("return document.querySelector('h1').textContent")
     assert EVIL in heading
     check_quiet(browser, tmp_path / 'page.html')
+
+
+def test_each_method_has_a_colour_of_its_own():
+    page = (REPOSITORY / 'gyro_drift_filter' / 'report' / 'page.js').read_text()
+    palettes = [
+        re.findall(r'#\w{6}', of_theme) for of_theme in re.findall(r'methods: \[(.*?)\]', page)
+    ]
+    assert len(palettes) == 2
+    for palette in (*palettes, pictures.METHODS):
+        assert len(set(palette)) > len(METHOD_NAMES)

@@ -363,3 +363,9 @@ def test_real_recordings(name, method, better):
     found = tune(recording, Parameters(method=method), budget=60)
     assert found.cost_best <= found.cost_before
     assert (found.cost_best < found.cost_before - LEAST_GAIN) == better
+
+
+def test_a_method_of_which_nothing_is_tuned_is_refused(monkeypatch):
+    monkeypatch.delitem(RANGES, 'kalman')
+    with pytest.raises(GyroDriftFilterError, match='no parameter of the method kalman is tuned'):
+        tune(None, Parameters(method='kalman'))

@@ -32,7 +32,8 @@ def add_parser(subcommands: Any) -> None:
         'simulate',
         help='make a bag with known truth',
         description="Simulate the paper's experiments: a motionless part, then a sinusoid with "
-        'isolated outliers and runs of them. The truth goes into a numpy archive beside the bag.',
+        'isolated outliers and runs of them. The truth goes into a numpy archive beside the bag: '
+        'the rates without noise and outliers, but with the bias.',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
     command.add_argument('--seed', type=int, default=default.seed, help='default %(default)s')

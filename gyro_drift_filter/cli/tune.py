@@ -31,8 +31,8 @@ from gyro_drift_filter.cli.result_files import as_plain, check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import printable, reason
+from gyro_drift_filter.tune.ranges import RANGES
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def add_parser(subcommands: Any) -> None:
         '--params', type=Path, help='ROS 2 parameter file to start from; what is not tuned stays'
     )
     command.add_argument(
-        '--method', choices=METHOD_NAMES, help='instead of that of --params, or adaptive'
+        '--method', choices=tuple(RANGES), help='instead of that of --params, or adaptive'
     )
     command.add_argument(
         '--truth',

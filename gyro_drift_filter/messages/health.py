@@ -179,7 +179,9 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
-        'Rest the noise was learned from (s)': span.noise_seconds,
+        'Rest the noise was learned from (s)': span.noise_seconds
+        if span.advice.learns_noise
+        else 'not learned from rest',
         'Bias at rest (rad/s)': state.bias,
         'Deviation of the bias at rest (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,

@@ -4,8 +4,8 @@
 (() => {
   const PARTS = 900, SHADES = 300;
   const OKABE_ITO = {
-    light: { raw: '#8a8a8a', methods: ['#0072b2', '#cc79a7', '#e69f00'], recorded: '#56b4e9', outlier: '#d55e00', rest: '#009e73', q: '#d55e00', r: '#0072b2', band: '#0072b2', deviation: '#0072b2', expected: '#1a1a1a', text: '#1a1a1a', grid: '#dcdcdc', back: '#ffffff' },
-    dark: { raw: '#8d949c', methods: ['#56b4e9', '#cc79a7', '#e69f00'], recorded: '#f0e442', outlier: '#ff8a3d', rest: '#009e73', q: '#ff8a3d', r: '#56b4e9', band: '#56b4e9', deviation: '#56b4e9', expected: '#f0e442', text: '#e8e8e8', grid: '#333a42', back: '#15181c' },
+    light: { raw: '#8a8a8a', methods: ['#0072b2', '#cc79a7', '#e69f00', '#6a51a3'], recorded: '#56b4e9', outlier: '#d55e00', rest: '#009e73', q: '#d55e00', r: '#0072b2', band: '#0072b2', deviation: '#0072b2', expected: '#1a1a1a', text: '#1a1a1a', grid: '#dcdcdc', back: '#ffffff' },
+    dark: { raw: '#8d949c', methods: ['#56b4e9', '#cc79a7', '#e69f00', '#9e9ac8'], recorded: '#f0e442', outlier: '#ff8a3d', rest: '#009e73', q: '#ff8a3d', r: '#56b4e9', band: '#56b4e9', deviation: '#56b4e9', expected: '#f0e442', text: '#e8e8e8', grid: '#333a42', back: '#15181c' },
   };
   const element = (name) => document.getElementById(name);
   const root = document.documentElement;
@@ -82,7 +82,7 @@
   const theme = () => printing ? OKABE_ITO.light : OKABE_ITO[root.dataset.theme];
   const colour = (role) => {
     const method = current().methods.indexOf(role);
-    return method >= 0 ? theme().methods[method % 3] : theme()[role];
+    return method >= 0 ? theme().methods[method % theme().methods.length] : theme()[role];
   };
   const soft = (hex, share) => hex + Math.round(255 * share).toString(16).padStart(2, '0');
 

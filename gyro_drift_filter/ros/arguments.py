@@ -42,7 +42,7 @@ Filter a gyroscope while the robot runs: drift, noise and outliers go, motion st
   -r __ns:=/robot1               run in a namespace; -r __node:=NAME gives another name
   --params-file FILE.yaml        parameters, as config/gyro_drift_filter.yaml
   -p method:=adaptive            how to filter: adaptive, kalman or sage_husa
-  -p bias.enabled:=true          whether the bias is learned at rest and taken off
+  -p bias.enabled:=true          whether the bias is subtracted; it is learned in any case
   -p sample_rate:=0.0            Hz, for a driver that does not stamp; 0 learns it from stamps
 
 All of these stand behind --ros-args. 'ros2 param describe /gyro_drift_filter NAME' explains a

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, Range, at_places
 from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, downhill, search
@@ -141,8 +141,12 @@ def tune(
         told: Called after each evaluation, with their number and what it may come to.
 
     Raises:
-        GyroDriftFilterError: The recording is too short.
+        GyroDriftFilterError: The recording is too short, or nothing of the method is tuned.
     """
+    if before.method not in RANGES:
+        raise GyroDriftFilterError(
+            f'no parameter of the method {before.method} is tuned, only of {", ".join(RANGES)}'
+        )
     dimensions = len(RANGES[before.method])
     budget = budget or BUDGET * dimensions
     most = budget + (2 * len(_STEPS) + dimensions) * dimensions

@@ -17,7 +17,7 @@
 Each method is a module with the same verbs, kernels that mostly take the records of one axis:
 
     derive               constants from the settings and the sample period
-    start                start at a sample: nothing else is known
+    start                start at a sample; what was learned of noise is kept
     predict              one sample period ahead
     coast                one sample period ahead where there is no sample to take in
     innovation_variance  what is expected of the sample before it is seen; above 0
@@ -31,9 +31,12 @@ third:
     coast for each sample that is missing before it; predict, or coast where it is no number
     innovation_variance; update, unless the sample is no number; estimate
 
-So the first sample goes through `predict` and `update`, too. Coefficients are those of the sample
+So the first sample goes through `predict` and `update`, too; the paper's methods begin with the
+second, so their branches ask whether the method is `starting`. Coefficients are those of the sample
 period before the step; where it has changed, `rescale` follows. The verbs at the end are for
-methods that need them.
+methods that need them: `rescale` for counts of samples, `is_noise_known` for noise that is learned,
+`change_model` for what parameters replace, and `take_over` for a start at the rate of another
+method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.

@@ -24,8 +24,9 @@ class Advice(NamedTuple):
         outliers: Where it diverged, or many samples count as outliers.
         large_innovations: Where innovations are much larger than it expects.
         small_innovations: Where they are far smaller than it expects.
-        learns_noise: Whether it learns its noise by itself where model.noise_deviation is 0, so
-            that it can't expect too much of it.
+        learns_noise: Whether it learns its noise from blocks of rest where model.noise_deviation is
+            0, as `adaptive` does, so that it can't expect too much of it; `Telemetry` has how many
+            blocks those were.
     """
 
     outliers: str = 'look at the raw rates'
