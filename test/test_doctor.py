@@ -227,10 +227,13 @@ def test_counts_that_are_coarse(found):
     assert faults(findings) == {'resolution'}
 
 
-def test_rates_at_the_end_of_the_range(found):
+@pytest.mark.parametrize('is_damaged', [False, True])
+def test_rates_at_the_end_of_the_range(found, is_damaged):
     simulation = handled()
-    findings = found(rates_of(simulation, np.clip(simulation.angular_velocity, -2.1, 2.1)))
-    assert faults(findings) == {'clipped'}
+    rates = np.clip(simulation.angular_velocity, -2.1, 2.1)
+    if is_damaged:
+        rates[500, 0] = 30.0  # of one message, beyond the end of the range
+    assert faults(found(rates_of(simulation, rates))) == {'clipped'}
 
 
 def test_the_top_of_a_turn_is_no_end_of_the_range(found):

@@ -18,8 +18,6 @@ import math
 from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.quantisation import SURE
@@ -204,7 +202,10 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         ({'clipped', 'degrees'}, fine('range', 'no rate is at the end of the range')),
         ({'truncated'}, cut),
         ({'low-pass'}, low_pass),
-        ({'outliers', 'diverged'}, fine('outliers', f'{int(np.sum(state.outliers))} outliers')),
+        (
+            {'outliers', 'diverged'},
+            fine('outliers', f'samples held back: {_of_axes(state.outliers)}'),
+        ),
         (
             {'gaps', 'restarted', 'backward', 'zero stamps', 'wrong rate'},
             fine(

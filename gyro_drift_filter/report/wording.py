@@ -64,7 +64,8 @@ def headline(verdict: Verdict) -> str:
             parts.append('the bias is taken off')
     if 'outliers' in verdict.gains:
         count = verdict.held_back.at_rest + verdict.held_back.in_motion
-        parts.append(f'{_counted(count, "outlier")} {_was(count)} held back')
+        what = 'an outlier' if count == 1 else 'outliers'
+        parts.append(f'{_counted(count, "sample")} {_was(count)} held back as {what}')
     return f'It helped: {_listed(parts)}.'
 
 
