@@ -30,7 +30,6 @@ from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
-from gyro_drift_filter.bags.statistics import RateStatistics, Statistics
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.mcap.message_kernels import ROW
@@ -86,11 +85,6 @@ class Summary:
         left_out: Topics of the input that were not copied, and why.
         outliers: Samples flagged, per axis (3,).
         unusable: Samples without a usable rate, per axis (3,).
-        raw: Statistics of the usable rates as they came.
-        filtered: Statistics of the same samples after the filter.
-        bias: (3,) in rad/s at the end.
-        bias_known: Log time since the first message of the recording in s from which it was known;
-            None where it never was.
         period: Sample period at the end, in s.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
@@ -105,10 +99,6 @@ class Summary:
     left_out: dict[str, str]
     outliers: NDArray[np.int64]
     unusable: NDArray[np.int64]
-    raw: Statistics
-    filtered: Statistics
-    bias: NDArray[np.float64]
-    bias_known: float | None
     period: float
     status: list[DiagnosticStatus]
     start: int
@@ -227,7 +217,6 @@ class TopicFilter:
         self._memory = None if memory is None else BiasMemory(memory, names.node, filter_)
         self._watcher = watcher(filter_)
         self._health = Health(names.node)
-        self._statistics = RateStatistics()
         temperature = names.temperature, TEMPERATURE_TYPE
         self._listened = {
             connection.id: connection.msgtype
@@ -258,10 +247,8 @@ class TopicFilter:
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
-        log_times = piece.rows['log_time'][imus['row']]
-        self._statistics.add(imus, log_times)
         if self._watcher is not None:
-            self._watcher.take(imus, log_times)
+            self._watcher.take(imus, piece.rows['log_time'][imus['row']])
         return self.messages.reports(notes)
 
     def save_memory(self) -> None:
@@ -299,8 +286,6 @@ class TopicFilter:
     ) -> Summary:
         """Return what was done, at the end of a recording that started then and lasted so long."""
         state, report = self.messages.filter.state, self.messages.report()
-        known_at = self._statistics.known_at
-        raw, filtered = self._statistics.rates()
         return Summary(
             topic=self.topic,
             output_topic=self._names.filtered,
@@ -310,10 +295,6 @@ class TopicFilter:
             left_out=left_out,
             outliers=state['counts']['outliers'].copy(),
             unusable=state['checks']['unusable'].copy(),
-            raw=raw,
-            filtered=filtered,
-            bias=state['bias']['bias'].copy(),
-            bias_known=None if known_at is None else (known_at - start) * 1e-9,
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node).judge(report, seconds, paced=False),

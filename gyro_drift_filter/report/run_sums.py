@@ -67,13 +67,15 @@ class RunSums(TypedDict):
 
     samples: int
     stamp: int  # of the last sample, ns
+    least: PerAxis  # raw rate, rad/s
+    largest: PerAxis  # the same
     seconds: float  # sum of the steps
     resting: bool
     rests: int
     rest_seconds: float
     known: bool  # whether the bias was learned at rest, or given as learned
-    known_at: int  # log time in ns of the sample from which on it was
-    first_bias: PerAxis  # of that sample, rad/s
+    rested_at: int  # log time in ns of the first sample at rest, if there were rests
+    first_bias: PerAxis  # of the sample from which on the bias was known, rad/s
     up: PerAxis  # direction in which gravity is felt, of length 1
     up_seconds: PerAxis  # its sum over time, s
     up_before: PerAxis  # the same before the bias was known
@@ -131,21 +133,27 @@ def add_run(
         step = (sample['stamp'] - sums['stamp']) * 1e-9
         if sums['samples'] == 0 or sample['stamp'] == 0 or step <= 0.0 or step > longest:
             step = period
+        for axis in range(3):
+            if sums['samples'] == 0 or raw[axis] < sums['least'][axis]:
+                sums['least'][axis] = raw[axis]
+            if sums['samples'] == 0 or raw[axis] > sums['largest'][axis]:
+                sums['largest'][axis] = raw[axis]
         sums['samples'] += 1
         sums['stamp'] = sample['stamp']
         sums['seconds'] += step
-        _add_heading(imu, step, log_times[i], sums)
+        if sums['rests'] == 0:
+            sums['rested_at'] = log_times[i]
+        _add_heading(imu, step, sums)
         _add_rest(imu, matrix, step, sums)
         _note_outlier(imu, log_times[i], sums)
 
 
 @kernel
-def _add_heading(imu: Imu, step: float, log_time: int, sums: RunSums) -> None:
+def _add_heading(imu: Imu, step: float, sums: RunSums) -> None:
     """Add what the bias turns about the vertical within a step in s."""
     result, force, up = imu['result'], imu['sample']['linear_acceleration'], sums['up']
     if result['at_rest'] > 0.0 and not sums['known']:
         sums['known'] = True
-        sums['known_at'] = log_time
         for axis in range(3):
             sums['first_bias'][axis] = result['bias'][axis]
     length = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])

@@ -250,7 +250,7 @@ class RunWatch:
         end_run(sums)
         filter_, total = self._filter, sums[0]
         rests = _rests(total)
-        bias = self._bias(run)
+        bias = self._bias(total, run)
         heading = self._heading(total, bias)
         held_back = _held_back(total['outliers'], run)
         gains = _gains(rests, bias, held_back, run)
@@ -280,12 +280,12 @@ class RunWatch:
             heading=heading,
             held_back=held_back,
             change_in_motion=np.sqrt(total['changed'] / moving) if moving else np.full(3, np.nan),
-            silent=[_why_silent(run, axis) for axis in range(3)],
+            silent=[_why_silent(total, run, axis) for axis in range(3)],
             lagging=lagging,
             findings=faults,
         )
 
-    def _bias(self, run: Run) -> Bias:
+    def _bias(self, total: Any, run: Run) -> Bias:
         filter_ = self._filter
         state = filter_.state['bias']
         source = BiasSource.UNKNOWN
@@ -299,7 +299,7 @@ class RunWatch:
             source,
             state['bias'].copy(),
             filter_.bias_deviation,
-            run.bias_known,
+            1e-9 * (int(total['rested_at']) - run.start) if total['rests'] else None,
             filter_.parameters.bias_enabled,
         )
 
@@ -365,12 +365,13 @@ def _gains(rests: Rests, bias: Bias, held_back: HeldBack, run: Run) -> list[str]
     return gains
 
 
-def _why_silent(run: Run, axis: int) -> str:
+def _why_silent(total: Any, run: Run, axis: int) -> str:
     """Return in words why an axis has no figures; empty where it has."""
-    if run.raw.count == 0:
+    samples, value = int(total['samples']), float(total['least'][axis])
+    if samples == 0:
         if run.unusable[axis] > 0:
             return 'no usable rate'
         return 'not reported' if run.not_reported else 'no figures'
-    if run.raw.count > 1 and run.raw.deviation[axis] == 0.0:
-        return f'dead, always {np.degrees(run.raw.mean[axis]):.4f}'
+    if samples > 1 and value == total['largest'][axis]:
+        return f'dead, always {np.degrees(value):.4f}'
     return ''

@@ -150,8 +150,6 @@ def messages():
         'written': file,
         'records': np.concatenate([data for data, _ in chunks]),
         'rows': np.array([row.tolist() for row in listed]),
-        'means': np.array([summary.raw.mean, summary.filtered.mean]),
-        'deviations': np.array([summary.raw.deviation, summary.filtered.deviation]),
         'counts': np.array([summary.received, summary.written, summary.not_reported]),
         'faults': np.array([imu['fault'].tolist() for imu in alone if imu['kind'] == 2]),
         'stamps': good['sample']['stamp'],
