@@ -423,11 +423,10 @@ def test_progress_tells_rate_and_time_left(terminal, monkeypatch, capsys):
     now = [0.0]
     monkeypatch.setattr(progress, 'is_terminal', lambda: terminal)
     monkeypatch.setattr(time, 'monotonic', lambda: now[0])
-    shown = progress.Progress(enabled=True)
-    for seconds, done in ((1.0, 100), (11.0, 1000), (12.0, 1100)):
-        now[0] = seconds
-        shown(done, 16_500)
-    shown.finish()
+    with progress.Progress(enabled=True) as shown:
+        for seconds, done in ((1.0, 100), (11.0, 1000), (12.0, 1100)):
+            now[0] = seconds
+            shown(done, 16_500)
     told = capsys.readouterr().err
     if not terminal:
         assert told == '6 % of 16500 messages, 91 a second, 2 min 50 s left\n'

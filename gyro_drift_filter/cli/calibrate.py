@@ -15,16 +15,15 @@
 """`gyro_drift calibrate`: scale and misalignment from a recording of turns by hand."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
-    as_plain,
     check_targets,
-    without_matplotlib,
+    write_json,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 
 # Exit status where entries are not known well: they are named.
 INCOMPLETE = 3
-_NEEDED = "calibration needs the Python package scipy ({}): install it with 'pip install scipy'"
 
 
 def add_parser(subcommands: Any) -> None:
@@ -82,17 +80,13 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the subcommand; return its exit status."""
-    try:
+    with needing('calibration', 'scipy'):
         from gyro_drift_filter.calibrate.calibration import calibrate
         from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.calibration_report import parameter_file, report
-    except ImportError as error:
-        raise GyroDriftFilterError(_NEEDED.format(error)) from error
     if options.plot:
-        try:
+        with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.calibration_figures import draw
-        except ImportError as error:
-            raise without_matplotlib(error) from error
     check_targets(
         {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
     )
@@ -106,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
         if options.json:
-            write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
+            write_json(options.json, result)
             written.append(options.json)
         if options.kalibr:
             of = result.accelerometer
@@ -170,11 +164,8 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
     from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
 
-    progress = Progress(enabled=True)
-    try:
+    with Progress(enabled=True) as progress:
         found = read_samples(bag, options.topic, between(options), None, progress)
-    finally:
-        progress.finish()
     if found.clock:
         tell(f'note: {bag}: the stamps are zero: the time is that of {found.clock}')
     reference = None

@@ -15,19 +15,18 @@
 """`gyro_drift doctor`: whether a recording can be trusted."""
 
 import argparse
-import json
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import as_plain, check_targets
+from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.errors import GyroDriftFilterError, printable
-from gyro_drift_filter.whole_file import write_whole
+from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
     from gyro_drift_filter.doctor.findings import Finding
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 FOUND = 3
 _WIDTH = 100
 _HEADS = {'sound': 'ok', 'fault': 'FAULT', 'unknown': '?'}
-_NEEDED = "the doctor needs the Python package scipy ({}): install it with 'pip install scipy'"
 
 
 def add_parser(subcommands: Any) -> None:
@@ -61,25 +59,21 @@ def run(options: argparse.Namespace) -> int:
     """Run the subcommand; return its exit status."""
     when = between(options)
     check_targets({'--json': options.json}, None)
-    try:
+    with needing('the doctor', 'scipy'):
         import scipy.signal  # noqa: F401
-    except ImportError as error:
-        raise GyroDriftFilterError(_NEEDED.format(error)) from error
     from gyro_drift_filter.doctor.examination import examine
     from gyro_drift_filter.doctor.findings import is_sound
     from gyro_drift_filter.recordings.examined import read_recording
 
     spare_linear_algebra()
     compile_first()
-    progress = Progress(enabled=True)
-    try:
+    with Progress(enabled=True) as progress:
         topic, examined = read_recording(options.bag, options.topic, when, progress)
-    finally:
-        progress.finish()
     findings = examine(examined)
     sound = is_sound(findings)
     if options.json:
-        write_whole(options.json, as_json(options.bag, topic, findings))
+        plain = {'bag': str(options.bag), 'topic': topic, 'sound': sound, 'findings': findings}
+        write_json(options.json, plain)
     say(page(f'{options.bag.absolute().name}, topic {topic}', findings))
     return 0 if sound else FOUND
 
@@ -100,12 +94,3 @@ def _wrapped(head: str, text: str) -> list[str]:
     return textwrap.wrap(
         printable(text), _WIDTH, initial_indent=f'{head:<6}', subsequent_indent=' ' * 6
     )
-
-
-def as_json(bag: Path, topic: str, findings: Sequence['Finding']) -> str:
-    """Return the same for programs."""
-    from gyro_drift_filter.doctor.findings import is_sound
-
-    found = {'sound': is_sound(findings), 'findings': as_plain(findings)}
-    plain = {'bag': str(bag), 'topic': topic} | found
-    return json.dumps(plain, indent=1, allow_nan=False) + '\n'

@@ -126,7 +126,6 @@ def run(options: argparse.Namespace) -> int | None:
     _make(output)
     if not options.quiet:
         compile_first()
-    progress = Progress(enabled=not options.quiet, unit='bags')
     workers = options.workers or len(os.sched_getaffinity(0))
     cluster = (
         cluster_at(options.scheduler)
@@ -136,15 +135,14 @@ def run(options: argparse.Namespace) -> int | None:
     with cluster as client:
         fleet = FleetRun(bags, job, Results(output / 'results', parameters), client)
         try:
-            fleet.run(progress)
+            with Progress(enabled=not options.quiet, unit='bags') as progress:
+                fleet.run(progress)
         except (KeyboardInterrupt, EndedBySignal) as error:
             tell(
                 f'gyro_drift fleet: interrupted; {fleet.reused + fleet.measured} of {len(bags)} '
                 'bags are kept: go on with --resume'
             )
             return 130 if isinstance(error, KeyboardInterrupt) else 128 + error.number
-        finally:
-            progress.finish()
     write_table(output / TABLE, fleet.rows())
     if not options.quiet:
         known = f', {fleet.reused} of them known from before' if fleet.reused else ''

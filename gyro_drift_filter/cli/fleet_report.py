@@ -15,7 +15,6 @@
 """`gyro_drift fleet-report`: one page on a fleet."""
 
 import argparse
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,7 +23,7 @@ from urllib.parse import quote
 
 from gyro_drift_filter.cli.fleet import NEEDED, TABLE
 from gyro_drift_filter.cli.printing import say
-from gyro_drift_filter.cli.result_files import as_plain, check_targets
+from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_json
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 from gyro_drift_filter.whole_file import write_whole
@@ -74,7 +73,7 @@ def run(options: argparse.Namespace) -> None:
         return quote(os.path.relpath(path.absolute(), page_folder)) if path.exists() else ''
 
     if options.json:
-        write_whole(options.json, _as_json(sensors))
+        write_json(options.json, {'sensors': [_plain(sensor) for sensor in sensors]})
     write_whole(options.output, fleet_page(sensors, failures, link))
     say(f'{ranking_text(sensors)}\n\nwrote {options.output}')
 
@@ -101,19 +100,15 @@ def ranking_text(sensors: Sequence['Sensor']) -> str:
     return table(rows) if len(rows) > 1 else 'no sensor gets worse'
 
 
-def _as_json(sensors: Sequence['Sensor']) -> str:
-    plain = [
-        {
-            'robot': sensor.robot,
-            'topic': sensor.topic,
-            'frame_id': sensor.frame,
-            'size': sensor.size,
-            'bags': len(sensor.bags),
-            'changes': [
-                as_plain(change) | {'since': sensor.bags[change.since]['start']}
-                for change in sensor.changes
-            ],
-        }
-        for sensor in sensors
-    ]
-    return json.dumps({'sensors': plain}, indent=1, allow_nan=False) + '\n'
+def _plain(sensor: 'Sensor') -> dict[str, Any]:
+    return {
+        'robot': sensor.robot,
+        'topic': sensor.topic,
+        'frame_id': sensor.frame,
+        'size': sensor.size,
+        'bags': len(sensor.bags),
+        'changes': [
+            as_plain(change) | {'since': sensor.bags[change.since]['start']}
+            for change in sensor.changes
+        ],
+    }

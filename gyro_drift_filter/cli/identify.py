@@ -15,29 +15,22 @@
 """`gyro_drift identify`: a parameter file from a motionless recording."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (
-    as_plain,
     check_targets,
-    without_matplotlib,
+    write_json,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.cli.identification_samples import Samples
-
-_NEEDED = (
-    'identification needs the Python packages scipy, statsmodels and allantools ({}): install them '
-    "with 'pip install scipy statsmodels allantools'"
-)
 
 
 def add_parser(subcommands: Any) -> None:
@@ -108,24 +101,19 @@ def _order(text: str) -> tuple[int, int]:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    try:
+    with needing('identification', 'scipy', 'statsmodels', 'allantools'):
         from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
-    except ImportError as error:
-        raise GyroDriftFilterError(_NEEDED.format(error)) from error
     if options.plot:
-        try:
+        with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.identification_figures import draw
-        except ImportError as error:
-            raise without_matplotlib(error) from error
     check_targets(
         {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
     )
-    progress = Progress(enabled=True)
-    try:
+    with Progress(enabled=True) as progress:
         samples = read_samples(
             options.bag,
             options.topic,
@@ -133,8 +121,6 @@ def run(options: argparse.Namespace) -> None:
             options.sample_rate,
             progress,
         )
-    finally:
-        progress.finish()
     result = identify(
         samples.stamps,
         samples.rates,
@@ -147,7 +133,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         write_whole(options.output, parameter_file(result, source, options.noise))
         if options.json:
-            write_whole(options.json, json.dumps(as_plain(result), indent=1) + '\n')
+            write_json(options.json, result)
             written.append(options.json)
         if options.kalibr:
             write_whole(options.kalibr, to_kalibr(noise_of(result), samples.topic))

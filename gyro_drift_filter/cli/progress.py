@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Self
 
 from gyro_drift_filter.accelerate.kernels import has_to_compile
 from gyro_drift_filter.cli.printing import is_terminal, tell
@@ -56,7 +57,11 @@ class Progress:
         tell(f'\r{text}\x1b[K' if self._terminal else text, end='' if self._terminal else '\n')
         self._shown = True
 
-    def finish(self) -> None:
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Clear the line."""
         if self._shown and self._terminal:
             tell('\r\x1b[K', end='')

@@ -26,12 +26,11 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.cli.verdict_file import as_json
+from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
-from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
@@ -123,7 +122,7 @@ def run(options: argparse.Namespace) -> None:
         watches[topic] = RunWatch(filter_)
         return watches[topic]
 
-    try:
+    with progress:
         summaries = replay(
             options.bag,
             options.output,
@@ -142,8 +141,6 @@ def run(options: argparse.Namespace) -> None:
             force=options.force,
             watch=Watch(progress, watched),
         )
-    finally:
-        progress.finish()
     for summary in summaries:
         of_topic = f'{printable(summary.topic)}: ' if len(summaries) > 1 else ''
         for status in summary.status:
@@ -153,7 +150,7 @@ def run(options: argparse.Namespace) -> None:
         tell(f'note: left out {printable(topic)}: {reason}')
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
     if options.json:
-        write_whole(options.json, as_json([(options.bag, verdicts)]))
+        write_verdicts(options.json, [(options.bag, verdicts)])
     if not options.quiet:
         pages = [describe(verdict) for verdict in verdicts]
         say('\n\n'.join(pages) + f'\nwrote {options.output}')

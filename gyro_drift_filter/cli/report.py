@@ -21,28 +21,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
     check_targets,
-    without_matplotlib,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.cli.verdict_file import as_json
+from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.report.page import Recording
 
-_NEEDED = (
-    'the report needs the Python packages plotly, tsdownsample, scipy and allantools ({}): install '
-    "them with 'pip install plotly tsdownsample scipy allantools'"
-)
 # What the recording holds and what the filter makes of it are the same up to here.
 _ALL = 1.0
 
@@ -88,18 +83,14 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     start, end = between(options)
     check_targets({'--output': options.output, '--json': options.json}, options.png, '--png')
-    try:
+    with needing('the report', 'plotly', 'tsdownsample', 'scipy', 'allantools'):
         import allantools  # noqa: F401
         import plotly  # noqa: F401
         import scipy.fft  # noqa: F401
         import tsdownsample  # noqa: F401
-    except ImportError as error:
-        raise GyroDriftFilterError(_NEEDED.format(error)) from error
     if options.png:
-        try:
+        with needing('--png', 'matplotlib'):
             import matplotlib as mpl  # noqa: F401
-        except ImportError as error:
-            raise without_matplotlib(error, '--png') from error
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
@@ -118,7 +109,7 @@ def run(options: argparse.Namespace) -> None:
     verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
     if options.json:
         bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
-        write_whole(options.json, as_json(bags))
+        write_verdicts(options.json, bags)
     write_whole(options.output, page(recordings))
     if not options.quiet:
         texts = [
@@ -140,11 +131,8 @@ def _recording(
     from gyro_drift_filter.report.figures import Drawer, roles
     from gyro_drift_filter.report.page import Recording, points_for
 
-    progress = Progress(enabled=not options.quiet)
-    try:
+    with Progress(enabled=not options.quiet) as progress:
         filtered = filter_recording(bag, parameters, selection, progress)
-    finally:
-        progress.finish()
     notes, recorded = [], filtered.recorded
     if recorded is not None and recorded.same == _ALL:
         notes.append('Its own filtered topic is what the filter makes here, bit for bit.')

@@ -15,6 +15,7 @@
 """Files that results are written to: looked at before the work."""
 
 import dataclasses
+import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.whole_file import write_whole
 
 _PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
 # Arrays as long as the recording are left out of the JSON.
@@ -71,19 +73,20 @@ def check_targets(
     _check_writable(above)
 
 
-def without_matplotlib(error: ImportError, option: str = '--plot') -> GyroDriftFilterError:
-    """Return what to say where the option for pictures lacks its library."""
-    return GyroDriftFilterError(
-        f"{option} needs the Python package matplotlib ({error}): install it with 'pip install "
-        "matplotlib'"
-    )
-
-
 def _check_writable(folder: Path) -> None:
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write what `as_plain` makes of a value; what is not known is null.
+
+    Raises:
+        GyroDriftFilterError: It can't be written.
+    """
+    write_whole(path, json.dumps(as_plain(value), indent=1, allow_nan=False) + '\n')
 
 
 def as_plain(value: Any) -> Any:

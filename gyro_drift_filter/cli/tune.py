@@ -15,7 +15,6 @@
 """`gyro_drift tune`: a parameter file with the settings worth changing for one robot."""
 
 import argparse
-import json
 import math
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,10 +23,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import as_plain, check_targets
+from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
@@ -37,8 +37,6 @@ from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.tune.tuning import Tuning
-
-_NEEDED = "tuning needs the Python package scipy ({}): install it with 'pip install scipy'"
 
 
 def add_parser(subcommands: Any) -> None:
@@ -87,11 +85,9 @@ def run(options: argparse.Namespace) -> None:
     if options.seed < 0:
         raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
     check_targets({'-o': options.output, '--json': options.json}, None)
-    try:
+    with needing('tuning', 'scipy'):
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
-    except ImportError as error:
-        raise GyroDriftFilterError(_NEEDED.format(error)) from error
     from gyro_drift_filter.cli.identification_samples import read_samples
 
     parameters = read_parameters(options.params) if options.params else Parameters()
@@ -99,11 +95,8 @@ def run(options: argparse.Namespace) -> None:
         parameters = parameters.with_names({'method': options.method})
     if not options.quiet:
         compile_first()
-    progress = Progress(enabled=not options.quiet)
-    try:
+    with Progress(enabled=not options.quiet) as progress:
         samples = read_samples(options.bag, options.topic, between(options), None, progress)
-    finally:
-        progress.finish()
     stamps = np.asarray(samples.stamps)
     material = Material(
         stamps,
@@ -111,17 +104,14 @@ def run(options: argparse.Namespace) -> None:
         np.column_stack([np.asarray(column) for column in samples.accelerations]),
         None if options.truth is None else _truth(options.bag, options.truth, stamps),
     )
-    progress = Progress(enabled=not options.quiet, unit='runs of the filter')
-    try:
+    with Progress(enabled=not options.quiet, unit='runs of the filter') as progress:
         tuning = tune(
             material, parameters, seconds=options.seconds, seed=options.seed, told=progress
         )
-    finally:
-        progress.finish()
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
     write_whole(options.output, parameter_file(tuning, source))
     if options.json:
-        write_whole(options.json, json.dumps(as_plain(tuning), indent=1, allow_nan=False) + '\n')
+        write_json(options.json, tuning)
     if not options.quiet:
         say(report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}')
     if samples.clock:
