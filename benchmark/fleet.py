@@ -50,7 +50,7 @@ from gyro_drift_filter.fleet.measuring import Job, measure
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.run import FleetRun
 from gyro_drift_filter.fleet.sources import Bag, find_bags
-from gyro_drift_filter.simulation.fleet import Fault, FleetSettings, robot_name, write_fleet
+from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
 
 _ROUNDS = 3
 _LIMIT = 2 * 10**9

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the demo, the benchmark and the tests share to run the package from outside."""
+"""What the demo, the benchmark and the tests share: the real node, and a simulated fleet."""

@@ -24,8 +24,8 @@ from gyro_drift_filter.calibrate.exchange import Noise, from_kalibr, to_kalibr
 from gyro_drift_filter.core import Filter, ParameterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.simulation.handling import simulate_handling
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
+from support.handling import simulate_handling
 
 # In rad/s per m/s^2: 0.1 deg/s for 1 g and less, as data sheets have it.
 SENSITIVITY = 1e-4 * np.array([[0.1, 0.5, 0.9], [-2.0, 0.04, 1.4], [-1.0, -1.2, 0.3]])

@@ -42,7 +42,7 @@ from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
-from gyro_drift_filter.simulation.fleet import Fault, FleetSettings, robot_name, write_fleet
+from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
 from support.fleets import SECRET, cluster, run_fleet
 
 JOB = Job(Parameters())

@@ -23,7 +23,7 @@ import pytest
 from distributed import Client
 
 from gyro_drift_filter.cli.main import main
-from gyro_drift_filter.simulation.fleet import FleetSettings, write_fleet
+from harness.fleet_recordings import FleetSettings, write_fleet
 from support.fleets import SECRET, cluster, rows_without, run_fleet
 
 pytestmark = pytest.mark.slow

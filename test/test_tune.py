@@ -30,13 +30,13 @@ from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
 from gyro_drift_filter.tune import tuning
 from gyro_drift_filter.tune.objective import Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, at_places
 from gyro_drift_filter.tune.search import TimeIsUpError
 from gyro_drift_filter.tune.tuning import LEAST_GAIN, _Run, tune
 from support.bags import write
+from support.handling import HandlingSettings, simulate_handling
 from support.paths import RECORDINGS
 
 TURNING = SimulationSettings(seed=3, static_seconds=6.0, dynamic_seconds=6.0)

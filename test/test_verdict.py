@@ -32,10 +32,10 @@ from gyro_drift_filter.report.verdict import RunWatch
 from gyro_drift_filter.report.wording import as_text, headline
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
 from gyro_drift_filter.simulation.sensor import START
 from support.bags import write
 from support.chunks import imus_of, piece_of
+from support.handling import HandlingSettings, simulate_handling
 from support.sensor import at_rest, by_hand
 
 DEGREE = np.pi / 180

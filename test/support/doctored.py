@@ -25,7 +25,7 @@ from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import Simulation
-from gyro_drift_filter.simulation.handling import HandlingSettings, simulate_handling
+from support.handling import HandlingSettings, simulate_handling
 
 SETTINGS = HandlingSettings(motions=2)
 
