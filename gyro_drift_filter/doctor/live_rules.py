@@ -17,6 +17,10 @@
 import math
 from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.parameters import AXES
@@ -52,7 +56,7 @@ class Applied:
 
 @dataclass
 class RuleLog:
-    """Which rules applied at the reports, about one a second.
+    """Watches a filter: which rules applied at its reports, about one a second.
 
     Attributes:
         applied: By name.
@@ -64,7 +68,10 @@ class RuleLog:
     last: Span | None = None
     seconds: float = 0.0
 
-    def add(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages, of which rules say nothing."""
+
+    def judge(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
         """Take a report in: its span, the rules that apply, and the time since the one before."""
         for rule in rules:
             if rule.level == Level.OK or rule.name in _LEFT_OUT:

@@ -14,7 +14,7 @@
 
 """The recording that the doctor examines: through the filter once, and kept in files."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,6 @@ from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.doctor.reference import Reference
 from gyro_drift_filter.identify.series import Stored
-from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
 
 # Where the covariances start among the doubles of an Imu: those of QUANTITIES.
@@ -71,17 +70,6 @@ class _Orientations:
         return Reference(self.name, self._stamps, self._columns, self.own)
 
 
-class _RuleWatcher(RuleLog):
-    """Watches a filter for the rules that apply to its reports."""
-
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
-        """See messages, of which rules say nothing."""
-
-    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
-        """See which rules apply to a report, so many s after the one before."""
-        self.add(span, rules, seconds)
-
-
 class Reading:
     """One pass through a recording for one Imu topic: all that there is to be examined.
 
@@ -102,7 +90,7 @@ class Reading:
         self.is_imu = np.zeros(by_connection(recording), np.bool_)
         self.is_imu[[connection.id for connection in connections]] = True
         self.connections = len(connections)
-        self._rules = _RuleWatcher()
+        self._rules = RuleLog()
         parameters = Parameters(input_quantisation='none')
         self.filter = TopicFilter(
             recording, parameters, topic, names, None, watcher=lambda filter_: self._rules

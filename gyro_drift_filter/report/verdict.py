@@ -236,7 +236,7 @@ class RunWatch:
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """See which rules apply to a report, so many s after the one before."""
-        self._rules.add(span, rules, seconds)
+        self._rules.judge(span, rules, seconds)
         if any(rule.name == 'large innovations' for rule in rules):
             self._lagging += seconds
         state = span.now.telemetry

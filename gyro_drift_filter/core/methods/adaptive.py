@@ -35,7 +35,6 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import rotation_terms
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.mode_set import (
-    LANES,
     MODES,
     Derivation,
     ModeSet,
@@ -694,7 +693,7 @@ def _combine_modes(
     # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
     unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
     origin = rate[MODES - 1]
-    for j in range(LANES):
+    for j in range(MODES):
         distance = rate[j] - origin
         own = error[j] + lag[j] * unseen if growth == 0.0 else (ratio[j] - 1.0) * growth
         means[j] = probability[j] * distance
@@ -707,15 +706,14 @@ def _combine_modes(
 
 
 # The loops below are cut so that compilers turn them into vector instructions: what can be done in
-# each mode apart from what goes from mode to mode, and sums by `_sum`. They go over LANES where
-# what is beyond MODES stays zero.
+# each mode apart from what goes from mode to mode, and sums by `_sum`.
 
 
 @kernel
 def _sum(values: PerMode) -> float:
     """Return the sum over the modes: four sums side by side, as each waits for its last term."""
     a = b = c = d = 0.0
-    for j in range(0, LANES, 4):
+    for j in range(0, MODES, 4):
         a += values[j]
         b += values[j + 1]
         c += values[j + 2]
@@ -727,13 +725,11 @@ def _sum(values: PerMode) -> float:
 def _largest(values: PerMode) -> float:
     """Return the largest value over the modes, as `_sum` does."""
     a = b = c = d = values[0]
-    for j in range(0, MODES - 3, 4):
+    for j in range(0, MODES, 4):
         a = max(a, values[j])
         b = max(b, values[j + 1])
         c = max(c, values[j + 2])
         d = max(d, values[j + 3])
-    for j in range(MODES - MODES % 4, MODES):
-        a = max(a, values[j])
     largest: float = max(max(a, b), max(c, d))
     return largest
 
@@ -759,7 +755,7 @@ def _mix(
     from_below, from_above = workspace['from_below'], workspace['from_above']
     stay, up_first = transitions['stay'], transitions['up_first']
     down_first, down_further = transitions['down_first'], transitions['down_further']
-    for j in range(LANES):
+    for j in range(MODES):
         weight = probability[j]
         held[j, 0] = weight
         held[j, 1] = weight * rate[j]
@@ -789,7 +785,7 @@ def _mix(
         from_above[k, 1] = down_rate
         from_above[k, 2] = down_acceleration
         from_above[k, 3] = down_jerk
-    for j in range(LANES):
+    for j in range(MODES):
         prior[j] = held[j, 0] * stay[j] + from_below[j, 0] + from_above[j, 0]
         share = 1.0 / max(prior[j], SMALLEST)
         mixed_rate[j] = (held[j, 1] * stay[j] + from_below[j, 1] + from_above[j, 1]) * share
@@ -821,7 +817,7 @@ def _predict_modes(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
     sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
     origin = rate[MODES - 1]
-    for j in range(LANES):
+    for j in range(MODES):
         predicted_noise = correlation * (sample - rate[j])
         rate[j] += acceleration[j]
         expected[j] = rate[j] + predicted_noise
@@ -859,7 +855,7 @@ def _predict_variances(
     of_noise[2] = correlation
     error, noise_ratio = workspace['error'], modes['noise_ratio']
     whole, alike = largest_variance(noise), noise['correlation']
-    for j in range(LANES):
+    for j in range(MODES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
         known = correlation * left
@@ -891,7 +887,7 @@ def _correct(
     half_precision, density = workspace['half_precision'], workspace['density']
     least = modes['least_probability']
     share = 1.0 / steps
-    for j in range(LANES):
+    for j in range(MODES):
         innovation = sample - predicted_rate[j]
         rate[j] = predicted_rate[j] + gain_rate[j] * innovation
         acceleration[j] = predicted_acceleration[j] + gain_acceleration[j] * innovation * share
@@ -899,10 +895,10 @@ def _correct(
         surprise = sample - expected[j]
         probability[j] = -(surprise * surprise * half_precision[j])
     largest = _largest(probability)
-    for j in range(LANES):
+    for j in range(MODES):
         probability[j] = prior[j] * density[j] * _exponential(probability[j] - largest)
     whole = 1.0 / _sum(probability)
-    for j in range(LANES):
+    for j in range(MODES):
         probability[j] = max(probability[j] * whole, least[j])
 
 

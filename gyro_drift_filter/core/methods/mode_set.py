@@ -48,9 +48,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.matrices import Matrix, invert, multiply, multiply_transposed
 
-MODES = 24
-# Arrays over the modes fill vector registers; what is beyond MODES has no part in anything.
-LANES = 24
+MODES = 24  # a multiple of four: arrays over the modes fill vector registers
 
 # The slowest mode averages over this time in s: a longer one would lag behind a slow turn in strong
 # noise. The fastest mode follows changes of FASTEST ** 3 times the noise per sample.
@@ -87,9 +85,9 @@ NOISE_SHARE = 0.8
 
 LEAST_PROBABILITY = 1e-30  # of a mode
 
-PerMode = Annotated[NDArray[np.float64], np.float64, (LANES,)]
+PerMode = Annotated[NDArray[np.float64], np.float64, (MODES,)]
 # By mode: of probability, rate, acceleration and jerk, side by side as all are moved alike.
-Terms = Annotated[NDArray[np.float64], np.float64, (LANES, 4)]
+Terms = Annotated[NDArray[np.float64], np.float64, (MODES, 4)]
 
 
 class Transition(IntEnum):
@@ -181,8 +179,6 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['gain_jerk'][j] = covariance[0, 2] / innovation
         scratch['acceleration_error'][j] = _error(covariance, 1, innovation)
         scratch['jerk_error'][j] = _error(covariance, 2, innovation)
-    for j in range(MODES, LANES):
-        modes['innovation_ratio'][j] = 1.0
     _derive_kept_motion(modes, scratch)
     ratio, up_further = modes['innovation_ratio'], modes['up_further']
     up_further[0] = UP_FURTHER
