@@ -15,10 +15,13 @@
 """The benchmarks say what they are at, and fail where a bar does not hold."""
 
 import pytest
+from scipy.linalg import solve_discrete_are
+from scipy.signal import lfilter
 
 pytest.importorskip('filterpy', reason="the benchmark's other filters are not installed")
 
 from benchmark import drivers, quality, speed
+from benchmark.limits import Trial, left_by_best
 from support.paths import REPOSITORY
 
 
@@ -50,3 +53,14 @@ def test_make_asks_for_it():
     makefile = (REPOSITORY / 'Makefile').read_text()
     assert 'benchmark.quality --check' in makefile
     assert 'benchmark.drivers --check' in makefile
+
+
+def test_the_best_linear_filter_is_that_of_kalman_where_both_are(random):
+    """Of a signal by one state, Wiener's filter leaves what the Riccati equation says."""
+    phi, n = 0.9, 300_000
+    truth = lfilter([1.0], [1.0, -phi], random.standard_normal((n, 3)), axis=0)
+    noise = 2.0 * random.standard_normal((n, 3))
+    trial = Trial('', 100.0, truth, truth, noise, [(0, n)])
+    predicted = float(solve_discrete_are([[phi]], [[1.0]], [[1.0]], [[4.0]])[0, 0])
+    expected = predicted * 4.0 / (predicted + 4.0)
+    assert left_by_best(trial, trial.rests, 100) / (3 * n) == pytest.approx(expected, rel=0.01)

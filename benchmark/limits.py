@@ -1,0 +1,188 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a filter can leave of the noise at rest, where the reference has noise of its own.
+
+    python -m benchmark.limits --data FOLDER [--noise SCALE] [--seed N]
+
+FOLDER holds real recordings (this package has none of them): in motion/ the rates of a gyroscope in
+the hand, with the samples at rest; in static/ those of another one that stands, whose noise times
+SCALE is added. What the first gyroscope measured is the truth, so its own noise counts as motion.
+The table says of each recording, and of the same begun in motion, what part of the added noise is
+left at rest, as root mean square:
+
+    filter      by this filter
+    constant    by the mean rate of each rest, known in hindsight
+    best        by the best causal linear filter of each recording (Wiener), given the
+                autocovariances of truth and noise
+    of 1.28 s   by the best one of each 1.28 s, which knows when the body comes to rest
+"""
+
+import argparse
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import correlate
+
+from benchmark.scenarios import stamps
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 12_000
+_COEFFICIENTS = 300
+# Of a window of 1.28 s there are fewer autocovariances, and no more than that.
+_WINDOW, _COEFFICIENTS_OF_WINDOW = 128, 30
+_LEAST_REST = 10.0  # s
+
+
+class Trial(NamedTuple):
+    """A recording with noise that is known.
+
+    Attributes:
+        name: Of the recording.
+        rate: In Hz.
+        truth: (n, 3) in rad/s.
+        accelerations: (n, 3) in m/s^2.
+        noise: (n, 3) to be added, in rad/s.
+        rests: First sample of each rest, and that behind its last one.
+    """
+
+    name: str
+    rate: float
+    truth: Array
+    accelerations: Array
+    noise: Array
+    rests: list[tuple[int, int]]
+
+
+def trials(folder: Path, scale: float, random: np.random.Generator) -> Iterator[Trial]:
+    """Yield the recordings with enough rest, each from its start and from within its motion."""
+    source = np.load(next(iter(sorted((folder / 'static').glob('*.npz')))))['rate'].astype(float)
+    noise = scale * (source - source.mean(axis=0))
+    for path in sorted((folder / 'motion').glob('*.npz')):
+        data = np.load(path)
+        rate, rest = float(data['fs']), data['rest']
+        in_motion = int(np.argmin(rest) + 10.0 * rate)
+        for start, name in ((0, path.stem), (in_motion, f'{path.stem}, begun in motion')):
+            part = slice(start, start + _SAMPLES)
+            truth, forces = (data[key][part].astype(float) for key in ('rate', 'acc'))
+            if rest[part].sum() < _LEAST_REST * rate:
+                continue
+            first = random.integers(0, len(noise) - len(truth))
+            added = noise[first : first + len(truth)]
+            edges = np.flatnonzero(np.diff(rest[part], prepend=False, append=False))
+            rests = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+            yield Trial(name, rate, truth, forces, added, rests)
+
+
+def left_by_filter(trial: Trial) -> float:
+    """Return what this filter leaves, as part of the noise."""
+    rates = trial.truth + trial.noise
+    results = Filter().run(stamps(len(rates), trial.rate), rates, trial.accelerations)
+    errors = results['angular_velocity'] - trial.truth
+    return _share((errors[first:end] for first, end in trial.rests), trial)
+
+
+def left_by_constant(trial: Trial) -> float:
+    """Return what the mean rate of each rest leaves, as part of the noise."""
+    return _share(_about_means(trial, trial.rests), trial)
+
+
+def left_by_best(trial: Trial, parts: Sequence[tuple[int, int]], coefficients: int) -> float:
+    """Return what the best causal linear filters of all parts of the rests leave together.
+
+    Args:
+        trial: The recording.
+        parts: First sample of each, and that behind its last one; those of one list share a filter.
+        coefficients: Of each filter.
+    """
+    left = 0.0
+    for axis in range(3):
+        signals = [part[:, axis] for part in _about_means(trial, parts)]
+        signal = autocovariances(signals, coefficients)
+        noise = autocovariances([trial.noise[:, axis]], coefficients)
+        best = solve_toeplitz(signal + noise, signal)  # the equations of Wiener and Hopf
+        left += sum(map(len, signals)) * (signal[0] - float(signal @ best))
+    return left
+
+
+def autocovariances(parts: Sequence[Array], count: int) -> Array:
+    """Return the first autocovariances (count,) over parts (n,) of zero mean."""
+    total = np.zeros(count)
+    for part in parts:
+        some = correlate(part, part)[len(part) - 1 :][:count]
+        total[: len(some)] += some
+    return total / sum(map(len, parts))
+
+
+def _about_means(trial: Trial, parts: Iterable[tuple[int, int]]) -> Iterator[Array]:
+    for first, end in parts:
+        yield trial.truth[first:end] - trial.truth[first:end].mean(axis=0)
+
+
+def _share(errors: Iterable[Array], trial: Trial) -> float:
+    return float(np.sqrt(sum(np.sum(np.square(part)) for part in errors) / _noise_at_rest(trial)))
+
+
+def _noise_at_rest(trial: Trial) -> float:
+    return float(sum(np.sum(np.square(trial.noise[first:end])) for first, end in trial.rests))
+
+
+def _windows(rests: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Yield the windows that rests are cut into, without those that are too short."""
+    for first, end in rests:
+        for start in range(first, end - _COEFFICIENTS_OF_WINDOW, _WINDOW):
+            yield start, min(start + _WINDOW, end)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--data', type=Path, required=True, metavar='FOLDER')
+    parser.add_argument('--noise', type=float, default=0.1, help='default %(default)s')
+    parser.add_argument('--seed', type=int, default=0, help='default %(default)s')
+    options = parser.parse_args()
+    names, found = [], []
+    for trial in trials(options.data, options.noise, np.random.default_rng(options.seed)):
+        whole = left_by_best(trial, trial.rests, _COEFFICIENTS)
+        by_window = sum(
+            left_by_best(trial, [window], _COEFFICIENTS_OF_WINDOW)
+            for window in _windows(trial.rests)
+        )
+        names.append(trial.name)
+        found.append(
+            [
+                left_by_filter(trial),
+                left_by_constant(trial),
+                *np.sqrt(np.array([whole, by_window]) / _noise_at_rest(trial)),
+            ]
+        )
+    rows = [['', 'filter', 'constant', 'best', 'of 1.28 s']]
+    rows += [
+        [name, *map('{:.3f}'.format, figures)] for name, figures in zip(names, found, strict=True)
+    ]
+    rows.append(['median', *map('{:.3f}'.format, np.median(found, axis=0))])
+    print(table(rows))
+
+
+if __name__ == '__main__':
+    main()
