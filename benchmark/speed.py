@@ -314,7 +314,7 @@ def main() -> int:
     options = parser.parse_args()
     _be_warm()
     figures: list[Figure] = []
-    with tempfile.TemporaryDirectory(dir=ROOT) as folder, live.in_repository():
+    with tempfile.TemporaryDirectory(prefix='.bench_', dir=ROOT) as folder, live.in_repository():
         measured = {
             'core': core(options.repetitions),
             'live': node(options.repetitions, options.quick),

@@ -30,7 +30,7 @@ from gyro_drift_filter.core.methods.adaptive import (
     SMOOTHING_SECONDS,
 )
 from gyro_drift_filter.core.methods.mode_set import MODES
-from gyro_drift_filter.core.methods.outliers import Reason, Verdict, verdict_of
+from gyro_drift_filter.core.methods.outliers import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 
 START = 10**18
@@ -503,8 +503,8 @@ def reasons_of(stamps, rates, accelerations):
         for axis in np.flatnonzero(axes['reason'] >= 0):
             reason = Reason(axes['reason'][axis])
             found.add(reason)
-            assert axes['verdict'][axis] == verdict_of(reason)
-            assert (result['outlier'][axis] > 0.0) == (verdict_of(reason) == Verdict.HOLD)
+            assert axes['decision'][axis] == decision_of(reason)
+            assert (result['outlier'][axis] > 0.0) == (decision_of(reason) == Decision.HOLD)
     return found
 
 

@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.series import Values, columns, parts
-from gyro_drift_filter.identify.slow_noise import Verdict, is_smooth, look_at_slow_noise
+from gyro_drift_filter.identify.slow_noise import Cause, is_smooth, look_at_slow_noise
 from gyro_drift_filter.identify.timing import Timing
 from gyro_drift_filter.identify.windows import Look, Windows, cut, look, step_limit
 
@@ -120,12 +120,12 @@ def find_quiet(
     # An acceleration that is partly NaN beside good rates says nothing about the rates.
     measured = tuple(axis for axis in accelerations if _measures(axis))
     looks = [look(axis, windows, period) for axis in (*rates, *measured)]
-    smooth, verdict = any(map(is_smooth, looks[:3])), Verdict.OPEN
+    smooth, cause = any(map(is_smooth, looks[:3])), Cause.OPEN
     if len(measured) in (0, 3):
-        verdict, slow = look_at_slow_noise(looks, windows, (*rates, *measured), timing)
-        if verdict == Verdict.NOISE:
+        cause, slow = look_at_slow_noise(looks, windows, (*rates, *measured), timing)
+        if cause == Cause.NOISE:
             windows, looks = slow
-    still = np.full(len(windows.first), not smooth or verdict == Verdict.NOISE)
+    still = np.full(len(windows.first), not smooth or cause == Cause.NOISE)
     for seen in looks[:3]:
         still &= seen.fits
     for seen in looks[3:]:
@@ -139,7 +139,7 @@ def find_quiet(
         missing,
         tuple(seen.level for seen in looks[:3]),
         bool(measured),
-        verdict == Verdict.OPEN,
+        cause == Cause.OPEN,
     )
 
 

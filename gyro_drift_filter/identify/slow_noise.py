@@ -64,7 +64,7 @@ _VERTICAL = 3.0
 _Slow = tuple[Windows, list[Look]]
 
 
-class Verdict(Enum):
+class Cause(Enum):
     """What smooth rates are."""
 
     NOISE = 'noise'
@@ -79,7 +79,7 @@ def is_smooth(seen: Look) -> bool:
 
 def look_at_slow_noise(
     looks: Sequence[Look], windows: Windows, axes: Sequence[Values], timing: Timing
-) -> tuple[Verdict, _Slow]:
+) -> tuple[Cause, _Slow]:
     """Return whether it is slow noise, and windows long enough for it with what they show.
 
     Args:
@@ -91,12 +91,12 @@ def look_at_slow_noise(
     slow = windows, list(looks)
     smooth = any(map(is_smooth, looks[:3]))
     if all(map(_has_settled, looks)) and not smooth:
-        return Verdict.NOISE, slow
+        return Cause.NOISE, slow
     rough = [seen.roughness for seen in looks[:3] if np.isfinite(seen.roughness)]
     if smooth and max(rough) > ALIKE * LEAST_ROUGHNESS:
-        return Verdict.MOTION, slow
+        return Cause.MOTION, slow
     longer = _lengthen(slow, axes, timing)
-    return (Verdict.OPEN, slow) if longer is None else (_judge(longer, axes, timing), longer)
+    return (Cause.OPEN, slow) if longer is None else (_judge(longer, axes, timing), longer)
 
 
 def _has_settled(seen: Look) -> bool:
@@ -116,26 +116,26 @@ def _lengthen(slow: _Slow, axes: Sequence[Values], timing: Timing) -> _Slow | No
     return windows, looks
 
 
-def _judge(slow: _Slow, axes: Sequence[Values], timing: Timing) -> Verdict:
+def _judge(slow: _Slow, axes: Sequence[Values], timing: Timing) -> Cause:
     """Tell whether gravity stays where the rates, were they a turn, would move it."""
     windows, looks = slow
     least, size, first = 0.0, windows.size, math.inf
     while True:
         turned, moved, vertical = _movements(windows, looks, axes, timing.period)
         if turned > _walked(size * timing.period) or vertical > _VERTICAL:
-            return Verdict.MOTION
+            return Cause.MOTION
         # Turns to and fro average out over longer times; what noise makes goes on to grow.
         if not turned > least:
-            return Verdict.OPEN
+            return Cause.OPEN
         if moved < _SHARE * turned:
-            return Verdict.NOISE
+            return Cause.NOISE
         first = min(first, turned)
         if len(axes) == 3 and size == _WALK_TIMES * slow[0].size:
-            return Verdict.NOISE if turned > _WALK_GROWTH * first else Verdict.OPEN
+            return Cause.NOISE if turned > _WALK_GROWTH * first else Cause.OPEN
         least, size = turned, 2 * size
         windows = cut(len(axes[0]), timing.breaks, size)
         if size * timing.period > _LONGEST_COMPARED or len(windows.first) < LEAST_WINDOWS:
-            return Verdict.OPEN
+            return Cause.OPEN
         looks = [look(axis, windows, timing.period) for axis in axes]
 
 

@@ -61,22 +61,22 @@ from gyro_drift_filter.core.methods.outliers import (
     FIRST_CHANGE,
     JOLT_SAMPLES,
     Circumstances,
+    Decision,
     Doubt,
     Jolt,
     OutlierLimits,
     Reason,
-    Verdict,
+    decision_of,
     derive_limits,
     feel_jolt,
     has_returned,
     is_constant,
     judge,
+    note_decision,
     note_held,
     note_missing,
-    note_verdict,
     shake_along,
     start_doubt,
-    verdict_of,
     was_jolted,
 )
 from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
@@ -190,7 +190,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction: float  # of the sample by all modes together
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
-    verdict: int  # on the sample: a member of Verdict,
+    decision: int  # on the sample: a member of Decision,
     reason: int  # and of Reason
     accepted: float  # the sample that was accepted before it, rad/s
     returned: bool  # it lies there again, after one that was held back
@@ -501,24 +501,24 @@ def update(
         reason = Reason.REPEATED
     elif own['at_limit'] and _is_behind(sample, prediction, typical):
         reason = Reason.AT_LIMIT
-    verdict = verdict_of(reason)
+    decision = decision_of(reason)
     own['reason'] = reason
-    own['verdict'] = verdict
+    own['decision'] = decision
     own['accepted'] = accepted
     own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, accepted)
-    if verdict == Verdict.HOLD or verdict == Verdict.BRIDGE:
-        if verdict == Verdict.HOLD:
+    if decision == Decision.HOLD or decision == Decision.BRIDGE:
+        if decision == Decision.HOLD:
             note_held(doubt, sample, prediction, typical, dropout, limits)
         else:
             note_missing(doubt, typical)
         _take_prediction(state, own)
         _stay_within_reach(state, limits['growth_limit'] * doubt['held'])
-    elif constant or verdict != Verdict.ACCEPT:
+    elif constant or decision != Decision.ACCEPT:
         _put_modes_at(state, sample)
-        if verdict == Verdict.START_ANEW:
+        if decision == Decision.START_ANEW:
             jump = abs(sample - prediction)
             _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
-        elif verdict == Verdict.PASS:
+        elif decision == Decision.PASS:
             _make_certain(state, MODES - 1)
             note_missing(doubt, typical)  # what the true rate is was not measured
     else:
@@ -527,19 +527,19 @@ def update(
         doubt['unseen'] = 0
         _correct(state, own, sample, steps, coefficients['modes'])
     doubt['last_sample'] = sample
-    note_verdict(doubt, verdict == Verdict.HOLD and not dropout)
-    taken = verdict == Verdict.ACCEPT or verdict == Verdict.START_ANEW
+    note_decision(doubt, decision == Decision.HOLD and not dropout)
+    taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     state['sample_accepted'] = taken
-    if taken or verdict == Verdict.PASS:
+    if taken or decision == Decision.PASS:
         state['accepted'] = sample
-    if verdict == Verdict.ACCEPT:
+    if decision == Decision.ACCEPT:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
         learn_noise(noise, sample, circumstances['at_rest'], length, forgetting)
-    elif verdict == Verdict.START_ANEW:
+    elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:
         interrupt_block(noise)
-    return sample - prediction, verdict == Verdict.HOLD
+    return sample - prediction, decision == Decision.HOLD
 
 
 @kernel
@@ -565,22 +565,22 @@ def _compensate(
     what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
     s.
     """
-    verdict, returned, missed = workspace['verdict'], workspace['returned'], 0.0
-    if verdict == Verdict.HOLD:
+    decision, returned, missed = workspace['decision'], workspace['returned'], 0.0
+    if decision == Decision.HOLD:
         if returned and not state['knocked']:
             state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
         state['knocked'] = state['knocked'] or circumstances['jolted']
-    elif state['held_angle'] != 0.0 and verdict != Verdict.BRIDGE:
+    elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
         largest = LARGEST_KNOCK if state['knocked'] else 0.0
-        if (verdict == Verdict.START_ANEW or verdict == Verdict.PASS) and not returned:
+        if (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned:
             largest = LARGEST_COMPENSATION
         if abs(state['held_angle']) <= largest:
             missed = state['held_angle']
         state['held_angle'] = 0.0
         state['knocked'] = False
     missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
-    if verdict == Verdict.ACCEPT:
+    if decision == Decision.ACCEPT:
         # A motion is seen only when a block of samples has shown it: what was smoothed away since
         # it began was motion, too.
         recent = state['recent_angle'] + (sample - rate) * period
@@ -647,8 +647,8 @@ def _cross_bridge(
     It shows with the second sample after them, by the cubic that has the rates and the slopes at
     both ends. `sample` and what is put out for it are in rad/s.
     """
-    verdict, accepted = workspace['verdict'], workspace['accepted']
-    repeated, turned = verdict == Verdict.BRIDGE, 0.0
+    decision, accepted = workspace['decision'], workspace['accepted']
+    repeated, turned = decision == Decision.BRIDGE, 0.0
     if bridge['behind']:
         slope = bridge['slope_before'] if repeated else sample - accepted
         turned = _turned_beyond(bridge, accepted, slope)
@@ -657,7 +657,7 @@ def _cross_bridge(
         bridge['angular_velocity'] = 0.0
         bridge['before'] = accepted
         bridge['slope_before'] = workspace['prediction'] - accepted
-    elif bridge['behind'] or verdict == Verdict.HOLD:
+    elif bridge['behind'] or decision == Decision.HOLD:
         bridge['samples'] = 0
     if repeated:
         bridge['samples'] += 1

@@ -73,7 +73,7 @@ FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
 
 
-class Verdict(IntEnum):
+class Decision(IntEnum):
     """What is to be done with a sample."""
 
     ACCEPT = 0
@@ -84,7 +84,7 @@ class Verdict(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a verdict is what it is; `verdict_of` says which one it is."""
+    """Why a decision is what it is; `decision_of` says which one it is."""
 
     # ACCEPT
     EXPECTED = 0  # within the limits
@@ -257,7 +257,7 @@ def judge(
     circumstances: Circumstances,
     limits: OutlierLimits,
 ) -> Reason:
-    """Return the reason for the verdict on a sample.
+    """Return the reason for the decision on a sample.
 
     Arguments in rad/s: the sample, its prediction, the last sample that was accepted, the typical
     size of an innovation.
@@ -324,15 +324,15 @@ def judge(
 
 
 @kernel
-def verdict_of(reason: int) -> Verdict:
-    """Return the verdict that a `Reason` stands for."""
+def decision_of(reason: int) -> Decision:
+    """Return the decision that a `Reason` stands for."""
     if reason >= Reason.AT_LIMIT:
-        return Verdict.PASS
+        return Decision.PASS
     if reason >= Reason.REPEATED:
-        return Verdict.BRIDGE
+        return Decision.BRIDGE
     if reason >= Reason.REACHED:
-        return Verdict.START_ANEW
-    return Verdict.HOLD if reason >= Reason.FAR else Verdict.ACCEPT
+        return Decision.START_ANEW
+    return Decision.HOLD if reason >= Reason.FAR else Decision.ACCEPT
 
 
 @kernel
@@ -384,7 +384,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
 
 
 @kernel
-def note_verdict(doubt: Doubt, held: bool) -> None:
+def note_decision(doubt: Doubt, held: bool) -> None:
     """Keep count of how many samples are held: a vibration must not be held for ever."""
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
