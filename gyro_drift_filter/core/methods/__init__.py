@@ -172,11 +172,11 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
 def look_around(filter_: 'FilterRecord', sample: Sample) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
-        state, own = filter_['state'], filter_['workspace']['methods']['adaptive']
+        state, shared = filter_['state'], filter_['workspace']['methods']['adaptive']
         axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
         rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
         calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
-        adaptive.look_around(axes, own, tracking, sample, rest, filtered, bias, calm_samples)
+        adaptive.look_around(axes, shared, tracking, sample, rest, filtered, bias, calm_samples)
 
 
 @kernel
@@ -186,8 +186,8 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     if filter_['settings']['method'] == ADAPTIVE:
         axes, tracking = states['adaptive'], states['tracking']
         checks, settings = filter_['state']['checks'], filter_['settings']
-        own, period = workspace['adaptive'], filter_['state']['clock']['period']
-        adaptive.compare_axes(axes, own, tracking, checks, sample, settings, period)
+        shared, period = workspace['adaptive'], filter_['state']['clock']['period']
+        adaptive.compare_axes(axes, shared, tracking, checks, sample, settings, period)
 
 
 @inlined_kernel
