@@ -66,9 +66,6 @@ def check_same(results):
     assert (a.outliers == b.outliers).all()
     for name in ('received', 'written', 'not_reported', 'left_out', 'period'):
         assert getattr(a, name) == getattr(b, name)
-    for name in ('raw', 'filtered'):
-        np.testing.assert_array_equal(getattr(a, name).mean, getattr(b, name).mean)
-        np.testing.assert_array_equal(getattr(a, name).deviation, getattr(b, name).deviation)
 
 
 @pytest.mark.parametrize('diagnostics', [False, True])
@@ -270,7 +267,7 @@ def test_an_imu_topic_that_is_not_in_cdr_at_all(tmp_path):
 
 
 def places_of(path):
-    return read_layout(path).chunks
+    return list(read_layout(path).chunks())
 
 
 def check_refused(path, folder, reason):

@@ -74,11 +74,16 @@ class Layout(NamedTuple):
 
     Attributes:
         channels: Topic and type by channel id.
-        chunks: In the order of their log times; they do not overlap.
+        chunk_fields: (n, 4) those of a `ChunkIndex` in each row, as a long recording has many.
     """
 
     channels: dict[int, tuple[str, str]]
-    chunks: list[ChunkIndex]
+    chunk_fields: NDArray[np.uint64]
+
+    def chunks(self) -> Iterator[ChunkIndex]:
+        """Yield the chunks in the order of their log times; they do not overlap."""
+        for fields in self.chunk_fields:
+            yield ChunkIndex(*fields.tolist())
 
 
 def read_layout(path: Openable) -> Layout | None:
@@ -129,7 +134,7 @@ def _layout(summary: bytes, end: int) -> Layout | None:
             return None
     if not chunks or any(chunk.start + chunk.length > end for chunk in chunks):
         return None
-    return Layout(channels, chunks)
+    return Layout(channels, np.array(chunks, np.uint64))
 
 
 def read_messages(
@@ -144,7 +149,7 @@ def read_messages(
         OSError: The file can't be read.
     """
     with path.open('rb') as file:
-        for chunk in layout.chunks:
+        for chunk in layout.chunks():
             file.seek(chunk.start)
             data = np.frombuffer(_decompressed(file.read(chunk.length), chunk), np.uint8)
             rows = rows_of(data, numbers)
