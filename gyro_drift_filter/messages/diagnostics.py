@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only
-from gyro_drift_filter.accelerate.byte_kernels import copy_bytes, put_integer
+from gyro_drift_filter.accelerate.byte_kernels import put_integer
 
 
 class Level(IntEnum):
@@ -133,12 +133,16 @@ def _put_string(
     texts: NDArray[np.uint8], first: int, out: NDArray[np.uint8], start: int, offset: int
 ) -> tuple[int, int]:
     """Write the text at `first`; return where the next one starts, and the offset behind it."""
-    end = first
-    while texts[end] != 0:
-        end += 1
-    end += 1
-    offset = _put_number(end - first, out, start, offset)
-    return end, copy_bytes(out, offset, texts, first, end - first)
+    offset = put_integer(out, offset, 0, -(offset - start) % 4)
+    # Copied on the way to its end, as the texts are short.
+    text, to = np.uint64(first), np.uint64(offset + 4)
+    while texts[text] != 0:
+        out[to] = texts[text]
+        text, to = text + np.uint64(1), to + np.uint64(1)
+    out[to] = 0
+    end = int(text) + 1
+    put_integer(out, offset, end - first, 4)
+    return end, int(to) + 1
 
 
 @kernel
