@@ -63,8 +63,10 @@ def _biases(rates: Array, accelerations: Array, rate: float, silent: bool) -> Ar
 
 def slow_turn(
     random: np.random.Generator, speed: float, rate: float, upright: bool, silent: bool
-) -> float:
-    """Return the share of a turn of `speed` deg/s that is learned as bias at its end.
+) -> tuple[float, float]:
+    """Return the bias of the axis before and at the end of a turn of `speed` deg/s, in deg/s.
+
+    The true one is zero.
 
     About the vertical or, not `upright`, a horizontal axis; `silent` without an accelerometer.
     """
@@ -76,7 +78,7 @@ def slow_turn(
         accelerations[begin:, 1] += GRAVITY * np.sin(angle)
         accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
     bias = _biases(rates, accelerations, rate, silent)[:, axis]
-    return abs(float(bias[-1] - bias[begin - 1])) / (speed * _DEGREE)
+    return float(bias[begin - 1]) / _DEGREE, float(bias[-1]) / _DEGREE
 
 
 def warm_up(random: np.random.Generator, rate: float) -> Array:
@@ -120,18 +122,27 @@ def main() -> None:
     options = parser.parse_args()
     seeds = range(options.seeds)
     rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
+    error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
     for speed in SPEEDS:
         tell(f'turning at {speed:g} deg/s ...')
-        row = [f'{speed:g}']
+        row, error_row = [f'{speed:g}'], [f'{speed:g}']
         for upright, silent in TURNS.values():
-            shares = [
-                slow_turn(np.random.default_rng(seed), speed, options.rate, upright, silent)
-                for seed in seeds
-            ]
-            row.append(f'{np.median(shares):.3f}  {max(shares):.3f}')
+            biases = np.array(
+                [
+                    slow_turn(np.random.default_rng(seed), speed, options.rate, upright, silent)
+                    for seed in seeds
+                ]
+            )
+            shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
+            row.append(f'{np.median(shares):.3f}  {shares.max():.3f}')
+            before, after = np.sqrt(np.mean(np.square(biases), axis=0))
+            error_row.append(f'{before:.4f}  {after:.4f}')
         rows.append(row)
-    print(f'share of a turn of {TURN} s after {REST} s of rest that is bias at its end\n')
+        error_rows.append(error_row)
+    print(f'by what share of a turn of {TURN} s after {REST} s of rest the bias has changed\n')
     print(table(rows), end='\n\n')
+    print('error of the bias before the turn and after it, root mean square, deg/s\n')
+    print(table(error_rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
         f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
