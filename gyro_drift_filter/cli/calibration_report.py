@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
+from gyro_drift_filter.cli.parameter_file import listed
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
@@ -126,34 +127,33 @@ def parameter_file(result: Calibration, source: str) -> str:
 
     Args:
         result: To be written.
-        source: Names of the recordings, for a comment.
+        source: Names of the recordings, printable, for a comment.
     """
     day = datetime.now(UTC).strftime('%Y-%m-%d')
-    name = ''.join(c if c.isprintable() else '?' for c in source)
     lines = [
         '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
-        f'# Found from {name}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
+        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
     ]
     lines += [f'# Not known well: {text}' for text in result.unknown]
     if (found := result.accelerometer) is not None:
         lines += [
             '# The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
-            f'#   matrix: {_listed(found.matrix)}',
-            f'#   bias: {_listed(found.bias)}',
+            f'#   matrix: {listed(found.matrix.ravel())}',
+            f'#   bias: {listed(found.bias.ravel())}',
         ]
     lines += [
         '/**:',
         '  ros__parameters:',
         '    calibration:',
         '      # rate = matrix (filtered - bias), row by row; standard errors:',
-        f'      # {_listed(result.deviation)}',
-        f'      matrix: {_listed(result.matrix)}',
+        f'      # {listed(result.deviation.ravel())}',
+        f'      matrix: {listed(result.matrix.ravel())}',
     ]
     if result.sensitivity is not None:
         lines += [
             '      # What each m/s^2 adds to the rates, in rad/s, row by row; standard errors:',
-            f'      # {_listed(result.sensitivity.deviation)}',
-            f'      acceleration_sensitivity: {_listed(result.sensitivity.matrix)}',
+            f'      # {listed(result.sensitivity.deviation.ravel())}',
+            f'      acceleration_sensitivity: {listed(result.sensitivity.matrix.ravel())}',
         ]
     return '\n'.join(lines) + '\n'
 
@@ -170,15 +170,10 @@ def foreign_file(found: Foreign, source: str) -> str:
         '/**:',
         '  ros__parameters:',
         '    calibration:',
-        f'      matrix: {_listed(found.matrix)}',
+        f'      matrix: {listed(found.matrix.ravel())}',
     ]
     if found.sensitivity is not None:
-        lines += [f'      acceleration_sensitivity: {_listed(found.sensitivity)}']
+        lines += [f'      acceleration_sensitivity: {listed(found.sensitivity.ravel())}']
     if found.bias is not None:
-        lines += ['    bias:', f'      initial: {_listed(found.bias)}']
+        lines += ['    bias:', f'      initial: {listed(found.bias.ravel())}']
     return '\n'.join(lines) + '\n'
-
-
-def _listed(values: Floats) -> str:
-    # rcl takes a list of one type only, so every number has a point or an exponent.
-    return '[' + ', '.join(f'{value:.9e}' for value in values.ravel()) + ']'

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
+from gyro_drift_filter.cli.parameter_file import listed
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Reading
@@ -190,19 +191,14 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
 
     Args:
         result: To be written.
-        source: Name of the recording, for a comment.
+        source: Name of the recording, printable, for a comment.
         noise: How Q and R were found, for a comment.
     """
-
-    def row(values: Sequence[float]) -> str:
-        # rcl takes a list of one type only, so every number has a point or an exponent.
-        return '[' + ', '.join(f'{v:.9e}' for v in values) + ']'
-
     default = Parameters()
     measurement_noise = default.model_measurement_noise
 
     def per_axis(of: Callable[[AxisModel], float], otherwise: Sequence[float]) -> str:
-        return row(
+        return listed(
             [
                 otherwise[i] if isinstance(axis, DeadAxis) else of(axis)
                 for i, axis in enumerate(result.axes)
@@ -212,10 +208,9 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
     remark = f"\n# Dead: {_axes(dead)}; the package's defaults stand there." if dead else ''
     day = datetime.now(UTC).strftime('%Y-%m-%d')
-    name = ''.join(c if c.isprintable() else '?' for c in source)
     return f"""\
 # Noise model of a gyroscope, for the node and `gyro_drift replay --params`. SI units; per axis
-# x, y, z. Identified from {name}, {result.seconds:.0f} s of rest, on {day}.{remark}
+# x, y, z. Identified from {source}, {result.seconds:.0f} s of rest, on {day}.{remark}
 /**:
   ros__parameters:
     # Hz

@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Read ROS 2 parameter files, so that `replay` takes the file that the node takes."""
+"""ROS 2 parameter files: `replay` takes those that the node takes."""
 
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -78,3 +79,11 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
             f'parameter file {path} has sections for several nodes: {", ".join(named)}: leave one'
         )
     return found
+
+
+def listed(values: Iterable[float]) -> str:
+    """Return numbers as a list in a parameter file.
+
+    rcl takes lists of one type only, so every number has a point or an exponent.
+    """
+    return '[' + ', '.join(f'{value:.9e}' for value in values) + ']'
