@@ -25,6 +25,7 @@ from scipy import signal
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.recordings.examined import read_recording
@@ -246,6 +247,18 @@ def test_the_top_of_a_turn_is_no_end_of_the_range(found):
     rates[top - 1, 0] -= 0.1
     assert np.abs(rates[:, 0]).max() > 1.1 * np.abs(rates[top, 0])
     assert faults(found(rates_of(simulation, rates))) == set()
+
+
+def test_a_larger_rate_refutes_an_end_of_the_range_unless_it_is_an_outlier():
+    rates, outliers = np.sin(np.arange(200.0)), np.zeros(200)
+    rates[50:54] = 1.5
+    assert is_clipped(rates, outliers)
+    for larger in (0, 100, 199):
+        rates[larger] = 1.51
+        assert not is_clipped(rates, outliers)
+        outliers[larger] = 1
+        assert is_clipped(rates, outliers)
+    assert not is_clipped(rates, np.ones(200))
 
 
 def test_a_low_pass_of_the_sensor(found):

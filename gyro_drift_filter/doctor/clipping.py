@@ -15,31 +15,28 @@
 """Whether rates were stopped by the end of the measuring range."""
 
 import numpy as np
-from scipy import ndimage
 
 from gyro_drift_filter.core.sensor_checks import CLIPPED_SAMPLES
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
-# The median of so many samples keeps what is held for CLIPPED_SAMPLES, and no shorter spike.
-_MEDIAN = 2 * CLIPPED_SAMPLES - 1
 
-
-def is_clipped(rates: Values) -> bool:
+def is_clipped(rates: Values, outliers: Values) -> bool:
     """Tell whether the largest of the rates (n,) is held to the last bit, to either side.
 
     Nothing is beyond the end of a range, and it is met again and again. The top of a turn, which
     stays the same for three samples by chance, is the largest one of a recording hardly ever. What
-    a damaged message says for a sample or two is no rate.
+    a damaged message says is no rate: `outliers` (n,) are not 0 where the filter held it back.
     """
-    return any(_is_largest_held(rates, sign) for sign in (1.0, -1.0))
+    return any(_is_largest_held(rates, outliers, sign) for sign in (1.0, -1.0))
 
 
-def _is_largest_held(rates: Values, sign: float) -> bool:
+def _is_largest_held(rates: Values, outliers: Values, sign: float) -> bool:
     largest, held = -np.inf, 0
     for first in range(0, len(rates), LARGEST_PART):
-        part = sign * np.nan_to_num(rates[first : first + LARGEST_PART])
-        top = float(ndimage.median_filter(part, _MEDIAN).max())
-        if top < largest:
+        some = slice(first, first + LARGEST_PART)
+        part = np.where(outliers[some] > 0, -np.inf, sign * np.nan_to_num(rates[some]))
+        top = float(part.max())
+        if top < largest or top == -np.inf:
             continue
         at_top = np.flatnonzero(np.diff(part == top, prepend=False, append=False))
         run = int((at_top[1::2] - at_top[::2]).max())

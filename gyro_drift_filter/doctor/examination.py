@@ -57,6 +57,7 @@ class Examined:
         log_times: (n,) in ns.
         rates: Three columns (n,) in rad/s, as they came.
         accelerations: Three columns (n,) in m/s^2.
+        outliers: Three columns (n,), not 0 where the filter held the rate back.
         resting: (n,) not 0 where the filter takes the sensor to rest.
         stated: What the messages state of their covariances, in the order of QUANTITIES.
         references: Orientations in the same recording.
@@ -70,6 +71,7 @@ class Examined:
     log_times: Values
     rates: tuple[Values, ...]
     accelerations: tuple[Values, ...]
+    outliers: tuple[Values, ...]
     resting: Values
     stated: tuple[Stated, Stated, Stated]
     references: tuple[Reference, ...]
@@ -109,7 +111,7 @@ def examine(seen: Examined) -> list[Finding]:
     refuted = set()
     if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
         refuted.add('gaps')
-    if not any(map(is_clipped, seen.rates)):
+    if not any(map(is_clipped, seen.rates, seen.outliers)):
         refuted.add('clipped')
     findings += [
         _with_constant_axes(finding, seen.rates)

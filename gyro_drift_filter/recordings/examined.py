@@ -81,6 +81,7 @@ class Reading:
         log_times: and
         rates: and
         accelerations: and
+        outliers: and
         resting: and
         stated: covariances.
     """
@@ -97,6 +98,7 @@ class Reading:
         )
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
         self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
+        self.outliers = tuple(Stored(np.uint8) for _ in range(3))
         self.resting = Stored(np.uint8)
         self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
         self._report_times = ReportTimes()
@@ -134,6 +136,7 @@ class Reading:
         for axis in range(3):
             self.rates[axis].append(_usable(sample['angular_velocity'][:, axis]))
             self.accelerations[axis].append(_usable(sample['linear_acceleration'][:, axis]))
+            self.outliers[axis].append(good['result']['outlier'][:, axis] > 0.0)
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
         for stated, first in zip(self.stated, _COVARIANCES, strict=True):
@@ -158,6 +161,7 @@ class Reading:
             self.log_times,
             self.rates,
             self.accelerations,
+            self.outliers,
             self.resting,
             self.stated,
             self._references(),
