@@ -24,9 +24,12 @@ left at rest, as root mean square:
 
     filter      by this filter
     constant    by the mean rate of each rest, known in hindsight
-    best        by the best causal linear filter of each recording (Wiener), given the
-                autocovariances of truth and noise
-    of 1.28 s   by the best one of each 1.28 s, which knows when the body comes to rest
+    best        by the best causal linear filter of each recording (Wiener), given the mean rates
+                and the autocovariances of truth and noise
+    in windows  by the best one of each 1.28 s, given the same of each; it knows when the body comes
+                to rest
+
+Other filters than linear ones may do better than the last two, by what they make of the motion.
 """
 
 import argparse
@@ -47,8 +50,8 @@ Array = NDArray[np.float64]
 
 _SAMPLES = 12_000
 _COEFFICIENTS = 300
-# Of a window of 1.28 s there are fewer autocovariances, and no more than that.
-_WINDOW, _COEFFICIENTS_OF_WINDOW = 128, 30
+# A window, of so many s, has fewer autocovariances.
+_WINDOW, _COEFFICIENTS_OF_WINDOW = 1.28, 30
 _LEAST_REST = 10.0  # s
 
 
@@ -138,18 +141,20 @@ def _about_means(trial: Trial, parts: Iterable[tuple[int, int]]) -> Iterator[Arr
 
 
 def _share(errors: Iterable[Array], trial: Trial) -> float:
-    return float(np.sqrt(sum(np.sum(np.square(part)) for part in errors) / _noise_at_rest(trial)))
+    squares = sum(np.sum(np.square(part)) for part in errors)
+    return float(np.sqrt(squares / _noise(trial, trial.rests)))
 
 
-def _noise_at_rest(trial: Trial) -> float:
-    return float(sum(np.sum(np.square(trial.noise[first:end])) for first, end in trial.rests))
+def _noise(trial: Trial, parts: Iterable[tuple[int, int]]) -> float:
+    return float(sum(np.sum(np.square(trial.noise[first:end])) for first, end in parts))
 
 
-def _windows(rests: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+def _windows(trial: Trial) -> Iterator[tuple[int, int]]:
     """Yield the windows that rests are cut into, without those that are too short."""
-    for first, end in rests:
-        for start in range(first, end - _COEFFICIENTS_OF_WINDOW, _WINDOW):
-            yield start, min(start + _WINDOW, end)
+    length = round(_WINDOW * trial.rate)
+    for first, end in trial.rests:
+        for start in range(first, end - _COEFFICIENTS_OF_WINDOW, length):
+            yield start, min(start + length, end)
 
 
 def main() -> None:
@@ -164,19 +169,20 @@ def main() -> None:
     names, found = [], []
     for trial in trials(options.data, options.noise, np.random.default_rng(options.seed)):
         whole = left_by_best(trial, trial.rests, _COEFFICIENTS)
-        by_window = sum(
-            left_by_best(trial, [window], _COEFFICIENTS_OF_WINDOW)
-            for window in _windows(trial.rests)
+        windows = list(_windows(trial))
+        in_windows = sum(
+            left_by_best(trial, [window], _COEFFICIENTS_OF_WINDOW) for window in windows
         )
         names.append(trial.name)
         found.append(
             [
                 left_by_filter(trial),
                 left_by_constant(trial),
-                *np.sqrt(np.array([whole, by_window]) / _noise_at_rest(trial)),
+                np.sqrt(whole / _noise(trial, trial.rests)),
+                np.sqrt(in_windows / _noise(trial, windows)),
             ]
         )
-    rows = [['', 'filter', 'constant', 'best', 'of 1.28 s']]
+    rows = [['', 'filter', 'constant', 'best', 'in windows']]
     rows += [
         [name, *map('{:.3f}'.format, figures)] for name, figures in zip(names, found, strict=True)
     ]

@@ -250,7 +250,7 @@ class Parameters:
         'outlier.acceleration',
         'A sample is held back where its innovation is beyond both outlier.threshold and what the '
         'body could reach in one sample period with this angular acceleration. While the sensor '
-        'stands still, a smaller change is enough for the latter. For adaptive.',
+        'stands still, a smaller limit takes the place of this one. For adaptive.',
         unit='rad/s^2',
         low=0.0,
         high=1.0e6,

@@ -46,7 +46,7 @@ class Result(TypedDict):
     """What the filter makes of a sample."""
 
     status: int  # a SampleStatus
-    angular_velocity: PerAxis  # filtered, with the bias taken off and calibrated, rad/s
+    angular_velocity: PerAxis  # filtered, with the bias subtracted and calibrated, rad/s
     angular_velocity_variance: PerAxis  # (rad/s)^2
     angular_velocity_covariance: PerAxis  # of x and y, x and z, y and z, (rad/s)^2
     innovation: PerAxis  # rad/s

@@ -268,7 +268,7 @@ def _noise_excess(span: Span) -> float:
 
 
 def _has_no_bias(span: Span) -> bool:
-    """Return whether the bias that is to be taken off is not known."""
+    """Return whether the bias that is to be subtracted is not known."""
     state = span.now.telemetry
     return span.now.parameters.bias_enabled and state.samples > 0 and not state.bias_known
 

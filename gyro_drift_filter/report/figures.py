@@ -194,9 +194,9 @@ class Drawer:
         figure = Figure(
             'bias',
             'Bias',
-            'As it is taken off the rates, with one standard deviation of what is known at rest: '
-            'it narrows at each rest and widens between them. From the first rest on, where there '
-            'is one.',
+            'As it is subtracted from the rates, with one standard deviation of what is known at '
+            'rest: it narrows at each rest and widens between them. From the first rest on, where '
+            'there is one.',
             'time (s)',
             'deg/s',
             in_time=True,

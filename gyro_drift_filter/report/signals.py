@@ -39,7 +39,7 @@ VECTORS = (
     'innovation_deviation',  # rad/s, as predicted
     'process_noise',  # Q, (rad/s)^2
     'measurement_noise',  # R, (rad/s)^2
-    'bias',  # rad/s, as it was taken off
+    'bias',  # rad/s, as it was subtracted
     'outlier',  # 0 or 1
 )
 # A second filter over the same recording is compared in these.

@@ -61,7 +61,7 @@ def headline(verdict: Verdict) -> str:
                 f'{per_minute(raw)}'
             )
         else:
-            parts.append('the bias is taken off')
+            parts.append('the bias is subtracted')
     if 'outliers' in verdict.gains:
         count = verdict.held_back.at_rest + verdict.held_back.in_motion
         what = 'an outlier' if count == 1 else 'outliers'
