@@ -497,14 +497,16 @@ def reasons_of(stamps, rates, accelerations):
     """Return all reasons; what is held back, and nothing else, has to be flagged."""
     filter_, found = Filter(), set()
     axes = filter_.record[0]['workspace']['methods']['adaptive']['axes']
+    states = filter_.state['methods']['adaptive']
     for stamp, rate, acceleration in zip(stamps, rates, accelerations, strict=True):
         axes['reason'] = -1
         result = filter_.step(int(stamp), rate, acceleration)
-        for axis in np.flatnonzero(axes['reason'] >= 0):
+        for axis in np.flatnonzero(axes['reason'] >= 0).tolist():
             reason = Reason(axes['reason'][axis])
             found.add(reason)
-            assert axes['decision'][axis] == decision_of(reason)
-            assert (result['outlier'][axis] > 0.0) == (decision_of(reason) == Decision.HOLD)
+            decision, taken = decision_of(reason), states[axis]['sample_accepted']
+            assert taken == (decision in (Decision.ACCEPT, Decision.START_ANEW))
+            assert (result['outlier'][axis] > 0.0) == (decision == Decision.HOLD)
     return found
 
 

@@ -190,8 +190,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction: float  # of the sample by all modes together
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
-    decision: int  # on the sample: a member of Decision,
-    reason: int  # and of Reason
+    reason: int  # of the decision on the sample: a member of Reason
     accepted: float  # the sample that was accepted before it, rad/s
     returned: bool  # it lies there again, after one that was held back
     at_limit: bool  # the rate is at the end of the range
@@ -503,7 +502,6 @@ def update(
         reason = Reason.AT_LIMIT
     decision = decision_of(reason)
     own['reason'] = reason
-    own['decision'] = decision
     own['accepted'] = accepted
     own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, accepted)
     if decision == Decision.HOLD or decision == Decision.BRIDGE:
@@ -565,7 +563,7 @@ def _compensate(
     what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
     s.
     """
-    decision, returned, missed = workspace['decision'], workspace['returned'], 0.0
+    decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
     if decision == Decision.HOLD:
         if returned and not state['knocked']:
             state['held_angle'] = 0.0
@@ -647,7 +645,7 @@ def _cross_bridge(
     It shows with the second sample after them, by the cubic that has the rates and the slopes at
     both ends. `sample` and what is put out for it are in rad/s.
     """
-    decision, accepted = workspace['decision'], workspace['accepted']
+    decision, accepted = decision_of(workspace['reason']), workspace['accepted']
     repeated, turned = decision == Decision.BRIDGE, 0.0
     if bridge['behind']:
         slope = bridge['slope_before'] if repeated else sample - accepted
