@@ -45,6 +45,7 @@ from scipy.signal import correlate
 from benchmark.scenarios import stamps
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter
+from gyro_drift_filter.doctor.rests import stretches_of
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ class Trial(NamedTuple):
     truth: Array
     accelerations: Array
     noise: Array
-    rests: list[tuple[int, int]]
+    rests: Sequence[tuple[int, int]]
 
 
 def trials(folder: Path, scale: float, random: np.random.Generator) -> Iterator[Trial]:
@@ -90,31 +91,29 @@ def trials(folder: Path, scale: float, random: np.random.Generator) -> Iterator[
                 continue
             first = random.integers(0, len(noise) - len(truth))
             added = noise[first : first + len(truth)]
-            edges = np.flatnonzero(np.diff(rest[part], prepend=False, append=False))
-            rests = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-            yield Trial(name, rate, truth, forces, added, rests)
+            yield Trial(name, rate, truth, forces, added, stretches_of(rest[part], 0))
 
 
 def left_by_filter(trial: Trial) -> float:
-    """Return what this filter leaves, as part of the noise."""
+    """Return the sum of squares that this filter leaves at rest, in (rad/s)^2."""
     rates = trial.truth + trial.noise
     results = Filter().run(stamps(len(rates), trial.rate), rates, trial.accelerations)
     errors = results['angular_velocity'] - trial.truth
-    return _share((errors[first:end] for first, end in trial.rests), trial)
+    return squares(errors[first:end] for first, end in trial.rests)
 
 
 def left_by_constant(trial: Trial) -> float:
-    """Return what the mean rate of each rest leaves, as part of the noise."""
-    return _share(_about_means(trial, trial.rests), trial)
+    """Return the same for the mean rate of each rest."""
+    return squares(_about_means(trial, trial.rests))
 
 
 def left_by_best(trial: Trial, parts: Sequence[tuple[int, int]], coefficients: int) -> float:
-    """Return what the best causal linear filters of all parts of the rests leave together.
+    """Return the same for the best causal linear filter of parts of the rests.
 
     Args:
         trial: The recording.
-        parts: First sample of each, and that behind its last one; those of one list share a filter.
-        coefficients: Of each filter.
+        parts: First sample of each, and that behind its last one.
+        coefficients: Of the filter, on each axis.
     """
     left = 0.0
     for axis in range(3):
@@ -140,13 +139,9 @@ def _about_means(trial: Trial, parts: Iterable[tuple[int, int]]) -> Iterator[Arr
         yield trial.truth[first:end] - trial.truth[first:end].mean(axis=0)
 
 
-def _share(errors: Iterable[Array], trial: Trial) -> float:
-    squares = sum(np.sum(np.square(part)) for part in errors)
-    return float(np.sqrt(squares / _noise(trial, trial.rests)))
-
-
-def _noise(trial: Trial, parts: Iterable[tuple[int, int]]) -> float:
-    return float(sum(np.sum(np.square(trial.noise[first:end])) for first, end in parts))
+def squares(parts: Iterable[Array]) -> float:
+    """Return the sum of the squares of all values."""
+    return float(sum(np.sum(np.square(part)) for part in parts))
 
 
 def _windows(trial: Trial) -> Iterator[tuple[int, int]]:
@@ -168,20 +163,19 @@ def main() -> None:
     options = parser.parse_args()
     names, found = [], []
     for trial in trials(options.data, options.noise, np.random.default_rng(options.seed)):
-        whole = left_by_best(trial, trial.rests, _COEFFICIENTS)
         windows = list(_windows(trial))
-        in_windows = sum(
-            left_by_best(trial, [window], _COEFFICIENTS_OF_WINDOW) for window in windows
+        left = [
+            left_by_filter(trial),
+            left_by_constant(trial),
+            left_by_best(trial, trial.rests, _COEFFICIENTS),
+            sum(left_by_best(trial, [window], _COEFFICIENTS_OF_WINDOW) for window in windows),
+        ]
+        of_rests, of_windows = (
+            squares(trial.noise[first:end] for first, end in parts)
+            for parts in (trial.rests, windows)
         )
         names.append(trial.name)
-        found.append(
-            [
-                left_by_filter(trial),
-                left_by_constant(trial),
-                np.sqrt(whole / _noise(trial, trial.rests)),
-                np.sqrt(in_windows / _noise(trial, windows)),
-            ]
-        )
+        found.append(np.sqrt(np.array(left) / [of_rests, of_rests, of_rests, of_windows]))
     rows = [['', 'filter', 'constant', 'best', 'in windows']]
     rows += [
         [name, *map('{:.3f}'.format, figures)] for name, figures in zip(names, found, strict=True)
