@@ -21,10 +21,7 @@ from typing import TYPE_CHECKING, Any
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import (
-    check_targets,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable

@@ -133,15 +133,15 @@ def _put_string(
     texts: NDArray[np.uint8], first: int, out: NDArray[np.uint8], start: int, offset: int
 ) -> tuple[int, int]:
     """Write the text at `first`; return where the next one starts, and the offset behind it."""
-    offset = put_integer(out, offset, 0, -(offset - start) % 4)
+    offset = _put_number(0, out, start, offset)  # its length, once that is known
     # Copied on the way to its end, as the texts are short.
-    text, to = np.uint64(first), np.uint64(offset + 4)
+    text, to = np.uint64(first), np.uint64(offset)
     while texts[text] != 0:
         out[to] = texts[text]
         text, to = text + np.uint64(1), to + np.uint64(1)
     out[to] = 0
     end = int(text) + 1
-    put_integer(out, offset, end - first, 4)
+    put_integer(out, offset - 4, end - first, 4)
     return end, int(to) + 1
 
 
