@@ -171,6 +171,18 @@ def test_long_bursts_are_known_for_what_they_are_after_two_seconds():
     assert filter_.state['clock']['period'] == pytest.approx(0.01, rel=0.1)
 
 
+@pytest.mark.parametrize('late', [0.005, 0.02])
+def test_bursts_from_the_first_sample_on_do_not_move_a_sensor_at_rest(late, random):
+    """Several samples with one stamp, before the period is known: they say nothing of it."""
+    for _ in range(20):
+        arrivals = np.arange(400) * 0.005 + random.exponential(late, 400)
+        stamps = START + np.round(np.maximum.accumulate(arrivals) * 1e9).astype(np.int64)
+        stamps[1] = stamps[0]
+        rates = 0.006 * random.standard_normal((400, 3))
+        results = Filter().run(stamps, rates, np.tile([0.0, 0.0, 9.81], (400, 1)))
+        assert np.abs(results['angular_velocity']).max() < 0.05
+
+
 @pytest.mark.parametrize('size', [2, 4, 16, 28])
 def test_bursts_are_jitter_not_gaps(size):
     filter_ = Filter()

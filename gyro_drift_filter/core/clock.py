@@ -494,9 +494,10 @@ def _learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
     span = steps * period + lateness
     if no_gaps:
         steps -= missing
-    if steps <= 0:
+    # Of samples that came all at once no stamp says how far they lie apart.
+    if steps <= 0 or span < steps * SHORTEST_PERIOD:
         return
-    period = min(max(span / steps, SHORTEST_PERIOD), LONGEST_PERIOD)
+    period = min(span / steps, LONGEST_PERIOD)
     if full:
         clock['block_periods'][clock['blocks'] % BLOCKS] = period
         clock['blocks'] += 1

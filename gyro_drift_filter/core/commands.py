@@ -48,9 +48,7 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     methods.change_model(filter_[0], after)
     sample_rate = after['sample_rate']
     if sample_rate != before['sample_rate'] and sample_rate > 0.0:
-        period = period_of(sample_rate)
-        methods.rescale(filter_[0], period / state['clock']['period'])
-        state['clock']['period'] = period
+        state['clock']['period'] = period_of(sample_rate)
     bias = state['bias']
     if bias['known'] or bias['provisional'][0] > 0.0:
         widen(bias, _change_of_bias(before, after))

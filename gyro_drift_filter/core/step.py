@@ -88,8 +88,6 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         state['counts']['refused'] += 1
     else:
         _count_result(filter_)
-    if clock['period'] != period:
-        methods.rescale(filter_, clock['period'] / period)
 
 
 @kernel

@@ -33,8 +33,9 @@ third:
 
 So the first sample goes through `predict` and `update`, too; the paper's methods begin with the
 second, so their branches ask whether the method is `starting`. Coefficients are those of the sample
-period before the step; where it has changed, `rescale` follows. The verbs at the end are for
-methods that need them: `rescale` for counts of samples, `is_noise_known` for noise that is learned,
+period before the step. The state stays as it is where the period has changed: what is counted per
+sample has followed the samples, and it is the clock that has learned late how far they lie apart.
+The verbs at the end are for methods that need them: `is_noise_known` for noise that is learned,
 `change_model` for what parameters replace, and `take_over` for a start at the rate of another
 method.
 
@@ -232,13 +233,6 @@ def estimate(
 
 
 # What a method may need besides: branches only for those that do.
-
-
-@kernel
-def rescale(filter_: 'FilterRecord', periods: float) -> None:
-    """Carry what is counted per sample over to a sample period of `periods` old ones."""
-    for axis in range(3):
-        adaptive.rescale(filter_['state']['methods']['adaptive'][axis], periods)
 
 
 @kernel

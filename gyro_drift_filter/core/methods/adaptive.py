@@ -298,15 +298,6 @@ def change_model(state: AdaptiveAxis, before: 'Settings', after: 'Settings', axi
 
 
 @kernel
-def rescale(state: AdaptiveAxis, periods: float) -> None:
-    """Carry acceleration and jerk, which are per sample, over to a period of `periods` old ones."""
-    acceleration, jerk = state['acceleration'], state['jerk']
-    for j in range(MODES):
-        acceleration[j] *= periods
-        jerk[j] *= periods * periods
-
-
-@kernel
 def predict(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: ModeSet) -> None:
     """Predict the next sample, into the workspace: each mode, and all together."""
     own = workspace['axes'][axis]
