@@ -16,6 +16,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
@@ -93,6 +94,36 @@ def test_a_start_in_motion_invents_no_bias(accelerometer, random):
     assert (results['at_rest'] == 0.0).all()
 
 
+def swaying(random, n, turn, push):
+    """Return rates and accelerations (n, 3) of a hand that holds still, by their deviations."""
+    sections = signal.butter(2, (0.5, 3.0), 'bandpass', fs=100.0, output='sos')
+    sway = signal.sosfiltfilt(sections, random.standard_normal((n, 6)), axis=0)
+    sway /= sway.std()
+    return turn * sway[:, :3], push * sway[:, 3:]
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_a_hand_that_holds_still_is_no_rest(seed):
+    """It sways by some degrees a second, without a mean that wanders, as noise does."""
+    random = np.random.default_rng(seed)
+    rates, accelerations = at_rest(random, 30)
+    turn, push = swaying(random, len(rates), 0.03, 0.1)
+    results = run(Filter(), 0.3 * rates + turn, accelerations + push)
+    assert not results['at_rest'].any()
+    assert np.abs(results['bias']).max() < 1e-3
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_the_first_rest_begins_where_the_hand_has_come_to_rest(seed):
+    random = np.random.default_rng(seed)
+    rates, accelerations = at_rest(random, 12)
+    turn, push = swaying(random, len(rates), 0.1, 0.5)
+    left = np.exp(-np.maximum(np.arange(len(rates)) - 200 - 10 * seed, 0) / 20.0)[:, None]
+    results = run(Filter(), 0.1 * rates + left * turn, accelerations + left * push)
+    first = np.flatnonzero(results['at_rest'])[0]
+    assert np.abs(results['bias'][first:]).max() < 1e-3
+
+
 @pytest.mark.parametrize('hint', [False, True])
 @pytest.mark.parametrize('speed', [0.3, 0.5, 1.0, 2.0, 5.0])
 def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
@@ -113,7 +144,7 @@ def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
 def test_a_turn_that_only_several_segments_tell_is_taken_back(random):
     """0.5 deg/s for 30 s after 20 s of rest, in ten times the noise."""
     learned = []
-    for _ in range(5):
+    for _ in range(20):
         rates, accelerations = at_rest(random, 50)
         rates *= 10.0
         rates[2000:, 2] += 0.5 * DEGREE

@@ -96,9 +96,11 @@ def test_the_bias_of_real_sensors_with_a_reference(random):
     found = [judge(recording) for recording in tracked(DATA)]
     before = [shares['bias before'] for shares in found]
     before += [judge(recording.part(0, 200))['before'] for recording in motionless(DATA)]
-    assert LEAST <= np.mean(before) <= MOST
-    # Three of them never rest.
-    assert np.nanmean([shares['bias after'] for shares in found]) >= LEAST
+    # Five of them never rest.
+    after = [shares['bias after'] for shares in found if np.isfinite(shares['bias after'])]
+    assert min(np.mean(before), np.mean(after)) >= LEAST
+    # Either alone is of too few sensors for one beyond two deviations to be among them for sure.
+    assert np.mean(before + after) <= MOST
 
 
 def first_deviation(filter_, rate=0.1):

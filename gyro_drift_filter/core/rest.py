@@ -23,16 +23,18 @@ signal,
 - the mean lies where those of the segment lie, as far as the noise allows.
 
 The first and the last block of a rest are left out: motion begins and ends gently. Of a segment
-that does not hold together the later half is kept, for a rest that is over before there is another
-one: rest may begin with a turn, and of a thousand segments of plain rest one or two look like that.
+that does not hold together the later half is kept: rest may begin with a turn, or where a hand has
+just let go, and of a thousand segments of plain rest one or two look like that. If the rest is over
+before there is another segment, that half counts, once the noise is known.
 
 What the noise is on each signal, within blocks and from block to block, is learned from segments
 that hold together. The first one may have noise of any spectrum: what tells it is that no mean
 moves from its first half to its second, neither of a rate nor of gravity, by the scatter that this
-sensor's own means have, and that this scatter is one that a body at rest can have. A vibration that
-comes later counts as noise after some minutes. How much more the means of segments vary than the
-blocks within them say, as slow noise makes them, is begun with the correlation of one block and the
-next, and learned from one segment to the next.
+sensor's own means have, that the values vary alike in both halves, and that this scatter is one
+that a body at rest can have. Noise that is correlated varies more from block to block, and so may
+blocks and segments of it. A vibration that comes later counts as noise after some minutes. How much
+more the means of segments vary than the blocks within them say, as slow noise makes them, is begun
+with the correlation of one block and the next, and learned from one segment to the next.
 """
 
 import math
@@ -43,11 +45,11 @@ from typing import Annotated, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.sample import Sample
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 
 VALUE_SECONDS = 0.01
 BLOCK_SECONDS = 0.125
-LEAST_BLOCK = 10  # values
+LEAST_BLOCK = 8  # values
 SEGMENT_BLOCKS = 16
 HALF = 8  # blocks
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
@@ -63,16 +65,24 @@ MEAN_DEVIATIONS = 5.0
 HALVES_DEVIATIONS = 4.0
 # The means of a slow turn scatter more than white values say, and differ little from one to the
 # next.
-LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.125
+LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.16
 FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
+# While the noise is not known, the values of one half may vary by so much more than those of the
+# other: a hand that comes to rest trembles a hundred times as much before as after.
+UNLIKE = 9.0
 # While the noise is not known, the means may scatter as the noisiest sensors and a running motor
 # make them: by less than this where they are averages over a second, and by the root of the time
-# more where they are of less. It is an angle random walk of 69 deg/sqrt(h), some 50 times that of a
-# cheap gyroscope; a body in motion has three times as much. The same for gravity.
-LARGEST_RANDOM_WALK = 0.02  # rad/s^(1/2)
+# more where they are of less. It is an angle random walk of 34 deg/sqrt(h), some 25 times that of a
+# cheap gyroscope; a body in motion has five times as much. The same for gravity. Noise that is
+# correlated over a part of BLOCK_SECONDS has passed a low-pass, and so is less: a hand that holds
+# the sensor sways like that.
+LARGEST_RANDOM_WALK = 0.01  # rad/s^(1/2)
 LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
+# Of means that alternate, the share of their scatter that counts at least: a body that is swung to
+# and fro has a thousand times as much.
+LEAST_WANDER = 0.25
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
 # The noise is learned with this weight per segment.
@@ -123,6 +133,7 @@ class Signal(TypedDict):
     early_means: float
     early_mean_squares: float
     early_variances: float
+    early_largest_variance: float
     early_steps: float
     # the segment before in the same rest
     before: float
@@ -192,6 +203,13 @@ def derive_lengths(period: float, lengths: RestLengths) -> None:
 
 
 @kernel
+def least_rest(lengths: RestLengths) -> float:
+    """Return for how long in s a sensor stands still until it is found at rest the first time."""
+    # A block before the segment and one after it are left out.
+    return (SEGMENT_BLOCKS + 2) * lengths['block_seconds']
+
+
+@kernel
 def start_rest(rest: Rest) -> None:
     """Forget the rest under way; what is known of the noise is kept."""
     rest['at_rest'] = False
@@ -253,6 +271,7 @@ def _start_segment(rest: Rest) -> None:
         signal['mean_squares'] = 0.0
         signal['variances'] = 0.0
         signal['largest_variance'] = 0.0
+        signal['early_largest_variance'] = 0.0
         signal['steps'] = 0.0
 
 
@@ -262,8 +281,8 @@ def note_sample(
 ) -> bool:
     """Take a sample in, with `missing` ones before it, which count as time alone.
 
-    An acceleration that is not finite counts as zero: who has none has none all the time. Returns
-    whether a block is complete, so that `close_block` has to be called.
+    What is no acceleration counts as zero: who has none has none all the time. Returns whether a
+    block is complete, so that `close_block` has to be called.
     """
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
@@ -273,7 +292,7 @@ def note_sample(
             gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
             gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
             force = acceleration[axis]
-            accelerometer['value'] += force if abs(force) < np.inf else 0.0
+            accelerometer['value'] += force if abs(force) <= LARGEST_ACCELERATION else 0.0
     if rest['samples'] < lengths['value']:
         return False
     # Without missing samples it is one: the division is for the others, as it takes its time.
@@ -344,13 +363,9 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     if not _holds_together(rest, lengths):
         rest['at_rest'] = False
         _forget_before(rest)
-        if rest['known']:
-            _drop_early_half(rest)
-            rest['halves'] = Halves.LATER
-            rest['run'] = 2
-        else:
-            rest['run'] = 0
-            _start_segment(rest)
+        _drop_early_half(rest)
+        rest['halves'] = Halves.LATER if rest['known'] else Halves.WHOLE
+        rest['run'] = 2
         return BlockOutcome.NOTHING
     _learn(rest, length)
     return BlockOutcome.SEGMENT
@@ -402,7 +417,7 @@ def _is_still(rest: Rest, signal: Signal) -> bool:
         return True
     count = rest['count']
     mean, variance = _block(rest, signal)
-    limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 / (count - 1.0))
+    limit = _variance_limit(signal['scatter'], signal['variance'], 1.0 * count)
     if variance > limit * signal['variance']:
         return False
     blocks = rest['blocks']
@@ -461,6 +476,8 @@ def _note_half(rest: Rest) -> None:
         signal['early_means'] = signal['means']
         signal['early_mean_squares'] = signal['mean_squares']
         signal['early_variances'] = signal['variances']
+        signal['early_largest_variance'] = signal['largest_variance']
+        signal['largest_variance'] = 0.0
         signal['early_steps'] = signal['steps']
 
 
@@ -555,7 +572,8 @@ def _holds_together(rest: Rest, lengths: RestLengths) -> bool:
             limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
             if _scatter(rest, signal) > limit * signal['scatter']:
                 return False
-            if i < 3 and _has_halves(rest, signal, signal['scatter'], HALVES_DEVIATIONS):
+            scatter = signal['scatter'] * rest['variance_ratio']
+            if i < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
                 return False
         elif not _is_stationary(rest, i, lengths):
             return False
@@ -575,19 +593,44 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     scatter = _scatter(rest, signal)
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
     variance = max(signal['variances'] / rest['blocks'], LEAST_VARIANCE)
-    # Noise that is correlated over several values scatters like fewer of them.
-    alike = max(0.5 * scatter * length / variance, 1.0)
-    limit = 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (length - 1.0))
+    alike = _alike_values(scatter, variance, length)
+    limit = _variance_limit(scatter, variance, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
     steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
     smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
+    # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
+    # blocks each scatter less than by half.
+    wander = max(min(scatter, 2.0 * scatter - steps), LEAST_WANDER * scatter)
+    correlated = max(min(alike, length * BLOCK_SECONDS / lengths['block_seconds']), 1.0)
     return (
         not smooth
-        and scatter <= walk * walk / lengths['block_seconds']
-        and signal['largest_variance'] <= limit * variance
+        and wander * correlated <= walk * walk / lengths['block_seconds']
+        and max(signal['largest_variance'], signal['early_largest_variance']) <= limit * variance
+        and not _has_unlike_halves(rest, signal)
         and not _has_halves(rest, signal, max(steps, variance / length), deviations)
     )
+
+
+@kernel
+def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
+    """Return whether the values vary far less in one half of the segment than in the other."""
+    early = signal['early_variances'] / HALF
+    late = (signal['variances'] - signal['early_variances']) / (rest['blocks'] - HALF)
+    return bool(max(early, late) > UNLIKE * max(min(early, late), LEAST_VARIANCE))
+
+
+@kernel
+def _alike_values(scatter: float, variance: float, count: float) -> float:
+    """Return how many values of a block of `count` are alike, by how much its mean varies."""
+    return min(max(0.5 * scatter * count / variance, 1.0), count)
+
+
+@kernel
+def _variance_limit(scatter: float, variance: float, count: float) -> float:
+    """Return how much more a block of `count` values may vary than the noise does."""
+    alike = _alike_values(scatter, variance, count)
+    return 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (count - 1.0))
 
 
 @kernel
