@@ -100,12 +100,12 @@ CASES = {
     'no bias for long': (
         {'bias_known': False, 'rest_seconds': 11.0},
         {'bias_known': False, 'rest_seconds': 9.0},
-        'stand still for three seconds (the heading drifts until then)',
+        'stand still for 3 seconds (the heading drifts until then)',
     ),
     'no bias': (
         {'bias_known': False},
         {'bias_known': False, 'parameters': Parameters(bias_enabled=False)},
-        'no bias known yet: stand still for three seconds',
+        'no bias known yet: stand still for 3 seconds',
     ),
     'little rest': (
         {'noise_blocks': [20, 5, 20]},
@@ -134,6 +134,7 @@ def report_of(count, **changes):
         nis_sum=3 * [float(count)],
         bias_known=True,
         noise_blocks=[20, 20, 20],
+        least_rest_seconds=2.34,
     )
     of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
     telemetry = telemetry._replace(**of_state)
@@ -457,6 +458,8 @@ def test_telemetry_is_that_of_the_state(random):
         'noise_correlation': noise['correlation'],
         'noise_blocks': noise['blocks'],
         'steady_seconds': bias['rest']['steady_seconds'],
+        # Sixteen blocks of 13 samples, one before them, and one after them.
+        'least_rest_seconds': pytest.approx(18 * 0.13),
         'outliers': counts['outliers'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
         **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},
@@ -481,6 +484,22 @@ def test_telemetry_is_that_of_the_state(random):
     assert telemetry.segments > 0
 
 
+@pytest.mark.parametrize(
+    ('rate', 'seconds'), [(5, 29), (10, 15), (20, 8), (50, 3), (100, 3), (400, 3)]
+)
+def test_the_first_rest_takes_as_long_as_it_is_said_to(rate, seconds, random):
+    filter_, health = MessageFilter(Parameters()), Health()
+    rates, forces = at_rest(random, 40, rate=rate)
+    samples = enumerate(zip(rates, forces, strict=True))
+    messages = [imu_message(10**18 + k * 10**9 // rate, *sample) for k, sample in samples]
+    early = (seconds - 1) * rate
+    filter_all(filter_, messages[:early])
+    status = health.judge(filter_.report(), 1.0)[1]
+    assert status.message == f'no bias known yet: stand still for {seconds} seconds'
+    filter_all(filter_, messages[early : early + rate])
+    assert filter_.report().telemetry.bias_known
+
+
 def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switched_on(random):
     """Moving, and then at rest: no value is nan, and no rest is counted from that never was."""
     filter_, health, statuses = MessageFilter(Parameters()), Health(), []
@@ -492,7 +511,7 @@ def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switche
     for k in range(20):
         filter_all(filter_, messages[100 * k : 100 * k + 100])
         statuses.append(health.judge(filter_.report(), 1.0)[1])
-    text = 'no bias known yet: stand still for three seconds'
+    text = 'no bias known yet: stand still for 3 seconds'
     assert (statuses[0].level, statuses[0].message) == (Level.OK, text)
     assert statuses[10].level == Level.WARN
     assert statuses[10].message.startswith(text)

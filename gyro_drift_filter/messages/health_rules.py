@@ -32,9 +32,9 @@ from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.telemetry import MessageReport
 
-# A sensor that is switched on standing still knows its bias by then, in s.
+# A sensor that is switched on standing still knows its bias by then, in s, or at a low rate in
+# twice the time that its first rest takes.
 _START_SECONDS = 10.0
-_NO_BIAS = 'no bias known yet: stand still for three seconds'
 # Samples in the window below which shares say nothing.
 _FEW = 200
 # Without a rest for so long, in s, while gravity stands, something hides it.
@@ -273,6 +273,18 @@ def _has_no_bias(span: Span) -> bool:
     return span.now.parameters.bias_enabled and state.samples > 0 and not state.bias_known
 
 
+def _has_no_bias_for_long(span: Span) -> bool:
+    state = span.now.telemetry
+    return _has_no_bias(span) and state.rest_seconds > max(
+        _START_SECONDS, 2.0 * state.least_rest_seconds
+    )
+
+
+def _no_bias(span: Span) -> str:
+    seconds = math.ceil(span.now.telemetry.least_rest_seconds)
+    return f'no bias known yet: stand still for {seconds} seconds'
+
+
 def _is_noise_unsure(span: Span) -> bool:
     """Return whether the bias is known, and the noise by little rest only."""
     parameters = span.now.parameters
@@ -488,10 +500,10 @@ FILTER_RULES = (
     Rule(
         'no bias for long',
         Level.WARN,
-        lambda span: _has_no_bias(span) and span.now.telemetry.rest_seconds > _START_SECONDS,
-        _NO_BIAS + ' (the heading drifts until then)',
+        _has_no_bias_for_long,
+        lambda span: _no_bias(span) + ' (the heading drifts until then)',
     ),
-    Rule('no bias', Level.OK, _has_no_bias, _NO_BIAS),
+    Rule('no bias', Level.OK, _has_no_bias, _no_bias),
     Rule(
         'little rest',
         Level.OK,

@@ -225,7 +225,7 @@ def filter_imus(
     for i in range(len(imus) + 1):
         while noted < len(notes) and notes[noted]['index'] == i:
             notes[noted]['reception'] = reception[0]
-            read_telemetry(filter_[0]['state'], notes[noted]['telemetry'])
+            read_telemetry(filter_[0], notes[noted]['telemetry'])
             noted += 1
         if i < len(imus):
             _take(data, imus[i], reception[0], published, filter_[0])

@@ -25,6 +25,7 @@ from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
 from gyro_drift_filter.core.quantisation import known_count
+from gyro_drift_filter.core.rest import least_rest
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]
@@ -36,8 +37,8 @@ class Telemetry(NamedTuple):
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
     the bias does. Bias and its deviation are those at rest, in rad/s; noise is a variance in
-    (rad/s)^2, of the last sample; period, rest_seconds and steady_seconds are in s, rest_seconds
-    since the start where segments is 0. resolution is in rad/s, 0 where there is none; faults are
+    (rad/s)^2, of the last sample; period and seconds are in s, rest_seconds since the start where
+    segments is 0. resolution is in rad/s, 0 where there is none; faults are
     members of `AxisFault`.
     """
 
@@ -77,6 +78,7 @@ class Telemetry(NamedTuple):
     at_rest: bool
     rest_seconds: float
     steady_seconds: float
+    least_rest_seconds: float
     segments: int
     beyond_max: int
     turning: int
@@ -120,8 +122,9 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 
 
 @kernel
-def read_telemetry(state: Any, out: Any) -> None:
-    """Write the values of a record of STATE into one of TELEMETRY."""
+def read_telemetry(filter_: Any, out: Any) -> None:
+    """Write the values of a record of FILTER into one of TELEMETRY."""
+    state, lengths = filter_['state'], filter_['coefficients']['rest']
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, quantisation = state['checks'], state['quantisation']
     paper, adaptive = state['methods']['paper'], state['methods']['adaptive']
@@ -146,6 +149,7 @@ def read_telemetry(state: Any, out: Any) -> None:
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
+    out['least_rest_seconds'] = least_rest(lengths)
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
