@@ -44,6 +44,7 @@ from gyro_drift_filter.core.motion_bias import (
     restore_shared,
     start_motion_bias,
 )
+from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest import (
     BlockOutcome,
     Halves,
@@ -51,6 +52,7 @@ from gyro_drift_filter.core.rest import (
     RestLengths,
     close_block,
     next_segment,
+    note_count,
     note_sample,
     segment_mean,
     segment_scatter,
@@ -214,6 +216,7 @@ def track_bias(
     accepted: bool,
     missing: int,
     elapsed: float,
+    quantisation: Quantisation,
     lengths: RestLengths,
     settings: 'Settings',
 ) -> None:
@@ -235,6 +238,8 @@ def track_bias(
     accepted = accepted and state['hint'] != Hint.MOVES
     if not note_sample(rest, sample, accepted, missing, lengths):
         return
+    for axis in range(3):
+        note_count(rest, axis, likely_count(quantisation, axis))
     run = rest['run']
     found = close_block(rest, lengths)
     if found == BlockOutcome.STEADY:

@@ -168,6 +168,12 @@ def known_count(state: Quantisation, axis: int) -> float:
 
 
 @kernel
+def likely_count(state: Quantisation, axis: int) -> float:
+    """Return what a count of an axis may be worth in rad/s: two changes were of the same size."""
+    return float(state['count'][axis] if state['votes'][axis] > 1 else 0.0)
+
+
+@kernel
 def variance_of_cut(state: Quantisation) -> float:
     """Return the variance in (rad/s)^2 that a bias has which was learned from cut rates."""
     largest = 0.0

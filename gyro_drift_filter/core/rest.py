@@ -84,7 +84,9 @@ LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
 # and fro has a thousand times as much.
 LEAST_WANDER = 0.25
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
-LEAST_VARIANCE = 1e-10  # of a signal in its unit squared: a coarse sensor shows none at rest
+# Of a signal in its unit squared: a coarse sensor shows none at rest. One whose counts are known
+# has that of a value anywhere within a count.
+LEAST_VARIANCE, COUNT_VARIANCE = 1e-10, 1.0 / 12.0
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
 # Before anything is known a segment of so many blocks is steady, as of a drone that idles, where
@@ -112,6 +114,7 @@ SIGNALS = 6
 class Signal(TypedDict):
     """One of the six signals: what is known of its noise, and the sums under way."""
 
+    least_variance: float
     variance: float  # of values about their block's mean
     scatter: float  # variance of the means of blocks
     value: float  # sum over the value under way
@@ -210,6 +213,12 @@ def least_rest(lengths: RestLengths) -> float:
 
 
 @kernel
+def note_count(rest: Rest, axis: int, count: float) -> None:
+    """Note what a count of an axis of the gyroscope is worth in rad/s, 0 where it is not known."""
+    rest['signals'][axis]['least_variance'] = COUNT_VARIANCE * count * count
+
+
+@kernel
 def start_rest(rest: Rest) -> None:
     """Forget the rest under way; what is known of the noise is kept."""
     rest['at_rest'] = False
@@ -238,7 +247,7 @@ def has_noise_of(rest: Rest, axis: int, deviation: float) -> bool:
         return False
     for i in range(3, SIGNALS):
         signal = rest['signals'][i]
-        if signal['waiting_variance'] > QUIETER * max(signal['variance'], LEAST_VARIANCE):
+        if signal['waiting_variance'] > QUIETER * signal['variance']:
             return True
     return False
 
@@ -433,8 +442,8 @@ def _block(rest: Rest, signal: Signal) -> tuple[float, float]:
     """Return mean and variance of the block."""
     count = 1.0 * rest['count']
     mean = signal['sum'] / count
-    variance = max(signal['squares'] - mean * signal['sum'], 0.0) / (count - 1.0)
-    return signal['origin'] + mean, variance
+    variance = (signal['squares'] - mean * signal['sum']) / (count - 1.0)
+    return signal['origin'] + mean, max(variance, signal['least_variance'], LEAST_VARIANCE)
 
 
 @kernel
@@ -592,7 +601,7 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     signal, length = rest['signals'][index], 1.0 * lengths['block']
     scatter = _scatter(rest, signal)
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
-    variance = max(signal['variances'] / rest['blocks'], LEAST_VARIANCE)
+    variance = signal['variances'] / rest['blocks']
     alike = _alike_values(scatter, variance, length)
     limit = _variance_limit(scatter, variance, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
@@ -617,7 +626,7 @@ def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
     """Return whether the values vary far less in one half of the segment than in the other."""
     early = signal['early_variances'] / HALF
     late = (signal['variances'] - signal['early_variances']) / (rest['blocks'] - HALF)
-    return bool(max(early, late) > UNLIKE * max(min(early, late), LEAST_VARIANCE))
+    return bool(max(early, late) > UNLIKE * min(early, late))
 
 
 @kernel
@@ -718,7 +727,7 @@ def _learn(rest: Rest, length: int) -> None:
         rest['variance_ratio'] = _correlated_ratio(rest)
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        variance = max(signal['variances'] / blocks, LEAST_VARIANCE)
+        variance = signal['variances'] / blocks
         scatter = max(_scatter(rest, signal), variance / length)
         if rest['learned'] == 1:
             signal['variance'] = variance

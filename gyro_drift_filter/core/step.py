@@ -213,7 +213,8 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
         if result['outlier'][axis] > 0.0:
             accepted = False
     lengths = filter_['coefficients']['rest']
-    track_bias(bias, sample, accepted, max(missing, 0), elapsed, lengths, settings)
+    quantisation = state['quantisation']
+    track_bias(bias, sample, accepted, max(missing, 0), elapsed, quantisation, lengths, settings)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
     if settings['bias_in_motion']:
