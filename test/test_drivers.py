@@ -53,6 +53,17 @@ def test_the_rest_of_a_sensor_with_its_own_low_pass_is_found(rate, share, random
     assert np.abs(results['bias'][-1] - bias).max() < np.radians(0.15)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_the_rest_of_a_sensor_with_less_noise_than_a_count_is_found(seed):
+    """A driver that rounds to hundredths: now and then a rate is the next one, and then back."""
+    random = np.random.default_rng(seed)
+    bias = np.array([0.005, 0.004, -0.006])
+    z = np.round(bias + 0.0007 * random.standard_normal((1500, 3)), 2)
+    results = Filter(Parameters()).run(stamps(1500, 100.0), z, upright(random, 1500))
+    assert np.flatnonzero(results['at_rest'])[0] < 400
+    assert results['at_rest'][400:].mean() > 0.9
+
+
 @pytest.mark.parametrize('frequency', [8.0, 10.0, 12.0, 37.3])
 def test_a_strong_vibration_from_power_on_hides_no_rest(frequency, random):
     """Of an engine that idles. Blocks of an eighth of a second alias it, 12 Hz most of all."""
@@ -154,6 +165,28 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     error = np.abs(results['angular_velocity'] - clipped)
     assert np.quantile(error[900:], 0.99) < 0.05
     assert results['outlier'].mean() < 0.002
+
+
+def test_all_axes_at_the_end_of_the_range_are_no_repeat(random):
+    """Their rates stay the same to the last bit, as those of a sensor that was polled twice."""
+    time = np.arange(3000) / 100.0
+    truth = np.sin(2 * np.pi * 0.7 * time)[:, None] * [9.0, -10.0, 11.0]
+    truth[:800] = 0.0
+    given = np.clip(truth + 0.001 * random.standard_normal(truth.shape), -3.5, 3.5)
+    results = Filter(Parameters()).run(stamps(3000, 100.0), given, upright(random, 3000))
+    assert np.abs(results['angular_velocity'] - given)[900:].max() < 0.3
+
+
+def test_a_driver_that_hangs_in_motion_does_not_let_the_rate_run_away(random):
+    """It repeats its last rates for half a second, in the midst of a push."""
+    time = np.arange(2000) / 100.0
+    truth = np.sin(2 * np.pi * 1.0 * time)[:, None] * [3.0, -4.0, 2.0]
+    truth[:800] = 0.0
+    given = truth + 0.005 * random.standard_normal(truth.shape)
+    given[1400:1450] = given[1399]
+    out = Filter(Parameters()).run(stamps(2000, 100.0), given, upright(random, 2000))
+    assert np.abs(out['angular_velocity'] - given)[1410:1450].max() < 0.5
+    assert np.abs(out['angular_velocity'][1700:] - truth[1700:]).max() < 0.1
 
 
 # The same examples each time: the limit is measured, not proven.

@@ -190,19 +190,30 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
-    if size <= CLIPPED_RATE or same:
+    if size <= CLIPPED_RATE:
         return False
-    if change > 0.0:
-        # Where it has been stopped at before it is known with the first sample.
-        return bool(checks['clipped'][axis] > 0 and size >= largest[axis] - resolution[axis])
-    if entered[axis] <= CLIPPED_STEPS * resolution[axis]:
-        return False
-    largest[axis] = max(largest[axis], size)
-    if size < largest[axis] - resolution[axis]:
-        return False
+    if not _is_known_limit(checks, axis, size):
+        if same or change > 0.0 or entered[axis] <= CLIPPED_STEPS * resolution[axis]:
+            return False
+        largest[axis] = max(largest[axis], size)
+        if size < largest[axis] - resolution[axis]:
+            return False
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
         checks['clipped'][axis] += 1
     return True
+
+
+@kernel
+def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
+    """Return whether rates were stopped at this size before: on this axis, or else on another."""
+    clipped, largest = checks['clipped'], checks['largest']
+    resolution = checks['resolution'][axis]
+    if clipped[axis] > 0:
+        return bool(size >= largest[axis] - resolution)
+    for other in range(3):
+        if clipped[other] > 0 and abs(size - largest[other]) <= resolution:
+            return True
+    return False
 
 
 @kernel

@@ -401,7 +401,8 @@ def compare_axes(
             surprised = True
         if all_equal and _has_turned(state, own, rate[axis]):
             turned = True
-        if all_equal:
+        # At the end of its range an axis says nothing of whether it was measured twice.
+        if all_equal and not own['at_limit']:
             likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
@@ -487,7 +488,7 @@ def update(
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:
         reason = Reason.CONSTANT
-    elif circumstances['repeated']:
+    elif circumstances['repeated'] and doubt['unseen'] < limits['longest_hold']:
         reason = Reason.REPEATED
     elif own['at_limit'] and _is_behind(sample, prediction, typical):
         reason = Reason.AT_LIMIT
