@@ -30,6 +30,8 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 # A count is known when so many changes more were one of it than were a part of one. Where so many
 # changes have not told, there is none: the rates are calibrated or averaged.
 CERTAIN_VOTES = 50
+# So many are not by chance: of changes of no size in particular one in ten is of a given one.
+LIKELY_VOTES = 10
 LONGEST_SEARCH = 2000
 # Changes of more counts than this are left out, as a small error of the count adds up.
 LARGEST_STEPS = 10.0
@@ -169,8 +171,10 @@ def known_count(state: Quantisation, axis: int) -> float:
 
 @kernel
 def likely_count(state: Quantisation, axis: int) -> float:
-    """Return what a count of an axis may be worth in rad/s: two changes were of the same size."""
-    return float(state['count'][axis] if state['votes'][axis] > 1 else 0.0)
+    """Return what a count of an axis is likely to be worth in rad/s, 0 where nothing is likely."""
+    searching = state['changes'][axis] < LONGEST_SEARCH
+    least = LIKELY_VOTES if searching else CERTAIN_VOTES
+    return float(state['count'][axis] if state['votes'][axis] >= least else 0.0)
 
 
 @kernel
