@@ -120,6 +120,17 @@ def test_without_an_accelerometer_it_is_the_bias_at_rest(random):
         np.testing.assert_allclose(a['bias'], b['bias'], atol=1e-4)
 
 
+@pytest.mark.parametrize('size', [1e160, 1e300, 3e4])
+def test_an_acceleration_beyond_all_sensors_is_none(size, random):
+    """In flight, for one sample: a velocity of 1e160 m/s ended as a rate that was no number."""
+    rates, accelerations = flown(random, 30, np.zeros(3), np.zeros(3))
+    accelerations[2000] = size
+    results = run(Filter(), rates, accelerations)
+    assert np.isfinite(results['angular_velocity']).all()
+    assert np.isfinite(results['angular_velocity_covariance']).all()
+    assert np.abs(results['bias']).max() < 0.01
+
+
 def test_the_covariance_stays_one(random):
     """Through starts, rests, gaps, spikes and turns that are taken back."""
     filter_, start = Filter(), 10**18

@@ -50,7 +50,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
 from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of
-from gyro_drift_filter.core.sample import Sample
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 from gyro_drift_filter.gravity import GRAVITY
 
 STATES = 12
@@ -348,7 +348,7 @@ def track_motion(
             force = GRAVITY * state['values'][DIRECTION + axis]
         state['angle'][axis] += rate[axis] * seconds
         state['speed'][axis] += force * seconds
-        finite = finite and abs(rate[axis]) < np.inf and abs(force) < np.inf
+        finite = finite and abs(rate[axis]) < np.inf and abs(force) <= LARGEST_ACCELERATION
     state['seconds'] += seconds
     state['samples'] += 1
     if not finite:
