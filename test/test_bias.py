@@ -22,7 +22,7 @@ from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core import bias as bias_module
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.core.motion_bias import BIAS
+from gyro_drift_filter.core.motion_bias import BIAS, DIRECTION
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
@@ -209,6 +209,16 @@ def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
     assert np.abs(results['bias'][125:] - truth).max() < 6e-3
     deviations = np.sqrt(results['angular_velocity_variance'][[20, 125]]).max(axis=1)
     assert deviations[1] < 0.3 * deviations[0]
+
+
+def test_with_a_provisional_bias_gravity_is_where_the_accelerometer_says(random):
+    """Until then the direction has turned with the bias: by 6 degrees in the first second."""
+    rates, accelerations = idling(random, 1.4, np.array([0.1, -0.1, 0.0]))
+    filter_ = Filter()
+    results = run(filter_, rates, accelerations)
+    assert np.abs(results['bias'][-1]).max() > 0.08
+    direction = filter_.state['bias']['motion']['values'][DIRECTION : DIRECTION + 3]
+    np.testing.assert_allclose(direction, [0.0, 0.0, 1.0], atol=0.02)
 
 
 def test_a_take_off_is_no_rest(random):

@@ -43,6 +43,7 @@ from gyro_drift_filter.core.motion_bias import (
     lose_direction,
     restore_shared,
     start_motion_bias,
+    take_direction,
 )
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest import (
@@ -280,6 +281,8 @@ def _take_provisional(state: Bias, largest: float) -> None:
         state['variance'][axis] = _provisional_variance(rest, axis)
         limit_shift(state['motion'], axis, value_variance(rest, axis))
     start_motion_bias(state['motion'], state['bias'], state['variance'])
+    # It has turned with the bias so far.
+    take_direction(state['motion'], rest)
     state['known'] = False
     state['growth'] = 0.0
     state['reach'] = 0.0

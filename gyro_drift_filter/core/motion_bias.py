@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
-from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of
+from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of, segment_mean
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -246,6 +246,19 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
     state['growth'] = 0.0
     state['moving_seconds'] = 0.0
     state['moving'] = False
+
+
+@kernel
+def take_direction(state: MotionBias, rest: Rest) -> None:
+    """Take the mean acceleration of the segment under way for gravity, if it can be that."""
+    x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
+    size = math.sqrt(x * x + y * y + z * z)
+    if LEAST_GRAVITY * GRAVITY < size < LARGEST_GRAVITY * GRAVITY:
+        values = state['values']
+        values[DIRECTION] = x / size
+        values[DIRECTION + 1] = y / size
+        values[DIRECTION + 2] = z / size
+        state['directed'] = True
 
 
 @kernel
