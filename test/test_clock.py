@@ -22,6 +22,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmark.scenarios import bursty_stamps
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sample import SampleStatus
@@ -181,6 +182,15 @@ def test_bursts_from_the_first_sample_on_do_not_move_a_sensor_at_rest(late, rand
         rates = 0.006 * random.standard_normal((400, 3))
         results = Filter().run(stamps, rates, np.tile([0.0, 0.0, 9.81], (400, 1)))
         assert np.abs(results['angular_velocity']).max() < 0.05
+
+
+def test_a_period_that_is_hard_to_learn_does_not_hinder_smoothing(random):
+    """Long bursts at 1,000 Hz: it is learned anew every two seconds, off by up to a half."""
+    n = 40_000
+    noise = 0.005 * random.standard_normal((n, 3))
+    gravity = np.tile([0.0, 0.0, 9.81], (n, 1))
+    out = Filter().run(bursty_stamps(n, 1000.0, random), noise, gravity)['angular_velocity']
+    assert (out[20_000:].std(axis=0) < 0.06 * noise.std(axis=0)).all()
 
 
 @pytest.mark.parametrize('size', [2, 4, 16, 28])

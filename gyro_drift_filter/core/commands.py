@@ -48,7 +48,9 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     methods.change_model(filter_[0], after)
     sample_rate = after['sample_rate']
     if sample_rate != before['sample_rate'] and sample_rate > 0.0:
-        state['clock']['period'] = period_of(sample_rate)
+        period = period_of(sample_rate)
+        methods.change_period(filter_[0], period / state['clock']['period'])
+        state['clock']['period'] = period
     bias = state['bias']
     if bias['known'] or bias['provisional'][0] > 0.0:
         widen(bias, _change_of_bias(before, after))

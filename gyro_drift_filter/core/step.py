@@ -88,6 +88,8 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         state['counts']['refused'] += 1
     else:
         _count_result(filter_)
+    if clock['period'] != period:
+        methods.change_period(filter_, clock['period'] / period)
 
 
 @kernel

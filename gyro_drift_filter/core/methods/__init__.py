@@ -33,11 +33,10 @@ third:
 
 So the first sample goes through `predict` and `update`, too; the paper's methods begin with the
 second, so their branches ask whether the method is `starting`. Coefficients are those of the sample
-period before the step. The state stays as it is where the period has changed: what is counted per
-sample has followed the samples, and it is the clock that has learned late how far they lie apart.
-The verbs at the end are for methods that need them: `is_noise_known` for noise that is learned,
-`change_model` for what parameters replace, and `take_over` for a start at the rate of another
-method.
+period before the step; where the clock has found another one, `change_period` follows. The verbs at
+the end are for methods that need them: `change_period` for what is counted per sample,
+`is_noise_known` for noise that is learned, `change_model` for what parameters replace, and
+`take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -233,6 +232,13 @@ def estimate(
 
 
 # What a method may need besides: branches only for those that do.
+
+
+@kernel
+def change_period(filter_: 'FilterRecord', periods: float) -> None:
+    """Get ready for coefficients of a sample period of `periods` old ones."""
+    for axis in range(3):
+        adaptive.change_period(filter_['state']['methods']['adaptive'][axis], periods)
 
 
 @kernel

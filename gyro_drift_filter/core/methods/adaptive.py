@@ -298,6 +298,21 @@ def change_model(state: AdaptiveAxis, before: 'Settings', after: 'Settings', axi
 
 
 @kernel
+def change_period(state: AdaptiveAxis, periods: float) -> None:
+    """Get ready for gains of a sample period of `periods` old ones.
+
+    Acceleration and jerk are per sample. They have followed the samples, and it is the clock that
+    has learned late how far these lie apart. But with a shorter period the gains are smaller, and
+    what the larger ones have learned is noisier than they expect, so that it shrinks.
+    """
+    if periods < 1.0:
+        acceleration, jerk = state['acceleration'], state['jerk']
+        for j in range(MODES):
+            acceleration[j] *= periods
+            jerk[j] *= periods * periods
+
+
+@kernel
 def predict(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: ModeSet) -> None:
     """Predict the next sample, into the workspace: each mode, and all together."""
     own = workspace['axes'][axis]
