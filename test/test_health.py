@@ -484,14 +484,19 @@ def test_telemetry_is_that_of_the_state(random):
     assert telemetry.segments > 0
 
 
+def recorded(rates, forces, rate=100):
+    """Return the messages of a recording at a rate in Hz."""
+    samples = enumerate(zip(rates, forces, strict=True))
+    return [imu_message(10**18 + k * 10**9 // rate, *sample) for k, sample in samples]
+
+
 @pytest.mark.parametrize(
     ('rate', 'seconds'), [(5, 29), (10, 15), (20, 8), (50, 3), (100, 3), (400, 3)]
 )
 def test_the_first_rest_takes_as_long_as_it_is_said_to(rate, seconds, random):
     filter_, health = MessageFilter(Parameters()), Health()
     rates, forces = at_rest(random, 40, rate=rate)
-    samples = enumerate(zip(rates, forces, strict=True))
-    messages = [imu_message(10**18 + k * 10**9 // rate, *sample) for k, sample in samples]
+    messages = recorded(rates, forces, rate)
     early = (seconds - 1) * rate
     filter_all(filter_, messages[:early])
     status = health.judge(filter_.report(), 1.0)[1]
@@ -506,8 +511,7 @@ def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switche
     (rates, forces), (turn, push) = at_rest(random, 20), by_hand(random, 12)
     rates[:1200] += turn
     forces[:1200] += push
-    samples = zip(rates, forces, strict=True)
-    messages = [imu_message(10**18 + k * 10**7, *sample) for k, sample in enumerate(samples)]
+    messages = recorded(rates, forces)
     for k in range(20):
         filter_all(filter_, messages[100 * k : 100 * k + 100])
         statuses.append(health.judge(filter_.report(), 1.0)[1])
