@@ -281,7 +281,7 @@ def _take_provisional(state: Bias, largest: float) -> None:
         state['variance'][axis] = _provisional_variance(rest, axis)
         limit_shift(state['motion'], axis, value_variance(rest, axis))
     start_motion_bias(state['motion'], state['bias'], state['variance'])
-    # It has turned with the bias so far.
+    # The direction of gravity has turned with the bias so far.
     take_direction(state['motion'], rest)
     state['known'] = False
     state['growth'] = 0.0

@@ -251,9 +251,14 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
 @kernel
 def take_direction(state: MotionBias, rest: Rest) -> None:
     """Take the mean acceleration of the segment under way for gravity, if it can be that."""
-    x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
+    _direct(state, segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5), 1.0)
+
+
+@kernel
+def _direct(state: MotionBias, x: float, y: float, z: float, seconds: float) -> None:
+    """Take an acceleration in m/s^2, summed up over `seconds`, for gravity, if it can be that."""
     size = math.sqrt(x * x + y * y + z * z)
-    if LEAST_GRAVITY * GRAVITY < size < LARGEST_GRAVITY * GRAVITY:
+    if LEAST_GRAVITY * GRAVITY * seconds < size < LARGEST_GRAVITY * GRAVITY * seconds:
         values = state['values']
         values[DIRECTION] = x / size
         values[DIRECTION + 1] = y / size
@@ -384,17 +389,15 @@ def _take_value(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
     values, seconds, speed = state['values'], state['seconds'], state['speed']
-    size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
     if not state['directed']:
-        if LEAST_GRAVITY * GRAVITY * seconds < size < LARGEST_GRAVITY * GRAVITY * seconds:
-            for axis in range(3):
-                values[DIRECTION + axis] = speed[axis] / size
-            state['directed'] = True
+        _direct(state, speed[0], speed[1], speed[2], seconds)
+        if state['directed']:
             _start_motion(state, START_DIRECTION)
         return
     _turn_by_value(state, workspace)
     if rest['at_rest']:
         state['moving'] = False
+        size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
         if size > 0.0:
             for axis in range(3):
                 step = speed[axis] / size - values[DIRECTION + axis]

@@ -71,7 +71,7 @@ FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is corre
 GRAVITY_DEVIATIONS = 6.0
 # While the noise is not known, the values of one half may vary by so much more than those of the
 # other: a hand that comes to rest trembles a hundred times as much before as after.
-UNLIKE = 9.0
+LARGEST_RATIO_OF_HALVES = 9.0
 # While the noise is not known, the means may scatter as the noisiest sensors and a running motor
 # make them: by less than this where they are averages over a second, and by the root of the time
 # more where they are of less. It is an angle random walk of 34 deg/sqrt(h), some 25 times that of a
@@ -82,7 +82,7 @@ LARGEST_RANDOM_WALK = 0.01  # rad/s^(1/2)
 LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
 # Of means that alternate, the share of their scatter that counts at least: a body that is swung to
 # and fro has a thousand times as much.
-LEAST_WANDER = 0.25
+LEAST_SLOW_SHARE = 0.25
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 # Of a signal in its unit squared: a coarse sensor shows none at rest. One whose counts are known
 # has that of a value anywhere within a count.
@@ -128,7 +128,7 @@ class Signal(TypedDict):
     means: float  # sum of means less the first one
     mean_squares: float
     variances: float
-    largest_variance: float  # read only where the noise is not known yet
+    largest_variance: float  # of the half under way; read only where the noise is not known yet
     steps: float  # sum of squared differences of one mean and the next
     last: float  # mean of the last block
     first: float  # mean of the first block
@@ -290,8 +290,8 @@ def note_sample(
 ) -> bool:
     """Take a sample in, with `missing` ones before it, which count as time alone.
 
-    What is no acceleration counts as zero: who has none has none all the time. Returns whether a
-    block is complete, so that `close_block` has to be called.
+    An acceleration that is no number or beyond all sensors counts as zero: who has none has none
+    all the time. Returns whether a block is complete, so that `close_block` has to be called.
     """
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
@@ -426,8 +426,8 @@ def _is_still(rest: Rest, signal: Signal) -> bool:
         return True
     count = rest['count']
     mean, variance = _block(rest, signal)
-    limit = _variance_limit(signal['scatter'], signal['variance'], 1.0 * count)
-    if variance > limit * signal['variance']:
+    alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
+    if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
         return False
     blocks = rest['blocks']
     if blocks == 0:
@@ -603,18 +603,18 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
     variance = signal['variances'] / rest['blocks']
     alike = _alike_values(scatter, variance, length)
-    limit = _variance_limit(scatter, variance, length)
+    limit = _variance_limit(alike, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
     steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
     smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
     # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
     # blocks each scatter less than by half.
-    wander = max(min(scatter, 2.0 * scatter - steps), LEAST_WANDER * scatter)
+    slow_scatter = max(min(scatter, 2.0 * scatter - steps), LEAST_SLOW_SHARE * scatter)
     correlated = max(min(alike, length * BLOCK_SECONDS / lengths['block_seconds']), 1.0)
     return (
         not smooth
-        and wander * correlated <= walk * walk / lengths['block_seconds']
+        and slow_scatter * correlated <= walk * walk / lengths['block_seconds']
         and max(signal['largest_variance'], signal['early_largest_variance']) <= limit * variance
         and not _has_unlike_halves(rest, signal)
         and not _has_halves(rest, signal, max(steps, variance / length), deviations)
@@ -626,7 +626,7 @@ def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
     """Return whether the values vary far less in one half of the segment than in the other."""
     early = signal['early_variances'] / HALF
     late = (signal['variances'] - signal['early_variances']) / (rest['blocks'] - HALF)
-    return bool(max(early, late) > UNLIKE * min(early, late))
+    return bool(max(early, late) > LARGEST_RATIO_OF_HALVES * min(early, late))
 
 
 @kernel
@@ -636,9 +636,8 @@ def _alike_values(scatter: float, variance: float, count: float) -> float:
 
 
 @kernel
-def _variance_limit(scatter: float, variance: float, count: float) -> float:
+def _variance_limit(alike: float, count: float) -> float:
     """Return how much more a block of `count` values may vary than the noise does."""
-    alike = _alike_values(scatter, variance, count)
     return 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (count - 1.0))
 
 

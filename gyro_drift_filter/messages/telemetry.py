@@ -37,9 +37,9 @@ class Telemetry(NamedTuple):
 
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
     the bias does. Bias and its deviation are those at rest, in rad/s; noise is a variance in
-    (rad/s)^2, of the last sample; period and seconds are in s, rest_seconds since the start where
-    segments is 0. resolution is in rad/s, 0 where there is none; faults are
-    members of `AxisFault`.
+    (rad/s)^2, of the last sample; the period and what ends in seconds are in s, rest_seconds since
+    the start where segments is 0. resolution is in rad/s, 0 where there is none; faults are members
+    of `AxisFault`.
     """
 
     samples: int
