@@ -130,6 +130,14 @@ def _polled(speed: float, random: np.random.Generator) -> Delivery:
     return delivery
 
 
+def _polled_fast(speed: float, random: np.random.Generator) -> Delivery:
+    """Deliver each of 100 samples a second ten times, all six values."""
+    delivery = deliver(1000.0, speed, random)
+    latest = np.arange(len(delivery.stamps)) // 10 * 10
+    delivery.given, delivery.acceleration = delivery.given[latest], delivery.acceleration[latest]
+    return delivery
+
+
 def _clipped(speed: float, random: np.random.Generator) -> Delivery:
     """Deliver a range of 250 deg/s; judge where the motion is within it."""
     delivery = deliver(100.0, 2.0 * speed, random)
@@ -189,6 +197,7 @@ WORLDS: dict[str, Callable[[float, np.random.Generator], Delivery]] = {
     'decimated': _decimated,
     'arrival': _arrival,
     'polled': _polled,
+    'polled fast': _polled_fast,
     'clipped': _clipped,
     'low-passed': _low_passed,
     'dropped': _dropped,

@@ -30,6 +30,7 @@ from gyro_drift_filter.rotations import (
     to_vectors,
 )
 from support.paths import MOTION
+from support.sensor import fast_turn
 
 
 @pytest.mark.parametrize('world', list(WORLDS))
@@ -124,13 +125,6 @@ def test_small_spikes_at_rest_are_flagged_by_the_noise(noise, deviations, share,
     assert (flags & ~spikes).any(axis=1).mean() < 3e-4
     left = np.abs(results['angular_velocity'])[spikes & flags]
     assert left.max() < noise
-
-
-def fast_turn(n, rate):
-    time = np.arange(n) / rate
-    return np.column_stack(
-        [size * np.sin(2 * np.pi * hertz * time) for size, hertz in ((6, 1.3), (4, 2.1), (9, 0.7))]
-    )
 
 
 def test_repeated_rates_in_motion_are_bridged_and_not_flagged(random):

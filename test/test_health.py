@@ -129,6 +129,7 @@ def report_of(count, **changes):
     telemetry = as_telemetry(np.zeros(1, TELEMETRY))[0]._replace(
         samples=count,
         period=0.01,
+        messages_per_sample=1.0,
         blocks=1,
         nis_samples=3 * [count],
         nis_sum=3 * [float(count)],
@@ -451,7 +452,8 @@ def test_telemetry_is_that_of_the_state(random):
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
         **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
-        'not_measured': checks['not_measured'],
+        'not_measured': state['polling']['not_measured'],
+        'messages_per_sample': 1.0,
         'faults': checks['fault'],
         'truncated': state['quantisation']['truncated'],
         'resolution': np.zeros(3),

@@ -116,22 +116,6 @@ def test_a_motor_that_stops_is_no_fault(random):
     assert results['at_rest'][-1]
 
 
-@pytest.mark.parametrize('rate', [100.0, 400.0])
-def test_repeated_samples_are_counted(rate, random):
-    """A driver that polls a sensor of half its rate: every other sample."""
-    n = 8000
-    measured = 0.006 * random.standard_normal((n // 2, 3))
-    rates, accelerations = np.repeat(measured, 2, axis=0), np.zeros((n, 3)) + 9.8
-    accelerations += 0.02 * random.standard_normal((n, 3))
-    filter_ = Filter()
-    filter_.run(10**18 + (np.arange(n) * 1e9 / rate).astype(np.int64), rates, accelerations)
-    assert 0.9 < filter_.state['checks']['not_measured'] / (n // 2) <= 1.0
-    filter_ = Filter()
-    rates = 0.006 * random.standard_normal((n, 3))
-    filter_.run(10**18 + (np.arange(n) * 1e9 / rate).astype(np.int64), rates, accelerations)
-    assert filter_.state['checks']['not_measured'] == 0
-
-
 def test_gravity_that_stands_without_a_rest_is_noted(random):
     """Rates that jump every second are no rest, whatever gravity says."""
     rates, accelerations = at_rest(random, 200.0)

@@ -206,6 +206,17 @@ def period_of(sample_rate: float) -> float:
 
 
 @kernel
+def lengthen_period(clock: Clock, times: float) -> None:
+    """Start anew, at the last stamp, with samples that are so many times as far apart."""
+    clock['period'] = min(times * clock['period'], LONGEST_PERIOD)
+    clock['mean_period'] = clock['period']
+    clock['mean_rate'] = 1.0 / clock['period']
+    clock['blocks'] = 0
+    _forget_delays(clock)
+    _start_envelope(clock)
+
+
+@kernel
 def elapsed_seconds(clock: Clock, stamp: int) -> float:
     """Return the time in s from the last sample to a stamp (ns), as far as the stamps say."""
     if stamp == 0 or not clock['started']:

@@ -31,6 +31,7 @@ from gyro_drift_filter.core.bias import (
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
 from gyro_drift_filter.core.motion_bias import set_shift, shift_of, shift_variance
+from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.settings import SETTINGS, Settings
@@ -96,8 +97,10 @@ def take_over(filter_: NDArray[np.void]) -> None:
 @entry_kernel(FILTER)
 def start_state(filter_: NDArray[np.void]) -> None:
     """Set a state up that is zero but for the bias."""
-    leave_rest(filter_[0]['state']['bias'])
-    start_clock(filter_[0]['state']['clock'], filter_[0]['settings']['sample_rate'])
+    state = filter_[0]['state']
+    leave_rest(state['bias'])
+    start_polling(state['polling'])
+    start_clock(state['clock'], filter_[0]['settings']['sample_rate'])
 
 
 @entry_kernel(FILTER, np.float64, np.float64, np.float64, np.float64)

@@ -21,6 +21,7 @@ from gyro_drift_filter.core.bias import Bias
 from gyro_drift_filter.core.clock import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
 from gyro_drift_filter.core.motion_bias import MotionWorkspace
+from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.quantisation import Quantisation
 from gyro_drift_filter.core.rest import RestLengths
 from gyro_drift_filter.core.sample import Result
@@ -57,6 +58,7 @@ class State(TypedDict):
 
     clock: Clock
     counts: Counts
+    polling: Polling
     checks: SensorChecks
     quantisation: Quantisation
     methods: MethodStates

@@ -38,7 +38,7 @@ class SampleStatus(IntEnum):
     """What became of a sample."""
 
     FILTERED = 0
-    REPEATED = 1  # same stamp and same rates as the sample before: its result once more
+    REPEATED = 1  # the sample before (same stamp and rates, or polled faster): its result once more
     REFUSED = 2  # no usable rate yet on some axis, so there is no result
 
 

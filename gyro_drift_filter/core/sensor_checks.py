@@ -72,7 +72,6 @@ class SensorChecks(TypedDict):
     pushed: bool
     fault: CountPerAxis  # members of AxisFault
     # counts
-    not_measured: int  # samples with the rates of the one before, where noise or motion forbid it
     beyond_range: int  # samples that no gyroscope measures: degrees, not radians?
     times_stuck: int
     clipped: CountPerAxis

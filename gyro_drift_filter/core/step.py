@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
-from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds
+from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds, lengthen_period
 from gyro_drift_filter.core.motion_bias import (
     BIAS,
     lose_direction,
@@ -28,6 +28,7 @@ from gyro_drift_filter.core.motion_bias import (
     motion_variance,
     track_motion,
 )
+from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
     Mode,
     add_half_counts,
@@ -35,7 +36,7 @@ from gyro_drift_filter.core.quantisation import (
     note_counts,
     variance_of_cut,
 )
-from gyro_drift_filter.core.records import FILTER, FilterRecord
+from gyro_drift_filter.core.records import FILTER, FilterRecord, State
 from gyro_drift_filter.core.rest import derive_lengths
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
@@ -67,11 +68,18 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         if result['status'] == SampleStatus.FILTERED:
             result['status'] = SampleStatus.REPEATED
         return
+    message = note_message(state['polling'], state['checks'], sample)
+    if message != Message.SAMPLE:
+        if message == Message.REPEAT:
+            _pass_over(sample, filter_)
+            return
+        _start_over(filter_)
+        period = clock['period']
     elapsed = elapsed_seconds(clock, stamp)
     missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
     result['status'] = SampleStatus.FILTERED
     undone = _is_truncated(sample, missing, filter_)
-    note_values(state['checks'], sample, clock['period'], state['bias']['rest'])
+    note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
     if undone:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
@@ -90,6 +98,31 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         _count_result(filter_)
     if clock['period'] != period:
         methods.change_period(filter_, clock['period'] / period)
+
+
+@kernel
+def _message_period(state: State) -> float:
+    """Return the time in s from one message to the next."""
+    return float(state['clock']['period'] / state['polling']['messages_per_sample'])
+
+
+@kernel
+def _pass_over(sample: Sample, filter_: FilterRecord) -> None:
+    """Give the result of the sample before once more: the sensor has not measured since."""
+    state = filter_['state']
+    note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
+    if state['result']['status'] == SampleStatus.FILTERED:
+        state['result']['status'] = SampleStatus.REPEATED
+
+
+@kernel
+def _start_over(filter_: FilterRecord) -> None:
+    """Start over with the sample period of the sensor: so far its repeats were samples, too."""
+    state = filter_['state']
+    lengthen_period(state['clock'], state['polling']['messages_per_sample'])
+    derive(filter_, state['clock']['period'])
+    methods.start_over(filter_)
+    leave_rest(state['bias'])
 
 
 @kernel

@@ -58,7 +58,7 @@ class Span(NamedTuple):
         samples: Samples since the last report.
         recent: Samples in the window.
         rate: Messages a second in the window.
-        expected_rate: The rate in Hz that was given or learned, NaN before it is.
+        expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
@@ -95,7 +95,7 @@ class Span(NamedTuple):
         correlation = max(shaped, default=0.0)
         if correlation < _CORRELATED or min(state.noise_blocks) == 0:
             return math.nan
-        return -math.log(correlation) * self.expected_rate / (2.0 * math.pi)
+        return -math.log(correlation) / state.period / (2.0 * math.pi)
 
     @property
     def noise_seconds(self) -> list[float]:
@@ -130,7 +130,8 @@ def span_of(
     )
     expected_rate = now.parameters.sample_rate
     if expected_rate == 0.0:
-        expected_rate = 1.0 / state.period if state.blocks > 0 else math.nan
+        learned = state.messages_per_sample / state.period
+        expected_rate = learned if state.blocks > 0 else math.nan
     return Span(
         first,
         before,

@@ -51,3 +51,11 @@ def by_hand(
     sections = signal.butter(3, 2.0, fs=rate, output='sos')
     motion = [signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0) for _ in '12']
     return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
+
+
+def fast_turn(n: int, rate: float) -> Array:
+    """Return rates (n, 3) of fast motion to and fro about all axes."""
+    time = np.arange(n) / rate
+    return np.column_stack(
+        [size * np.sin(2 * np.pi * hertz * time) for size, hertz in ((6, 1.3), (4, 2.1), (9, 0.7))]
+    )

@@ -185,9 +185,10 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     states, workspace = filter_['state']['methods'], filter_['workspace']['methods']
     if filter_['settings']['method'] == ADAPTIVE:
         axes, tracking = states['adaptive'], states['tracking']
-        checks, settings = filter_['state']['checks'], filter_['settings']
-        shared, period = workspace['adaptive'], filter_['state']['clock']['period']
-        adaptive.compare_axes(axes, shared, tracking, checks, sample, settings, period)
+        state, settings = filter_['state'], filter_['settings']
+        checks, polling, period = state['checks'], state['polling'], state['clock']['period']
+        shared = workspace['adaptive']
+        adaptive.compare_axes(axes, shared, tracking, checks, polling, sample, settings, period)
 
 
 @inlined_kernel
@@ -239,6 +240,16 @@ def change_period(filter_: 'FilterRecord', periods: float) -> None:
     """Get ready for coefficients of a sample period of `periods` old ones."""
     for axis in range(3):
         adaptive.change_period(filter_['state']['methods']['adaptive'][axis], periods)
+
+
+@kernel
+def start_over(filter_: 'FilterRecord') -> None:
+    """Start at the next sample, and learn the noise anew."""
+    states = filter_['state']['methods']
+    for axis in range(3):
+        states['tracking'][axis] = 0
+        paper.start_over(states['paper'][axis])
+        adaptive.start_over(states['adaptive'][axis])
 
 
 @kernel

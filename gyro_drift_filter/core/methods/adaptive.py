@@ -79,6 +79,7 @@ from gyro_drift_filter.core.methods.outliers import (
     start_doubt,
     was_jolted,
 )
+from gyro_drift_filter.core.polling import Polling, was_not_measured
 from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
@@ -100,10 +101,8 @@ LARGEST_KNOCK = 0.02  # rad
 # The slowest mode averages over so long: a turn that has begun since then may not show yet.
 RECENT_SECONDS = 1.0
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
-# Rates that are all those of the sample before were not measured anew where that is less likely by
-# chance than this. Drivers that poll, and buses that hang, do it far more often.
-REPEAT = 1e-3
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
+PREDICTION_MEMORY = 1.0 / 16.0  # weight of a measurement in how well changes are predicted
 # Blocks of samples in a row that have to be still (`rest.py`) for outliers to be judged by noise.
 STILL_BLOCKS = 3
 # A body may stand, and all its motion have died away, where all rates are this close to those at
@@ -137,6 +136,10 @@ class Bridge(TypedDict):
     before: float  # the sample before them, rad/s
     slope_before: float  # rad/s per sample
     behind: bool  # the last sample was the first one after them
+    # of late, in (rad/s)^2: the squared change that was predicted, from one measurement to the
+    # next, and its product with the change that was measured
+    predicted_square: float
+    predicted_product: float
 
 
 BRIDGE = record(Bridge)
@@ -257,6 +260,12 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     state['sample_accepted'] = False
     state['accepted'] = rate
     start_doubt(state['doubt'], rate)
+
+
+@kernel
+def start_over(state: AdaptiveAxis) -> None:
+    """Forget what was learned of the noise, before `start`."""
+    state['learning'] = False
 
 
 @kernel
@@ -397,6 +406,7 @@ def compare_axes(
     workspace: AdaptiveWorkspace,
     tracking: CountPerAxis,
     checks: SensorChecks,
+    polling: Polling,
     sample: Sample,
     settings: 'Settings',
     period: float,
@@ -404,9 +414,8 @@ def compare_axes(
     """Look at the rates of all axes together, between prediction and update."""
     rate, circumstances = sample['angular_velocity'], workspace['circumstances']
     surprised = turned = False
-    all_equal = checks['equal'][0] > 0 and checks['equal'][1] > 0 and checks['equal'][2] > 0
+    is_repeat = was_not_measured(polling)
     _turn_compensation(axes, period)
-    likelihood = 1.0  # that the sensor has measured the same rates twice
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
@@ -414,19 +423,14 @@ def compare_axes(
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
-        if all_equal and _has_turned(state, own, rate[axis]):
+        if is_repeat and _has_turned(state, own, rate[axis]):
             turned = True
-        # At the end of its range an axis says nothing of whether it was measured twice.
-        if all_equal and not own['at_limit']:
-            likelihood *= _chance(own, rate[axis], checks['resolution'][axis])
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    unlikely = all_equal and likelihood < REPEAT
-    if unlikely:
-        checks['not_measured'] += 1
-    repeated = unlikely and turned and not circumstances['still']
+    repeated = is_repeat and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
+    circumstances['polled'] = polling['not_measured'] > 0
 
 
 @kernel
@@ -453,17 +457,6 @@ def _has_turned(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: f
     """Return whether more was predicted to change since the sample before than noise would."""
     change, noise = abs(sample - workspace['prediction']), state['noise']
     return bool(is_begun(noise) and change > REPEAT_CHANGE * usual_deviation(noise))
-
-
-@kernel
-def _chance(workspace: AdaptiveAxisWorkspace, sample: float, resolution: float) -> float:
-    """Return how likely it is that the rate is that of the sample before by chance."""
-    if resolution == 0.0:  # it has never been another one
-        return 1.0
-    variance = max(workspace['prediction_variance'], resolution * resolution)
-    surprise = (sample - workspace['prediction']) * (sample - workspace['prediction']) / variance
-    density = math.exp(-0.5 * min(surprise, 100.0)) / math.sqrt(2.0 * math.pi * variance)
-    return float(min(density * resolution, 1.0))
 
 
 @kernel
@@ -534,6 +527,8 @@ def update(
     doubt['last_sample'] = sample
     note_decision(doubt, decision == Decision.HOLD and not dropout)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
+    if taken and circumstances['polled']:
+        _note_prediction(state['bridge'], prediction - accepted, sample - accepted)
     state['sample_accepted'] = taken
     if taken or decision == Decision.PASS:
         state['accepted'] = sample
@@ -638,9 +633,29 @@ def estimate(
     circumstances = workspace['circumstances']
     at_rest = circumstances['at_rest']
     rate, variance, process_noise = _combine_modes(state, own, modes, at_rest)
+    if decision_of(own['reason']) == Decision.BRIDGE:
+        rate = own['accepted'] + _predictable(state['bridge']) * (rate - own['accepted'])
     if sample == sample and not circumstances['dropout']:
         rate += _compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']
+
+
+@kernel
+def _note_prediction(bridge: Bridge, predicted: float, measured: float) -> None:
+    """Note a change that was predicted and measured, in rad/s."""
+    square, product = predicted * predicted, predicted * measured
+    bridge['predicted_square'] += PREDICTION_MEMORY * (square - bridge['predicted_square'])
+    bridge['predicted_product'] += PREDICTION_MEMORY * (product - bridge['predicted_product'])
+
+
+@kernel
+def _predictable(bridge: Bridge) -> float:
+    """Return the share of a predicted change that comes true, between 0 and 1.
+
+    It is the regression of what was measured on what was predicted.
+    """
+    square, product = bridge['predicted_square'], bridge['predicted_product']
+    return float(min(max(product / square, 0.0), 1.0)) if square > 0.0 else 1.0
 
 
 @kernel
@@ -655,13 +670,14 @@ def _cross_bridge(
     decision, accepted = decision_of(workspace['reason']), workspace['accepted']
     repeated, turned = decision == Decision.BRIDGE, 0.0
     if bridge['behind']:
-        slope = bridge['slope_before'] if repeated else sample - accepted
+        slope = _predictable(bridge) * (sample - accepted)
+        slope = bridge['slope_before'] if repeated else slope
         turned = _turned_beyond(bridge, accepted, slope)
     if repeated and (bridge['samples'] == 0 or bridge['behind']):
         bridge['samples'] = 0
         bridge['angular_velocity'] = 0.0
         bridge['before'] = accepted
-        bridge['slope_before'] = workspace['prediction'] - accepted
+        bridge['slope_before'] = _predictable(bridge) * (workspace['prediction'] - accepted)
     elif bridge['behind'] or decision == Decision.HOLD:
         bridge['samples'] = 0
     if repeated:

@@ -115,6 +115,7 @@ class Circumstances(TypedDict):
 
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
+    polled: bool  # samples are repeated now and then
     still: bool  # the sensor has stood still for some blocks of samples before it,
     at_rest: bool  # or for so many that a block of noise is of them alone
     jolted: bool  # the accelerometer has just been shaken,

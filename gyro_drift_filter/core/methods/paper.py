@@ -138,6 +138,12 @@ def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> N
     state['largest'] = max(abs(sample), np.sqrt(coefficients['measurement_noise']))
 
 
+@kernel
+def start_over(state: PaperAxis) -> None:
+    """Forget what was learned of Q and R, before `start`."""
+    state['samples'] = 0
+
+
 @inlined_kernel
 def innovation_variance(
     state: PaperAxis, workspace: PaperWorkspace, coefficients: PaperCoefficients, adapts: bool
