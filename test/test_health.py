@@ -129,7 +129,7 @@ def report_of(count, **changes):
     telemetry = as_telemetry(np.zeros(1, TELEMETRY))[0]._replace(
         samples=count,
         period=0.01,
-        messages_per_sample=1.0,
+        samples_per_message=1.0,
         blocks=1,
         nis_samples=3 * [count],
         nis_sum=3 * [float(count)],
@@ -453,7 +453,7 @@ def test_telemetry_is_that_of_the_state(random):
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
         **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
         'not_measured': state['polling']['not_measured'],
-        'messages_per_sample': 1.0,
+        'samples_per_message': 1.0,
         'faults': checks['fault'],
         'truncated': state['quantisation']['truncated'],
         'resolution': np.zeros(3),

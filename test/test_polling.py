@@ -64,7 +64,7 @@ def test_a_sensor_that_is_polled_faster_is_filtered_as_by_itself(ratio, accelero
     assert np.abs(results['bias'][-1] - alone['bias'][-1]).max() < 5e-4
     state = filter_.state
     assert state['clock']['mean_period'] == pytest.approx(1.0 / RATE, rel=0.002)
-    assert state['polling']['messages_per_sample'] == pytest.approx(ratio, rel=0.05)
+    assert 1.0 / state['polling']['samples_per_message'] == pytest.approx(ratio, rel=0.05)
     share = state['polling']['not_measured'] / len(results)
     assert share == pytest.approx(1.0 - 1.0 / ratio, abs=0.02)
 
@@ -97,7 +97,7 @@ def test_a_coarse_gyroscope_at_rest_is_not_taken_for_one_that_is_polled(count, r
     rates, accelerations = measured(random)
     coarse = np.round(rates / count) * count
     filter_, results = run(coarse, accelerations, RATE)
-    assert filter_.state['polling']['messages_per_sample'] == 1.0
+    assert filter_.state['polling']['samples_per_message'] == 1.0
     assert filter_.state['clock']['mean_period'] == pytest.approx(1.0 / RATE, rel=0.002)
     assert results['at_rest'][300:800].mean() > 0.8
     assert results['at_rest'][-300:].mean() > 0.8
@@ -119,7 +119,7 @@ def test_a_bus_that_hangs_is_no_driver_that_polls(random):
         rates[k : k + 4], accelerations[k : k + 4] = rates[k], accelerations[k]
     rates[2000:2090], accelerations[2000:2090] = rates[2000], accelerations[2000]
     filter_, _ = run(rates, accelerations, RATE)
-    assert filter_.state['polling']['messages_per_sample'] == 1.0
+    assert filter_.state['polling']['samples_per_message'] == 1.0
 
 
 def test_a_driver_that_no_longer_polls_is_followed(random):
@@ -172,4 +172,4 @@ def test_the_rate_of_messages_is_told_beside_that_of_the_sensor(random):
         filter_.take(imu_message(*message))
     telemetry = filter_.report().telemetry
     assert telemetry.period == pytest.approx(1.0 / RATE, rel=0.002)
-    assert telemetry.messages_per_sample == pytest.approx(5.0, rel=0.02)
+    assert telemetry.samples_per_message == pytest.approx(0.2, rel=0.02)

@@ -57,7 +57,7 @@ from typing import Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import inlined_kernel, kernel, record
 
 BLOCKS = 5
 BLOCK_SECONDS = 2.0
@@ -224,7 +224,7 @@ def elapsed_seconds(clock: Clock, stamp: int) -> float:
     return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
 
 
-@kernel
+@inlined_kernel
 def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float) -> int:
     """Move the clock to `stamp` (ns) and return the number of samples missing before it.
 

@@ -30,9 +30,9 @@ time only: a coarse gyroscope at rest gives the same rates for long.
 from enum import IntEnum
 from typing import TypedDict
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.sample import Sample
-from gyro_drift_filter.core.sensor_checks import SensorChecks
+from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
 # Values that are the same are a repeat where that is less likely by chance than this; or, where the
 # sensor is polled faster, than this share of how often they are.
@@ -49,6 +49,7 @@ FASTER, NOT_FASTER = 0.5, 0.15
 # A bus that hangs says nothing of how fast the sensor is polled: no more messages than this count
 # for one measurement.
 LARGEST_RATIO = 250
+LARGEST_SAME = MEMORY_CHANGES * LARGEST_RATIO
 # So many repeats in a row beside accelerations that change are none.
 LONGEST_RUN = 30
 
@@ -61,31 +62,20 @@ class Message(IntEnum):
     FIRST_SAMPLE = 2  # since repeats are known to be none
 
 
-class Stays(TypedDict):
-    """How often the values of three axes stay the same although others of them have changed."""
-
-    same: int  # messages in which no value has changed
-    changes: int  # those in which one has
-    stayed: CountPerAxis  # of these, those in which this one has not
-
-
-STAYS = record(Stays)
-
-
 class Polling(TypedDict):
     """How often the driver sends a measurement."""
 
-    rates: Stays
-    accelerations: Stays
     repeats: int  # messages since the last measurement
+    bridged: bool  # the last message is one, and the methods bridge it
     not_measured: int  # all such messages so far
     # of the last measurements
-    measurements: int
+    first: int  # number of the message before them
     window: int  # measurements until the pace is judged
     repeated: int  # of them, those behind at least REPEATS
-    messages: int  # that they came in
+    extra: int  # messages beyond theirs, repeats, of which a hang counts so many
+    hung: int  # and the others
     faster: bool  # polled so fast that repeats are no samples
-    messages_per_sample: float  # then, of late; else 1
+    samples_per_message: float  # then, of late; else 1
 
 
 POLLING = record(Polling)
@@ -94,53 +84,76 @@ POLLING = record(Polling)
 @kernel
 def start_polling(polling: Polling) -> None:
     """Set a zeroed record up."""
-    polling['messages_per_sample'] = 1.0
+    polling['samples_per_message'] = 1.0
     polling['window'] = FIRST_MEASUREMENTS
 
 
 @kernel
-def note_message(polling: Polling, checks: SensorChecks, sample: Sample) -> Message:
-    """Say what a message is, before `checks` take it in."""
-    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
-    same_rates = _note_stays(polling['rates'], rate, checks['measured'])
-    accelerations = polling['accelerations']
-    same = _note_stays(accelerations, acceleration, checks['acceleration']) and same_rates
-    if same_rates and _is_repeat(polling, checks, same):
+def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> Message:
+    """Say what a message is, the how manyth it is, before `checks` take it in."""
+    rate, before = sample['angular_velocity'], checks['measured']
+    same = rate[0] == before[0] and rate[1] == before[1] and rate[2] == before[2]
+    if same or polling['faster'] or polling['repeats'] > 0:
+        return _judge(polling, checks, sample, same, number)
+    return Message.SAMPLE  # as nearly always
+
+
+@kernel
+def _judge(
+    polling: Polling, checks: SensorChecks, sample: Sample, same: bool, number: int
+) -> Message:
+    _age(checks['rates'], number)
+    _age(checks['accelerations'], number)
+    if same and _is_repeat(polling, checks, sample, number):
         polling['repeats'] += 1
         polling['not_measured'] += 1
+        # Before the pace is known it may be one of a sensor that is polled faster.
+        known = polling['window'] > FIRST_MEASUREMENTS
+        polling['bridged'] = known or _measurements(polling, number) >= FIRST_MEASUREMENTS
         return Message.REPEAT if polling['faster'] else Message.SAMPLE
     repeats = polling['repeats']
     polling['repeats'] = 0
-    if polling['rates']['changes'] < KNOWN_CHANGES:
-        return Message.SAMPLE  # or a repeat
-    polling['measurements'] += 1
-    polling['messages'] += min(1 + repeats, LARGEST_RATIO)
+    polling['bridged'] = False
+    counted = min(repeats, LARGEST_RATIO)
+    polling['extra'] += counted
+    polling['hung'] += repeats - counted
     if repeats >= REPEATS:
         polling['repeated'] += 1
-    if polling['measurements'] < polling['window']:
+    if _changes(checks['rates'], number) < KNOWN_CHANGES:
+        polling['first'] = number  # what came so far may have been repeats
+    measurements = _measurements(polling, number)
+    if measurements < polling['window']:
         return Message.SAMPLE
     was_faster = polling['faster']
-    _judge_pace(polling)
-    begins = polling['faster'] and not was_faster
-    return Message.FIRST_SAMPLE if begins else Message.SAMPLE
+    share = NOT_FASTER if was_faster else FASTER
+    faster = polling['repeated'] >= share * measurements
+    polling['faster'] = faster
+    all_messages = measurements + polling['extra']
+    polling['samples_per_message'] = measurements / all_messages if faster else 1.0
+    polling['first'] = number
+    polling['repeated'] = polling['extra'] = polling['hung'] = 0
+    polling['window'] = min(2 * polling['window'], MEASUREMENTS)
+    return Message.FIRST_SAMPLE if faster and not was_faster else Message.SAMPLE
 
 
 @kernel
-def was_not_measured(polling: Polling) -> bool:
-    """Return whether the last message was a repeat that the methods bridge.
-
-    Before the pace is known it may be one of a sensor that is polled faster.
-    """
-    return bool(polling['repeats'] > 0 and polling['window'] > FIRST_MEASUREMENTS)
+def _measurements(polling: Polling, number: int) -> int:
+    """Return how often the sensor has measured since the pace was judged."""
+    repeats = polling['extra'] + polling['hung'] + polling['repeats']
+    return int(number - polling['first'] - repeats)
 
 
 @kernel
-def _is_repeat(polling: Polling, checks: SensorChecks, same: bool) -> bool:
-    """Return whether rates that are the same are a repeat; `same`: accelerations are, too."""
-    rates, accelerations = polling['rates'], polling['accelerations']
-    if not same and polling['repeats'] >= LONGEST_RUN:
+def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> bool:
+    """Return whether rates that are those of the message before are so for no chance."""
+    rates, accelerations = checks['rates'], checks['accelerations']
+    acceleration, before = sample['linear_acceleration'], checks['acceleration']
+    x, y, z = acceleration[0], acceleration[1], acceleration[2]
+    is_measured = x == x and y == y and z == z
+    same = x == before[0] and y == before[1] and z == before[2]
+    if is_measured and not same and polling['repeats'] >= LONGEST_RUN:
         # How they changed in motion says nothing of rest.
-        rates['same'] = rates['changes'] = 0
+        rates['first'], rates['same'] = number, 0
         for axis in range(3):
             rates['stayed'][axis] = 0
         return False
@@ -148,55 +161,33 @@ def _is_repeat(polling: Polling, checks: SensorChecks, same: bool) -> bool:
     for axis in range(3):
         # At the end of its range an axis says nothing of whether it was measured again.
         if not checks['at_limit'][axis]:
-            chance *= _share_stayed(rates, axis)
+            chance *= _share_stayed(rates, axis, number)
         if same:
-            chance *= _share_stayed(accelerations, axis)
+            chance *= _share_stayed(accelerations, axis, number)
     limit = BY_CHANCE
     if polling['faster']:
-        often = rates['same'] / (rates['same'] + rates['changes'])
-        limit = max(limit, OF_THEM_BY_CHANCE * often)
+        limit = max(limit, OF_THEM_BY_CHANCE * rates['same'] / (number - rates['first']))
     return chance < limit
 
 
 @kernel
-def _share_stayed(stays: Stays, axis: int) -> float:
-    """Return the share of messages in which a value stayed the same, though others changed."""
-    return float((PRIOR_CHANGES + stays['stayed'][axis]) / (PRIOR_CHANGES + stays['changes']))
+def _changes(stays: Stays, number: int) -> int:
+    """Return the number of messages in which a value has changed, before that of this number."""
+    return int(number - 1 - stays['first'] - stays['same'])
 
 
 @kernel
-def _judge_pace(polling: Polling) -> None:
-    """Say by the last measurements whether the sensor is polled faster, and begin to count anew."""
-    measurements = polling['measurements']
-    share = NOT_FASTER if polling['faster'] else FASTER
-    polling['faster'] = polling['repeated'] >= share * measurements
-    ratio = polling['messages'] / measurements
-    polling['messages_per_sample'] = ratio if polling['faster'] else 1.0
-    polling['measurements'] = polling['repeated'] = polling['messages'] = 0
-    polling['window'] = min(2 * polling['window'], MEASUREMENTS)
+def _share_stayed(stays: Stays, axis: int, number: int) -> float:
+    """Return the share of the changes in which a value stayed the same although others did not."""
+    stayed = stays['stayed'][axis] - stays['same']
+    return float((PRIOR_CHANGES + stayed) / (PRIOR_CHANGES + _changes(stays, number)))
 
 
 @kernel
-def _note_stays(stays: Stays, values: PerAxis, before: PerAxis) -> bool:
-    """Compare values with those before; return whether all of them are the same."""
-    # NaN, for who has no accelerometer, is the same as NaN.
-    x = values[0] == before[0] or (values[0] != values[0] and before[0] != before[0])
-    y = values[1] == before[1] or (values[1] != values[1] and before[1] != before[1])
-    z = values[2] == before[2] or (values[2] != values[2] and before[2] != before[2])
-    if x and y and z:
-        stays['same'] = min(stays['same'] + 1, MEMORY_CHANGES * LARGEST_RATIO)
-        return True
-    stayed = stays['stayed']
-    stays['changes'] += 1
-    if x:
-        stayed[0] += 1
-    if y:
-        stayed[1] += 1
-    if z:
-        stayed[2] += 1
-    if stays['changes'] >= MEMORY_CHANGES:
+def _age(stays: Stays, number: int) -> None:
+    """Let what is long ago count half as much, and half as much again."""
+    while _changes(stays, number) >= MEMORY_CHANGES or stays['same'] > LARGEST_SAME:
+        stays['first'] = number - (number - stays['first']) // 2
         stays['same'] //= 2
-        stays['changes'] //= 2
         for axis in range(3):
-            stayed[axis] //= 2
-    return False
+            stays['stayed'][axis] //= 2

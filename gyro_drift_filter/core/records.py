@@ -58,7 +58,6 @@ class State(TypedDict):
 
     clock: Clock
     counts: Counts
-    polling: Polling
     checks: SensorChecks
     quantisation: Quantisation
     methods: MethodStates
@@ -68,6 +67,7 @@ class State(TypedDict):
     filtered: PerAxis  # by the method, of the last sample: with the bias in, rad/s
     bias: Bias
     result: Result  # of the last sample
+    polling: Polling
 
 
 class Workspace(TypedDict):

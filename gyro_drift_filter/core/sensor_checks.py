@@ -20,7 +20,7 @@ from typing import Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.rest import Rest, has_noise_of
 from gyro_drift_filter.core.sample import Sample, is_usable
 
@@ -52,6 +52,17 @@ class AxisFault(IntEnum):
     DEAD = 2  # it has never shown anything else
 
 
+class Stays(TypedDict):
+    """How often the values of three axes have been those of the message before."""
+
+    first: int  # number of the message before those that count
+    same: int  # messages with all of them the same
+    stayed: CountPerAxis  # messages with this one the same
+
+
+STAYS = record(Stays)
+
+
 class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
 
@@ -62,6 +73,8 @@ class SensorChecks(TypedDict):
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # last change of the rate, rad/s
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
+    rates: Stays
+    accelerations: Stays
     equal_all: int  # how often all rates and accelerations have come before in a row
     stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
     # while a rate stays the same: all rates when it began to, rad/s, and whether there was motion
@@ -81,18 +94,25 @@ class SensorChecks(TypedDict):
 SENSOR_CHECKS = record(SensorChecks)
 
 
-@kernel
+@inlined_kernel
 def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest) -> None:
     """Take the values of a sample in, `period` s after those before."""
     rate = sample['angular_velocity']
     same = all_rates = _note_rates(checks, sample)
-    acceleration = sample['linear_acceleration']
+    acceleration, stays = sample['linear_acceleration'], checks['accelerations']
+    all_accelerations = True
     for axis in range(3):
         # NaN, for who has no accelerometer, is the same as NaN.
         force, before = acceleration[axis], checks['acceleration'][axis]
         if force != before and (force == force or before == before):
-            same = False
+            all_accelerations = False
+        else:
+            stays['stayed'][axis] += 1
         checks['acceleration'][axis] = force
+    if all_accelerations:
+        stays['same'] += 1
+    else:
+        same = False
     checks['equal_all'] = checks['equal_all'] + 1 if same else 0
     stuck = _is_long(checks['equal_all'], period)
     for axis in range(3):
@@ -171,8 +191,15 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
     """Look for rates at the end of the range; return whether all are those of the sample before."""
     rate, measured, equal = sample['angular_velocity'], checks['measured'], checks['equal']
     same = rate[0] == measured[0] and rate[1] == measured[1] and rate[2] == measured[2]
+    stays = checks['rates']
+    if same:
+        stays['same'] += 1
     for axis in range(3):
-        equal[axis] = equal[axis] + 1 if rate[axis] == measured[axis] else 0
+        if rate[axis] == measured[axis]:
+            equal[axis] += 1
+            stays['stayed'][axis] += 1
+        else:
+            equal[axis] = 0
         checks['at_limit'][axis] = is_usable(rate[axis]) and _note_rate(
             checks, axis, rate[axis], same
         )

@@ -59,27 +59,27 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     """Take one sample in and leave its result in the state of the filter."""
     settings, state = filter_['settings'], filter_['state']
     clock, result, stamp = state['clock'], state['result'], sample['stamp']
-    period = clock['period']
-    if filter_['coefficients']['period'] != period:
-        derive(filter_, period)
     state['counts']['samples'] += 1
     if _is_repeat(sample, filter_):
         state['counts']['repeats'] += 1
-        if result['status'] == SampleStatus.FILTERED:
-            result['status'] = SampleStatus.REPEATED
+        _repeat_result(result)
         return
-    message = note_message(state['polling'], state['checks'], sample)
-    if message != Message.SAMPLE:
-        if message == Message.REPEAT:
-            _pass_over(sample, filter_)
-            return
+    number = state['counts']['samples'] - state['counts']['repeats']
+    message = note_message(state['polling'], state['checks'], sample, number)
+    if message == Message.FIRST_SAMPLE:
         _start_over(filter_)
-        period = clock['period']
-    elapsed = elapsed_seconds(clock, stamp)
-    missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
-    result['status'] = SampleStatus.FILTERED
-    undone = _is_truncated(sample, missing, filter_)
+    period, elapsed, missing, undone = clock['period'], 0.0, 0, False
+    if message != Message.REPEAT:
+        if filter_['coefficients']['period'] != period:
+            derive(filter_, period)
+        elapsed = elapsed_seconds(clock, stamp)
+        missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
+        result['status'] = SampleStatus.FILTERED
+        undone = _is_truncated(sample, missing, filter_)
     note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
+    if message == Message.REPEAT:
+        _repeat_result(result)
+        return
     if undone:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
@@ -103,24 +103,21 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
 @kernel
 def _message_period(state: State) -> float:
     """Return the time in s from one message to the next."""
-    return float(state['clock']['period'] / state['polling']['messages_per_sample'])
+    return float(state['clock']['period'] * state['polling']['samples_per_message'])
 
 
 @kernel
-def _pass_over(sample: Sample, filter_: FilterRecord) -> None:
-    """Give the result of the sample before once more: the sensor has not measured since."""
-    state = filter_['state']
-    note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
-    if state['result']['status'] == SampleStatus.FILTERED:
-        state['result']['status'] = SampleStatus.REPEATED
+def _repeat_result(result: Result) -> None:
+    """Give the result of the sample before once more."""
+    if result['status'] == SampleStatus.FILTERED:
+        result['status'] = SampleStatus.REPEATED
 
 
 @kernel
 def _start_over(filter_: FilterRecord) -> None:
     """Start over with the sample period of the sensor: so far its repeats were samples, too."""
     state = filter_['state']
-    lengthen_period(state['clock'], state['polling']['messages_per_sample'])
-    derive(filter_, state['clock']['period'])
+    lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'])
     methods.start_over(filter_)
     leave_rest(state['bias'])
 

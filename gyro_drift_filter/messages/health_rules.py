@@ -130,7 +130,7 @@ def span_of(
     )
     expected_rate = now.parameters.sample_rate
     if expected_rate == 0.0:
-        learned = state.messages_per_sample / state.period
+        learned = 1.0 / (state.samples_per_message * state.period)
         expected_rate = learned if state.blocks > 0 else math.nan
     return Span(
         first,

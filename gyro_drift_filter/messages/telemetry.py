@@ -48,7 +48,7 @@ class Telemetry(NamedTuple):
     beyond_range: int
     times_stuck: int
     not_measured: int
-    messages_per_sample: float
+    samples_per_message: float
     faults: Counts
     truncated: bool
     resolution: Values
@@ -135,7 +135,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['beyond_range'] = checks['beyond_range']
     out['times_stuck'] = checks['times_stuck']
     out['not_measured'] = state['polling']['not_measured']
-    out['messages_per_sample'] = state['polling']['messages_per_sample']
+    out['samples_per_message'] = state['polling']['samples_per_message']
     out['truncated'] = quantisation['truncated']
     out['period'] = clock['mean_period']
     out['blocks'] = clock['blocks']

@@ -79,7 +79,7 @@ from gyro_drift_filter.core.methods.outliers import (
     start_doubt,
     was_jolted,
 )
-from gyro_drift_filter.core.polling import Polling, was_not_measured
+from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
@@ -414,7 +414,6 @@ def compare_axes(
     """Look at the rates of all axes together, between prediction and update."""
     rate, circumstances = sample['angular_velocity'], workspace['circumstances']
     surprised = turned = False
-    is_repeat = was_not_measured(polling)
     _turn_compensation(axes, period)
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
@@ -423,12 +422,12 @@ def compare_axes(
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
-        if is_repeat and _has_turned(state, own, rate[axis]):
+        if polling['bridged'] and _has_turned(state, own, rate[axis]):
             turned = True
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
     circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
-    repeated = is_repeat and turned and not circumstances['still']
+    repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
 
