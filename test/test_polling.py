@@ -151,6 +151,19 @@ def test_a_sensor_that_is_polled_is_stuck_after_a_second_not_before(random):
     assert filter_.state['checks']['stuck']
 
 
+@pytest.mark.parametrize('stamped', [True, False])
+def test_the_rate_of_the_gyroscope_holds_where_it_is_given(stamped, random):
+    rates, accelerations = measured(random)
+    filter_ = Filter(Parameters(sample_rate=RATE))
+    times = stamps(1000, 10 * RATE) * stamped
+    for k in range(0, 1000, 50):
+        some = slice(k, k + 50)
+        filter_.run(times[some], polled(rates, 10)[some], polled(accelerations, 10)[some])
+        if k >= 200:  # ten changes, and eight measurements behind them
+            assert filter_.state['polling']['faster']
+            assert filter_.state['clock']['period'] == pytest.approx(1.0 / RATE, rel=0.11)
+
+
 def test_motion_that_nobody_can_predict_is_bridged_by_the_last_rate(random):
     """A body that is shaken as fast as its sensor measures, polled at nearly twice that rate."""
     shaken = 2.0 * random.standard_normal((N, 3))

@@ -206,11 +206,15 @@ def period_of(sample_rate: float) -> float:
 
 
 @kernel
-def lengthen_period(clock: Clock, times: float) -> None:
+def lengthen_period(clock: Clock, times: float, sample_rate: float) -> None:
     """Start anew, at the last stamp, with samples that are so many times as far apart."""
-    clock['period'] = min(times * clock['period'], LONGEST_PERIOD)
-    clock['mean_period'] = clock['period']
-    clock['mean_rate'] = 1.0 / clock['period']
+    if sample_rate > 0.0 and not clock['started']:
+        return  # nothing but this rate says how far they are
+    period = min(times * clock['mean_period'], LONGEST_PERIOD)
+    clock['mean_period'], clock['mean_rate'] = period, 1.0 / period
+    if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
+        period = 1.0 / sample_rate
+    clock['period'] = period
     clock['blocks'] = 0
     _forget_delays(clock)
     _start_envelope(clock)

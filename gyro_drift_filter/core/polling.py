@@ -120,7 +120,7 @@ def _judge(
     if repeats >= REPEATS:
         polling['repeated'] += 1
     if _changes(checks['rates'], number) < KNOWN_CHANGES:
-        polling['first'] = number  # what came so far may have been repeats
+        _count_anew(polling, number)  # what came so far may have been repeats
     measurements = _measurements(polling, number)
     if measurements < polling['window']:
         return Message.SAMPLE
@@ -130,10 +130,15 @@ def _judge(
     polling['faster'] = faster
     all_messages = measurements + polling['extra']
     polling['samples_per_message'] = measurements / all_messages if faster else 1.0
-    polling['first'] = number
-    polling['repeated'] = polling['extra'] = polling['hung'] = 0
+    _count_anew(polling, number)
     polling['window'] = min(2 * polling['window'], MEASUREMENTS)
     return Message.FIRST_SAMPLE if faster and not was_faster else Message.SAMPLE
+
+
+@kernel
+def _count_anew(polling: Polling, number: int) -> None:
+    polling['first'] = number
+    polling['repeated'] = polling['extra'] = polling['hung'] = 0
 
 
 @kernel

@@ -116,8 +116,8 @@ def _repeat_result(result: Result) -> None:
 @kernel
 def _start_over(filter_: FilterRecord) -> None:
     """Start over with the sample period of the sensor: so far its repeats were samples, too."""
-    state = filter_['state']
-    lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'])
+    state, sample_rate = filter_['state'], filter_['settings']['sample_rate']
+    lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'], sample_rate)
     methods.start_over(filter_)
     leave_rest(state['bias'])
 
