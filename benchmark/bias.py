@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How much of a slow turn is learned as bias, and how well a bias that warms up is followed.
+"""How much of a slow turn is learned as bias; how soon is a bias that jumps or warms up followed.
 
     python -m benchmark.bias [--seeds N] [--rate HZ]
 
@@ -33,6 +33,8 @@ from gyro_drift_filter.simulation.experiments import autoregressive
 NOISE, PHI, GRAVITY = 6.1e-3, 0.167, 9.81
 SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s
 REST, TURN = 10, 60  # s
+JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
+AFTER_JUMP = 30  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
 START = 10**18
 # Whether the turn is about the vertical, and whether there is no accelerometer.
@@ -79,6 +81,20 @@ def slow_turn(
         accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
     bias = _biases(rates, accelerations, rate, silent)[:, axis]
     return float(bias[begin - 1]) / _DEGREE, float(bias[-1]) / _DEGREE
+
+
+def jump(random: np.random.Generator, size: float, rate: float) -> float:
+    """Return after how many s a bias that jumps by `size` deg/s at rest is known; infinite if not.
+
+    It jumps in any direction, and is known where three quarters of the jump are.
+    """
+    rates, accelerations = at_rest(random, REST + AFTER_JUMP, rate)
+    begin, direction = round(REST * rate), random.standard_normal(3)
+    step = size * _DEGREE * direction / np.linalg.norm(direction)
+    rates[begin:] += step
+    bias = _biases(rates, accelerations, rate, False)[begin:]
+    unknown = np.flatnonzero(np.linalg.norm(bias - step, axis=1) > 0.25 * size * _DEGREE)
+    return float(unknown[-1] + 1) / rate if unknown[-1] < len(bias) - 1 else np.inf
 
 
 def warm_up(random: np.random.Generator, rate: float) -> Array:
@@ -143,6 +159,17 @@ def main() -> None:
     print(table(rows), end='\n\n')
     print('error of the bias before the turn and after it, root mean square, deg/s\n')
     print(table(error_rows), end='\n\n')
+    print(
+        'after how long at rest a bias is known that jumps in any direction, '
+        f'up to {AFTER_JUMP} s\n'
+    )
+    rows = [['deg/s', 'median (s)', 'known in']]
+    for size in JUMPS:
+        tell(f'jumping by {size:g} deg/s ...')
+        after = np.array([jump(np.random.default_rng(seed), size, options.rate) for seed in seeds])
+        known = np.mean(np.isfinite(after))
+        rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
+    print(table(rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
         f'standing\nall the time, after {WARM_UP} s in which it was steady\n'

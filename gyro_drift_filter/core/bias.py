@@ -22,8 +22,7 @@ alone, so a segment is accepted only where
 - it lies where the bias can have come since the last one, by the deviation of the bias, and so do
   the last ones of this rest together, however many of them.
 
-A rate that stays elsewhere at rest for long, or that comes back after motion, is the bias after
-all: the filter had learned a turn.
+A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
 """
 
 import math
@@ -64,6 +63,12 @@ from gyro_drift_filter.core.rest import (
     variance_of_mean,
 )
 from gyro_drift_filter.core.sample import Sample
+from gyro_drift_filter.core.slow_turn import (
+    SlowTurn,
+    forget_slow_turn,
+    interrupt_slow_turn,
+    is_slow_turn,
+)
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -79,13 +84,9 @@ REST_SHARE = 0.003
 # How fast the bias walks is learned from how well it was predicted: this share per segment, down to
 # this share of the variance that the parameter allows.
 LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
-# A rate of rest that is not accepted is the bias after all if it stays for so long.
-LONGEST_TURN = 90.0  # s
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
 DOUBTED = 2
-# It stays where a segment lies within so many deviations of those before.
-SAME = 4.0
 
 # Robots are switched on while they stand. In the first seconds a bias is taken from less than rest,
 # as of a drone that idles, until the first rest replaces it. Such vibration moves the bias by some
@@ -150,8 +151,7 @@ class Bias(TypedDict):
     still_sum: PerAxis  # rad/s
     rest_seconds: float  # since the last rest, or since the start where there was none
     doubt: int  # segments of rest to go until one is accepted after a slow turn
-    turn: PerAxis  # rad/s, rate of rest that was not accepted
-    turn_seconds: float  # for how long
+    turn: SlowTurn  # the rate of rest that was not accepted
     beyond: bool  # the stillness under way has a rate beyond the largest bias
     # counts
     segments: int  # that the bias was learned from
@@ -183,7 +183,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
     state['temperature'] = np.nan
     state['growth'] = 0.0
     state['reach'] = 0.0
-    state['turn_seconds'] = 0.0
+    forget_slow_turn(state['turn'])
 
 
 @kernel
@@ -202,6 +202,7 @@ def _forget_stillness(state: Bias) -> None:
     state['still_blocks'] = 0.0
     for axis in range(3):
         state['still_sum'][axis] = 0.0
+    interrupt_slow_turn(state['turn'])
 
 
 @kernel
@@ -383,7 +384,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
-        return _stays(state, rest['blocks'] * block_seconds)
+        return _is_bias_after_all(state, rest['blocks'] * block_seconds)
     if state['hint'] == Hint.STANDS:
         # The robot itself says that it stands, so that is how far the bias has come.
         for axis in range(3):
@@ -402,7 +403,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
         state['turning'] += 1
         state['doubt'] = DOUBTED
         _take_back(state, turned)
-        return _stays(state, rest['blocks'] * block_seconds)
+        return _is_bias_after_all(state, rest['blocks'] * block_seconds)
     # Otherwise two segments were needed to find one of rest, which lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
         state['doubt'] = max(state['doubt'] - 1, 0)
@@ -494,20 +495,15 @@ def _take_back(state: Bias, count: int) -> None:
 
 
 @kernel
-def _stays(state: Bias, seconds: float) -> bool:
-    """Return whether rest has had this rate, which is not the bias, for too long to be a turn."""
-    rest = state['rest']
+def _is_bias_after_all(state: Bias, seconds: float) -> bool:
+    """Return whether the segment, which lies where no bias can have come, is no turn either."""
+    largest = 0.0
     for axis in range(3):
-        mean = segment_mean(rest, axis)
-        distance = mean - state['turn'][axis]
-        if distance * distance > SAME * SAME * 2.0 * segment_variance(rest, axis):
-            state['turn_seconds'] = 0.0
-    for axis in range(3):
-        state['turn'][axis] = segment_mean(rest, axis)
-    state['turn_seconds'] += seconds
-    if state['turn_seconds'] < LONGEST_TURN:
+        largest = max(largest, state['variance'][axis] + state['reach'])
+    if is_slow_turn(state['turn'], state['rest'], seconds, state['bias'], largest):
         return False
     state['known'] = False
+    state['doubt'] = 0
     state['recent_count'] = 0
     return True
 
@@ -561,4 +557,4 @@ def _settle(state: Bias) -> None:
     state['rest_seconds'] = 0.0
     state['growth'] = 0.0
     state['reach'] = 0.0
-    state['turn_seconds'] = 0.0
+    forget_slow_turn(state['turn'])

@@ -498,6 +498,18 @@ def segment_mean(rest: Rest, index: int) -> float:
 
 
 @kernel
+def first_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the first block of the segment."""
+    return float(rest['signals'][index]['first'])
+
+
+@kernel
+def last_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the last block of the segment."""
+    return float(rest['signals'][index]['last'])
+
+
+@kernel
 def random_walk_of(rest: Rest, axis: int, lengths: RestLengths) -> float:
     """Return the variance in rad^2/s by which noise at rest turns an axis; 0 while not known."""
     return rest['signals'][axis]['scatter'] * lengths['block_seconds'] if rest['known'] else 0.0

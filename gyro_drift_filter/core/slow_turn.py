@@ -1,0 +1,141 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A rate of rest that is not the bias: a slow turn, or a bias that has jumped.
+
+A gyroscope alone can't tell the one from the other, so such a rate is a turn unless it stays for
+longer than robots turn slowly. Gravity tells them apart sooner: a turn about any axis but the
+vertical would move it. Where it stands the bias has jumped, as when a sensor is switched on anew,
+takes its own bias off, or has had a blow.
+"""
+
+import math
+from typing import TypedDict
+
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.rest import (
+    LEAST_GRAVITY,
+    STEADY_GRAVITY,
+    Rest,
+    first_mean,
+    last_mean,
+    segment_mean,
+    segment_variance,
+)
+
+# A turn lasts no longer than this: then it is the bias after all.
+LONGEST_TURN = 90.0  # s
+# It stays where a segment lies within so many deviations of the one before.
+SAME = 4.0
+# Gravity denies a turn that should have moved it by so much, three times what it may move and still
+# stand, where the part of the turn across it is more than this share of the whole. What is less may
+# be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
+LEAST_ANGLE, LEAST_SHARE = 0.06, 0.5  # rad
+# The part across lies beyond the bias by so many of its deviations.
+GATE = 3.5
+
+
+class SlowTurn(TypedDict):
+    """The rate of rest that was not accepted as the bias."""
+
+    rate: PerAxis  # rad/s, of the last segment
+    seconds: float  # for how long rest has had it
+    # the stillness under way, for as long as it has had this rate and gravity has stood
+    standing_seconds: float
+    angle: PerAxis  # rad, by which the body would have turned
+    gravity: PerAxis  # m/s^2, at its beginning
+
+
+SLOW_TURN = record(SlowTurn)
+
+
+@kernel
+def forget_slow_turn(turn: SlowTurn) -> None:
+    """Begin anew: the bias is known."""
+    turn['seconds'] = 0.0
+    interrupt_slow_turn(turn)
+
+
+@kernel
+def interrupt_slow_turn(turn: SlowTurn) -> None:
+    """Note that the body has moved, so that gravity tells nothing of the time before."""
+    turn['standing_seconds'] = 0.0
+    for axis in range(3):
+        turn['angle'][axis] = 0.0
+
+
+@kernel
+def is_slow_turn(
+    turn: SlowTurn, rest: Rest, seconds: float, bias: PerAxis, variance: float
+) -> bool:
+    """Take a segment of rest, which is no bias, in, and return whether its rate can be a turn.
+
+    Args:
+        turn: The rate of the segments before.
+        rest: The rest, with the segment.
+        seconds: How long the segment is.
+        bias: (3,) in rad/s.
+        variance: Of the axis whose bias is the least certain, in (rad/s)^2.
+    """
+    for axis in range(3):
+        distance = segment_mean(rest, axis) - turn['rate'][axis]
+        if distance * distance > SAME * SAME * 2.0 * segment_variance(rest, axis):
+            forget_slow_turn(turn)
+    if turn['standing_seconds'] > 0.0 and not _gravity_stands(turn, rest):
+        interrupt_slow_turn(turn)
+    for axis in range(3):
+        turn['rate'][axis] = segment_mean(rest, axis)
+        turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
+        if turn['standing_seconds'] == 0.0:
+            turn['gravity'][axis] = first_mean(rest, 3 + axis)
+    turn['seconds'] += seconds
+    turn['standing_seconds'] += seconds
+    noise = 0.0
+    for axis in range(3):
+        noise = max(noise, segment_variance(rest, axis))
+    standing = turn['standing_seconds']
+    uncertain = standing * (standing * variance + seconds * noise)
+    return bool(turn['seconds'] < LONGEST_TURN and not _is_denied(turn, rest, uncertain))
+
+
+@kernel
+def _gravity_stands(turn: SlowTurn, rest: Rest) -> bool:
+    for axis in range(3):
+        if abs(last_mean(rest, 3 + axis) - turn['gravity'][axis]) > STEADY_GRAVITY:
+            return False
+    return True
+
+
+@kernel
+def _is_denied(turn: SlowTurn, rest: Rest, variance: float) -> bool:
+    """Return whether gravity would have moved with the turn, and has not.
+
+    `variance` is that of the angle about an axis, in rad^2.
+    """
+    angle, gravity = turn['angle'], turn['gravity']
+    size = across = whole = 0.0
+    # An accelerometer without noise may hang.
+    lives = False
+    for axis in range(3):
+        after, behind = (axis + 1) % 3, (axis + 2) % 3
+        moved = angle[after] * gravity[behind] - angle[behind] * gravity[after]
+        across += moved * moved
+        size += gravity[axis] * gravity[axis]
+        whole += angle[axis] * angle[axis]
+        lives = lives or first_mean(rest, 3 + axis) != last_mean(rest, 3 + axis)
+    if size < LEAST_GRAVITY * LEAST_GRAVITY or not lives or not _gravity_stands(turn, rest):
+        return False
+    across /= size
+    least = max(LEAST_ANGLE, LEAST_SHARE * math.sqrt(whole), GATE * math.sqrt(variance))
+    return bool(across > least * least)
