@@ -18,10 +18,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from benchmark.quality import make_world
 from benchmark.scenarios import stamps
+from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.clock import LONGEST_PERIOD
 from gyro_drift_filter.core.methods.adaptive import (
     COMPENSATION_SECONDS,
     COMPENSATION_SHARE,
@@ -29,9 +32,16 @@ from gyro_drift_filter.core.methods.adaptive import (
     SMOOTHING_DEVIATIONS,
     SMOOTHING_SECONDS,
 )
-from gyro_drift_filter.core.methods.mode_set import MODES
+from gyro_drift_filter.core.methods.mode_set import (
+    DERIVATION,
+    MODE_SET,
+    MODES,
+    Transition,
+    derive_mode_set,
+)
 from gyro_drift_filter.core.methods.outliers import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
+from support.sensor import by_hand
 
 START = 10**18
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
@@ -537,3 +547,41 @@ def test_each_reason_is_given_for_some_sample(random):
     stamps = START + np.arange(n) * 10_000_000
     found = reasons_of(stamps[kept], rates[kept], accelerations[kept])
     assert found == set(Reason)
+
+
+@pytest.mark.parametrize('period', [1e-4, 0.01, 0.2, 0.5, LONGEST_PERIOD])
+def test_no_transition_is_less_likely_than_never(period):
+    """At a few samples a second a mode would be left upwards and downwards more than always."""
+    modes = zeroed(MODE_SET)[0]
+    derive_mode_set(period, modes, zeroed(DERIVATION)[0])
+    for transition in Transition:
+        for name in ('stay', 'up_first', 'down_first', 'down_further'):
+            assert modes['transitions'][transition][name].min() >= 0.0
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_simulated_body_without_noise_is_followed_when_it_is_shaken(seed):
+    """It stands for 5 s, and is then shaken by some 500 deg/s for 20 s."""
+    random = np.random.default_rng(seed)
+    sections = signal.butter(3, 8.0, fs=100.0, output='sos')
+    shaken = signal.sosfiltfilt(sections, random.standard_normal((2000, 3)), axis=0)
+    shaken *= np.minimum(np.arange(2000) / 100.0, 1.0)[:, None] / shaken.std()
+    rates = np.concatenate([np.zeros((500, 3)), 8.0 * shaken])
+    accelerations = np.tile((0.0, 0.0, 9.81), (len(rates), 1))
+    accelerations[500:] += 20.0 * shaken[:, [1, 2, 0]]
+    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    assert np.abs(results['angular_velocity'] - rates)[500:].max() < 0.05
+
+
+def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
+    """It sends zeros where no axis turns by 0.3 deg/s, which noise exceeds now and then."""
+    rates = 0.002 * random.standard_normal((6000, 3))
+    turn, push = by_hand(random, 30)
+    rates[1500:4500] += turn
+    rates[np.abs(rates).max(axis=1) < 0.005] = 0.0
+    accelerations = np.tile((0.0, 0.0, 9.81), (len(rates), 1))
+    accelerations += 0.02 * random.standard_normal(accelerations.shape)
+    accelerations[1500:4500] += push
+    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    assert np.abs(results['angular_velocity'] - rates).max() < 0.02
+    assert not results['outlier'].any()

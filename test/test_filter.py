@@ -21,10 +21,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHOD_STATES, METHODS
+from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from support.messages import START
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -335,3 +338,28 @@ def test_a_method_works_on_its_own_state_alone(method, random):
     assert states[method.state].tobytes().strip(b'\0')
     for name in set(METHOD_STATES.names) - {method.state, 'tracking'}:
         assert not states[name].tobytes().strip(b'\0'), f'{method.name} changes the state of {name}'
+
+
+def test_an_infinite_first_rate_leaves_the_size_of_counts_open():
+    state, before = zeroed(QUANTISATION)[0], np.zeros(3)
+    for rate in (np.inf, 0.01, np.inf, 0.02, 0.015):
+        now = np.array([rate, 0.0, 0.0])
+        note_counts(state, now, before)
+        before = now
+    assert np.isfinite(state['count']).all()
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_snapshot_continues_through_missing_rates_after_repeats(seed):
+    """What an earlier sample left in the workspace has no part in it."""
+    random = np.random.default_rng(seed)
+    rates = 0.3 * np.cumsum(random.standard_normal((600, 3)), axis=0)
+    rates[3::4] = rates[2::4]
+    rates[596:] = np.nan
+    accelerations = (0.0, 0.0, 9.81) + 0.02 * random.standard_normal(rates.shape)
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    continued, restored = Filter(), Filter()
+    continued.run(stamps[:596], rates[:596], accelerations[:596])
+    restored.restore(continued.snapshot())
+    end = stamps[596:], rates[596:], accelerations[596:]
+    assert continued.run(*end).tobytes() == restored.run(*end).tobytes()

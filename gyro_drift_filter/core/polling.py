@@ -93,6 +93,8 @@ def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number:
     """Say what a message is, the how manyth it is, before `checks` take it in."""
     rate, before = sample['angular_velocity'], checks['measured']
     same = rate[0] == before[0] and rate[1] == before[1] and rate[2] == before[2]
+    if same and not polling['faster'] and rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0:
+        return Message.SAMPLE  # of a driver that takes slow rates for none
     if same or polling['faster'] or polling['repeats'] > 0:
         return _judge(polling, checks, sample, same, number)
     return Message.SAMPLE  # as nearly always

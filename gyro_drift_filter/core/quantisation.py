@@ -84,7 +84,7 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
     for axis in range(3):
         change, count = rate[axis] - before[axis], state['count'][axis]
         if state['votes'][axis] < CERTAIN_VOTES:
-            if abs(change) > LEAST_COUNT and state['changes'][axis] < LONGEST_SEARCH:
+            if LEAST_COUNT < abs(change) < math.inf and state['changes'][axis] < LONGEST_SEARCH:
                 _look_for_count(state, axis, abs(change))
         elif abs(change) > AFAR * count and abs(rate[axis]) < (NEAR + PART) * count:
             landed = _note_landing(state, axis, change, rate) or landed

@@ -43,7 +43,7 @@ _LONG_WITHOUT_REST = 120.0
 # 10 Hz or so, which one of so many Hz delays and weakens.
 _CORRELATED = 0.6
 _SLOW_LOW_PASS = 15.0
-_LEAST_NOISE = 2e-5  # rad/s: half of it is what a sensor that shows no noise is given
+_LEAST_NOISE = 2e-4  # rad/s: half of it is what a sensor that shows no noise is given
 # Noise that was learned from less rest than this, in s, is known to a tenth at best.
 _LITTLE_REST = 3.0
 

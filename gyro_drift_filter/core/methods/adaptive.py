@@ -101,6 +101,9 @@ LARGEST_KNOCK = 0.02  # rad
 # The slowest mode averages over so long: a turn that has begun since then may not show yet.
 RECENT_SECONDS = 1.0
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
+# Zeros on all axes are no drop-out where no axis was faster than this, in rad/s: some drivers give
+# zeros for slow rates, of one degree a second at most.
+LARGEST_DEAD_ZONE = 0.02
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 PREDICTION_MEMORY = 1.0 / 16.0  # weight of a measurement in how well changes are predicted
 # Blocks of samples in a row that have to be still (`rest.py`) for outliers to be judged by noise.
@@ -413,7 +416,7 @@ def compare_axes(
 ) -> None:
     """Look at the rates of all axes together, between prediction and update."""
     rate, circumstances = sample['angular_velocity'], workspace['circumstances']
-    surprised = turned = False
+    surprised = turned = fast = False
     _turn_compensation(axes, period)
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
@@ -422,11 +425,13 @@ def compare_axes(
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
+        if abs(state['accepted']) > LARGEST_DEAD_ZONE:
+            fast = True
         if polling['bridged'] and _has_turned(state, own, rate[axis]):
             turned = True
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
-    circumstances['dropout'] = all_zero and surprised and settings['outlier_enabled']
+    circumstances['dropout'] = all_zero and fast and surprised and settings['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
@@ -632,9 +637,11 @@ def estimate(
     circumstances = workspace['circumstances']
     at_rest = circumstances['at_rest']
     rate, variance, process_noise = _combine_modes(state, own, modes, at_rest)
-    if decision_of(own['reason']) == Decision.BRIDGE:
+    # Without a sample there was no decision: what stands there is of an earlier one.
+    measured = sample == sample
+    if measured and decision_of(own['reason']) == Decision.BRIDGE:
         rate = own['accepted'] + _predictable(state['bridge']) * (rate - own['accepted'])
-    if sample == sample and not circumstances['dropout']:
+    if measured and not circumstances['dropout']:
         rate += _compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']
 

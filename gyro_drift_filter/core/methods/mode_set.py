@@ -214,7 +214,8 @@ def _derive_transitions(
         time = _time(period, j)
         up = unforeseen * min(1.0, UP_PER_TIME[kind] * period / time) if j < MODES - 1 else 0.0
         leave = down * min(1.0, DOWN_PER_TIME[kind] * period / time) if j > 0 else 0.0
-        transitions['stay'][j] = 1.0 - up - leave
+        up = min(up, 1.0 - leave)  # below 6 Hz both together would be more than one
+        transitions['stay'][j] = max(1.0 - up - leave, 0.0)
         # The shares of all modes above add up to one, and those of all modes below.
         shares, share = 1.0, 1.0
         for k in range(j + 2, MODES):

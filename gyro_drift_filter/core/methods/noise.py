@@ -52,8 +52,9 @@ LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion ca
 UNKNOWN_SHARE = 0.03
 # A block can raise the variance no further than by this factor.
 RISE = 4.0
-LEAST_NOISE = 1e-5  # rad/s: no sensor is quieter
-FIRST_NOISE = 1e-4  # rad/s: until something is known
+# No MEMS gyroscope is quieter at 100 Hz, in rad/s; so is R until something is known. With less, as
+# of a simulator, the fastest mode would not follow a body that is shaken.
+LEAST_NOISE = 1e-4
 STRONGEST_CORRELATION = 0.9
 LEFT_OUT = 0.5  # of what the sample before predicts of the variance, where R is learned
 LEAST_ROUGHNESS = 0.003
@@ -118,7 +119,7 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     """
     known = deviation > 0.0
     correlation = min(max(phi, 0.0), STRONGEST_CORRELATION) if known else 0.0
-    noise['variance'] = (deviation if known else FIRST_NOISE) ** 2
+    noise['variance'] = (deviation if known else LEAST_NOISE) ** 2
     noise['blocks'] = KNOWN_BLOCKS if known else 0
     noise['seen'] = False
     noise['bound'] = Bound.NONE
