@@ -597,3 +597,27 @@ def test_a_rest_that_begins_with_a_slow_turn(random):
         learned = np.flatnonzero(np.abs(np.diff(results['bias'], axis=0)).sum(axis=1) > 0)
         assert learned[-1] > 1800
         np.testing.assert_allclose(results['bias'][-1], truth, atol=0.06 * DEGREE)
+
+
+def test_calibrate_without_stamps(random):
+    filter_ = Filter(Parameters(sample_rate=100.0))
+    rates, accelerations = at_rest(random, 20, (0.0, 0.0, 1.0 * DEGREE))
+    filter_.run(np.zeros(len(rates), np.int64), rates, accelerations)
+    filter_.calibrate()
+    np.testing.assert_allclose(filter_.state['bias']['bias'][2], 1.0 * DEGREE, atol=0.05 * DEGREE)
+
+
+@pytest.mark.parametrize('how', ['reset', 'gap'])
+def test_a_new_rest_is_not_compared_with_one_of_another_time(how, random):
+    """The sensor was tilted meanwhile, so that gravity is elsewhere, and the bias has moved."""
+    filter_ = Filter()
+    rates, accelerations = at_rest(random, 30)
+    run(filter_, rates, accelerations)
+    ratio = float(filter_.state['bias']['rest']['variance_ratio'])
+    if how == 'reset':
+        filter_.reset()
+    results = run(
+        filter_, rates[:600] + 1e-3, accelerations[:600, [2, 0, 1]], start=START + 3600 * 10**9
+    )
+    assert np.flatnonzero(results['at_rest'])[0] < 260
+    assert filter_.state['bias']['rest']['variance_ratio'] < 1.3 * ratio

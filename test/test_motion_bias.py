@@ -31,12 +31,13 @@ from gyro_drift_filter.core.motion_bias import (
     BiasShift,
     _correct,
     learn_at_rest,
+    lose_direction,
     shift_of,
     shift_variance,
 )
 from support.messages import START
 from support.paths import FLIGHTS
-from support.sensor import DEGREE, at_rest
+from support.sensor import DEGREE, at_rest, by_hand
 
 
 def run(filter_, rates, accelerations, start=START):
@@ -318,3 +319,29 @@ def test_the_heading_holds_on_flights_and_walks(sensor, mean, worst):
         errors.append(np.degrees(np.sqrt(np.mean(turned.magnitude() ** 2))))
     assert np.mean(errors) <= mean
     assert max(errors) <= worst
+
+
+def moving_filter(random):
+    """Return a filter of a body that has begun to move, and the stamp of its last sample."""
+    filter_ = Filter()
+    rates, accelerations = at_rest(random, 10)
+    turn, push = by_hand(random, 10)
+    stamps = START + 10_000_000 * np.arange(1500)
+    filter_.run(stamps[:1000], rates, accelerations)
+    filter_.run(stamps[1000:], rates[:500] + turn[:500], accelerations[:500] + push[:500])
+    assert filter_.state['bias']['motion']['directed']
+    return filter_, int(stamps[-1])
+
+
+def test_a_direction_that_is_lost_is_not_found_by_a_sample_without_a_rate(random):
+    filter_, stamp = moving_filter(random)
+    lose_direction(filter_.state['bias']['motion'])
+    filter_.step(stamp + 10_000_000, (np.nan, 0.0, 0.0), (9.81, 0.0, 0.0))
+    assert not filter_.state['bias']['motion']['directed']
+
+
+def test_what_turned_while_the_bias_in_motion_was_off_is_not_known(random):
+    filter_, _ = moving_filter(random)
+    filter_.configure(Parameters(bias_in_motion=False))
+    filter_.configure(Parameters())
+    assert not filter_.state['bias']['motion']['directed']

@@ -30,7 +30,12 @@ from gyro_drift_filter.core.bias import (
     widen,
 )
 from gyro_drift_filter.core.clock import period_of, start_clock
-from gyro_drift_filter.core.motion_bias import set_shift, shift_of, shift_variance
+from gyro_drift_filter.core.motion_bias import (
+    lose_direction,
+    set_shift,
+    shift_of,
+    shift_variance,
+)
 from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
@@ -53,6 +58,8 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
         methods.change_period(filter_[0], period / state['clock']['period'])
         state['clock']['period'] = period
     bias = state['bias']
+    if after['bias_in_motion'] and not before['bias_in_motion']:
+        lose_direction(bias['motion'])  # nobody knows how the body has turned meanwhile
     if bias['known'] or bias['provisional'][0] > 0.0:
         widen(bias, _change_of_bias(before, after))
 

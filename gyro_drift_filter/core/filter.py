@@ -146,7 +146,7 @@ class Filter:
         """
         bias, needed = self.state['bias'], self.parameters.bias_calibration_time
         seconds = float(bias['still_seconds'])
-        if not self.state['clock']['started']:
+        if not self.state['methods']['tracking'].any():
             raise GyroDriftFilterError(
                 'no rate has come yet that can be used: is the driver running?'
             )

@@ -359,7 +359,8 @@ def track_motion(
 ) -> None:
     """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`."""
     rate, acceleration = workspace['rate'], sample['linear_acceleration']
-    finite = seconds <= LONGEST_GAP
+    # Where the direction is not known, nothing stands in for gravity.
+    finite = seconds <= LONGEST_GAP and (workspace['sound'] or state['directed'])
     for axis in range(3):
         force = acceleration[axis]
         if not workspace['sound']:

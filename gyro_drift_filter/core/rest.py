@@ -226,6 +226,7 @@ def start_rest(rest: Rest) -> None:
     _start_value(rest)
     _start_block(rest)
     _start_segment(rest)
+    _forget_before(rest)
 
 
 @kernel
