@@ -348,6 +348,15 @@ def test_stamps_of_arrival_are_sound(random):
         assert float(status.values[key]) == pytest.approx(200.0, rel=0.002)
 
 
+@pytest.mark.parametrize('sample_rate', [0.0, 10.0])
+def test_messages_of_a_sensor_that_is_polled_are_expected_as_often_as_they_come(sample_rate):
+    """100 Hz for 10 Hz: `sample_rate` is that of the sensor, whether given or learned."""
+    polled = span(
+        parameters=Parameters(sample_rate=sample_rate), period=0.1, samples_per_message=0.1
+    )
+    assert polled.expected_rate == pytest.approx(100.0)
+
+
 def test_a_rate_that_is_off_is_reported(random):
     messages = quiet(3000, 5e-3, random)
     for parameters, part, message in (

@@ -128,10 +128,10 @@ def span_of(
         state_first.nis_samples,
         strict=True,
     )
-    expected_rate = now.parameters.sample_rate
-    if expected_rate == 0.0:
-        learned = 1.0 / (state.samples_per_message * state.period)
-        expected_rate = learned if state.blocks > 0 else math.nan
+    sensor_rate = now.parameters.sample_rate
+    if sensor_rate == 0.0:
+        sensor_rate = 1.0 / state.period if state.blocks > 0 else math.nan
+    expected_rate = sensor_rate / state.samples_per_message
     return Span(
         first,
         before,
