@@ -117,7 +117,13 @@ def test_more_orders_on_request(tmp_path, capsys):
 def test_orders_beyond_are_refused(order, tmp_path, capsys):
     with pytest.raises(SystemExit):
         identify(tmp_path, tmp_path / 'in', f'--order={order}')
-    assert '--order' in capsys.readouterr().err
+    assert f'an order is two numbers from 0,0 to 5,3, not {order}' in capsys.readouterr().err
+
+
+def test_a_sample_rate_that_is_no_number_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        identify(tmp_path, tmp_path / 'in', '--sample-rate=fast')
+    assert 'a sample rate lies between 0.1 and 100000 Hz, not fast' in capsys.readouterr().err
 
 
 def test_figures(tmp_path, capsys):
@@ -257,6 +263,7 @@ def test_the_older_form_of_the_file_is_read_as_well(tmp_path):
     ('options', 'said'),
     [
         (['-o', '{}/model.yaml', '--json', '{}/model.yaml'], 'name the same file'),
+        (['-o', '{}/model.yaml', '--json', '{0}/../{1}/model.yaml'], 'name the same file'),
         (['-o', '{}/none/model.yaml'], 'there is no folder'),
         (['-o', '{}'], 'is a folder: name a file'),
         (['-o', '{}/model.yaml', '--plot', '{}/allan.svg'], 'name a folder; several PNG files'),
@@ -267,7 +274,7 @@ def test_the_older_form_of_the_file_is_read_as_well(tmp_path):
 def test_a_wrong_target_is_found_before_the_work(options, said, tmp_path, capsys):
     """The bag is none, which only the work would find."""
     (tmp_path / 'file').touch()
-    options = [option.format(tmp_path) for option in options]
+    options = [option.format(tmp_path, tmp_path.name) for option in options]
     assert main(['identify', str(tmp_path / 'no bag'), *options]) == 1
     printed = capsys.readouterr()
     assert said in printed.err

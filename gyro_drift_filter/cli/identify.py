@@ -15,6 +15,8 @@
 """`gyro_drift identify`: a parameter file from a motionless recording."""
 
 import argparse
+import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +82,9 @@ def add_parser(subcommands: Any) -> None:
 
 def _rate(text: str) -> float:
     """Return a sample rate in Hz."""
-    rate = float(text)
+    rate = math.nan
+    with suppress(ValueError):
+        rate = float(text)
     if not 0.1 <= rate <= 1e5:
         raise argparse.ArgumentTypeError(
             f'a sample rate lies between 0.1 and 100000 Hz, not {text}'
@@ -90,10 +94,11 @@ def _rate(text: str) -> float:
 
 def _order(text: str) -> tuple[int, int]:
     """Return (p, q) of "p,q"."""
-    p, q = (int(part) for part in text.split(','))
-    if not (0 <= p <= 5 and 0 <= q <= 3):
-        raise argparse.ArgumentTypeError(f'orders go from 0,0 to 5,3, not {text}')
-    return p, q
+    with suppress(ValueError):
+        p, q = (int(part) for part in text.split(','))
+        if 0 <= p <= 5 and 0 <= q <= 3:
+            return p, q
+    raise argparse.ArgumentTypeError(f'an order is two numbers from 0,0 to 5,3, not {text}')
 
 
 def run(options: argparse.Namespace) -> None:

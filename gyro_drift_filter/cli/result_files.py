@@ -47,11 +47,10 @@ def check_targets(
     for name, path in options.items():
         if path is None:
             continue
-        if path.absolute() in files:
-            raise GyroDriftFilterError(
-                f'{files[path.absolute()]} and {name} name the same file, {path}'
-            )
-        files[path.absolute()] = name
+        place = path.parent.resolve() / path.name
+        if place in files:
+            raise GyroDriftFilterError(f'{files[place]} and {name} name the same file, {path}')
+        files[place] = name
         if path.is_dir():
             raise GyroDriftFilterError(f'{path} is a folder: name a file')
         if path.exists() or path.is_symlink():
