@@ -299,6 +299,7 @@ def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
         (['-o', str(measured)], 'go on with --resume'),
         (['-o', out, '--workers', '0'], 'at least 1'),
         (['-o', out, '--memory-limit', '0'], 'above 0'),
+        (['-o', out, '--memory-limit', 'inf'], 'at most 1e+06 (GB), not inf'),
     ):
         assert main(['fleet', str(small), *options]) == 1
         told = capsys.readouterr().err

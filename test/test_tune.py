@@ -235,6 +235,8 @@ def test_ranges_hold_the_defaults_and_lead_back(method):
     for range_ in RANGES[method]:
         value = before.names()[range_.name]
         assert there.names()[range_.name] == pytest.approx(value, rel=1e-3), range_.name
+    nothing = Parameters(method=method, outlier_acceleration=0.0)
+    assert all(0.0 <= range_.place(nothing, noise) <= 1.0 for range_ in RANGES[method])
     for place in (0.0, 1.0):  # all within what parameters take
         at_places(RANGES[method], [place] * len(places), before, noise)
 

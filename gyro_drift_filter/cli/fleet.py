@@ -36,6 +36,7 @@ NEEDED = (
     '\'pip install "gyro_drift_filter[fleet]"\''
 )
 TABLE = 'fleet.parquet'
+_LARGEST_MEMORY = 1e6  # GB: a million, beyond any machine
 # Errors and sensors that are told on the terminal; the table has them all.
 _TOLD = 10
 
@@ -153,8 +154,11 @@ def run(options: argparse.Namespace) -> int | None:
 def _check(options: argparse.Namespace) -> None:
     if options.workers is not None and options.workers < 1:
         raise GyroDriftFilterError(f'--workers must be at least 1, not {options.workers}')
-    if not options.memory_limit > 0.0:
-        raise GyroDriftFilterError(f'--memory-limit must be above 0, not {options.memory_limit:g}')
+    if not 0.0 < options.memory_limit <= _LARGEST_MEMORY:
+        raise GyroDriftFilterError(
+            f'--memory-limit must be above 0 and at most {_LARGEST_MEMORY:g} (GB), '
+            f'not {options.memory_limit:g}'
+        )
     if options.output.exists() and not options.resume:
         raise GyroDriftFilterError(
             f'{options.output} exists already: choose another name, or go on with --resume'

@@ -60,13 +60,14 @@ class Range:
         return round(number) if isinstance(before, int) else float(f'{number:.4g}')
 
     def place(self, parameters: Parameters, noise: Floats) -> float:
-        """Return where from 0 to 1 the value of these parameters lies."""
+        """Return where from 0 to 1 the value of these parameters lies, 0 and 1 where beyond."""
         values = np.atleast_1d(parameters.names()[self.name])
         if self.of_noise:
             values = values / noise**2
+        values = np.clip(values, self.low, self.high)
         scaled = float(np.mean([self._scaled(value) for value in values]))
         low, high = self._scaled(self.low), self._scaled(self.high)
-        return min(max((scaled - low) / (high - low), 0.0), 1.0)
+        return (scaled - low) / (high - low)
 
     def _scaled(self, value: float) -> float:
         return -math.log(1.0 - value) if self.scale == 'memory' else math.log(value)
