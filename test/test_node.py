@@ -183,9 +183,14 @@ def test_output_that_comes_back_through_another_node_is_told(fresh):
         fresh.publish(message)
     assert first + fresh.play(data[200:]) == wanted
     name = '/gyro_drift_filter: input'
-    status = diagnostics(fresh, lambda s: s[name].level == b'\x02')[name]
+
+    def is_told(statuses):
+        fresh.publish(wanted[-1])  # again, as the first report may come before anybody listens
+        return statuses[name].level == b'\x02'
+
+    status = diagnostics(fresh, is_told)[name]
     assert 'come back on the input' in status.message
-    assert values(status)['Returned (own output)'] == '200'
+    assert int(values(status)['Returned (own output)']) >= 200
 
 
 def test_diagnostics_count_what_comes_in(fresh):
