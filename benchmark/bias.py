@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How much of a slow turn is learned as bias; how soon is a bias that jumps or warms up followed.
+"""How much of a slow turn is learned as bias, and how soon a bias that moves is followed.
 
     python -m benchmark.bias [--seeds N] [--rate HZ]
 

@@ -64,6 +64,7 @@ from gyro_drift_filter.core.rest import (
 )
 from gyro_drift_filter.core.sample import Sample
 from gyro_drift_filter.core.slow_turn import (
+    GATE,
     SlowTurn,
     forget_slow_turn,
     interrupt_slow_turn,
@@ -73,10 +74,8 @@ from gyro_drift_filter.core.slow_turn import (
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
 
-# A segment is accepted within so many deviations of where the bias can be.
-GATE = 3.5
-# Several segments in a row, up to so many, have to lie closer, as they reveal a turn of the bias's
-# size.
+# A segment is accepted within `GATE` deviations of where the bias can be. Several segments in a
+# row, up to so many, have to lie closer, as they reveal a turn of the bias's size.
 RECENT_GATE, RECENT = 3.0, 8
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.

@@ -42,7 +42,7 @@ SAME = 4.0
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
 LEAST_ANGLE, LEAST_SHARE = 0.06, 0.5  # rad
-# The part across lies beyond the bias by so many of its deviations.
+# A rate lies where the bias can be within so many deviations; the part across it lies beyond.
 GATE = 3.5
 
 

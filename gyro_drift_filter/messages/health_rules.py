@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS, LEAST_BLOCK
+from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS, LEAST_BLOCK, LEAST_NOISE
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
@@ -43,7 +43,6 @@ _LONG_WITHOUT_REST = 120.0
 # 10 Hz or so, which one of so many Hz delays and weakens.
 _CORRELATED = 0.6
 _SLOW_LOW_PASS = 15.0
-_LEAST_NOISE = 2e-4  # rad/s: half of it is what a sensor that shows no noise is given
 # Noise that was learned from less rest than this, in s, is known to a tenth at best.
 _LITTLE_REST = 3.0
 
@@ -91,7 +90,7 @@ class Span(NamedTuple):
         state = self.now.telemetry
         axes = zip(state.measurement_noise, state.resolution, state.noise_correlation, strict=True)
         # What is below a step is no noise that a low-pass could have shaped.
-        shaped = [c for noise, step, c in axes if noise > max(step, _LEAST_NOISE) ** 2]
+        shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
         correlation = max(shaped, default=0.0)
         if correlation < _CORRELATED or min(state.noise_blocks) == 0:
             return math.nan
