@@ -31,6 +31,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report import pictures
 from gyro_drift_filter.report.figures import autocorrelation, reduced
 from gyro_drift_filter.report.page import LARGEST_PAGE, points_for
+from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
 from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -221,6 +222,27 @@ def test_angles_are_the_integral_by_the_stamps(random):
     got = np.column_stack([np.asarray(c) for c in signals.columns['raw_angle']])
     np.testing.assert_allclose(got, expected, rtol=2e-3)
     np.testing.assert_allclose(got[1:250], expected[1:250], rtol=1e-5)
+
+
+BATCHES = np.arange(3000) // 10 * 10 + 9
+
+
+@pytest.mark.parametrize(
+    'places',
+    [
+        pytest.param(BATCHES, id='ten samples are stamped as one'),
+        pytest.param(np.where(np.arange(3000) < 1000, 5, BATCHES), id='not at the start'),
+        pytest.param(np.arange(3000) ^ 1, id='each two samples are swapped'),
+        pytest.param(np.zeros(3000, int), id='never'),
+    ],
+)
+def test_time_that_stamps_tell_late_counts_once(places):
+    """Samples of 100 Hz, with the stamps that belong to these places."""
+    stamps = 10**18 + 10**7 * places
+    steps, times = np.empty(3000), no_sample_times()
+    each_sample_seconds(stamps, 0.01, 1000.0, times, steps)
+    assert steps.sum() == pytest.approx(30.0, abs=0.2)
+    assert (np.cumsum(steps) < 0.01 * np.arange(3000) + 0.2).all()
 
 
 def test_a_recording_without_rest_or_with_a_dead_axis_has_a_page(tmp_path):

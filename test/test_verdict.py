@@ -132,6 +132,18 @@ def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):
     assert 13.0 < verdict.rests.seconds < 18.0
 
 
+def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batches(
+    tmp_path, random
+):
+    """A driver that empties a buffer of ten samples and stamps them once."""
+    rates, accelerations = at_rest(random, 30, (0.0, 0.0, 0.01))
+    even = START + 10**7 * np.arange(len(rates))
+    verdict = judged(
+        bag(tmp_path / 'in', rates, accelerations, np.repeat(even[9::10], 10)), tmp_path
+    )
+    assert 26.0 < verdict.rests.seconds <= verdict.seconds
+
+
 def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     parts = [at_rest(random, 8), by_hand(random, 4), at_rest(random, 6)]
     rates, accelerations = (np.vstack(column) for column in zip(*parts, strict=True))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
+from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
 # Less than this, in m/s^2, is no gravity: the sensor falls, or has no accelerometer.
 LEAST_GRAVITY = 1.0
@@ -66,10 +67,10 @@ class RunSums(TypedDict):
     """The sums of one run."""
 
     samples: int
-    stamp: int  # of the last sample, ns
+    times: SampleTimes
     least: PerAxis  # raw rate, rad/s
     largest: PerAxis  # the same
-    seconds: float  # sum of the steps
+    seconds: float  # that the samples stand for
     resting: bool
     rests: int
     rest_seconds: float
@@ -130,16 +131,13 @@ def add_run(
         ):
             _note_outlier(imu, log_times[i], sums)
             continue
-        step = (sample['stamp'] - sums['stamp']) * 1e-9
-        if sums['samples'] == 0 or sample['stamp'] == 0 or step <= 0.0 or step > longest:
-            step = period
+        step = sample_seconds(sample['stamp'], period, longest, sums['times'])
         for axis in range(3):
             if sums['samples'] == 0 or raw[axis] < sums['least'][axis]:
                 sums['least'][axis] = raw[axis]
             if sums['samples'] == 0 or raw[axis] > sums['largest'][axis]:
                 sums['largest'][axis] = raw[axis]
         sums['samples'] += 1
-        sums['stamp'] = sample['stamp']
         sums['seconds'] += step
         if sums['rests'] == 0:
             sums['rested_at'] = log_times[i]

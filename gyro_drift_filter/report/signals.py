@@ -25,6 +25,7 @@ from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.identify.series import Stored
 from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
 from gyro_drift_filter.report.verdict import RunWatch
 
 Floats = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Signals:
         self.report_times: list[float] = []
         self.bias_deviations: list[Sequence[float]] = []
         self._angles = {'raw': np.zeros(3), 'filtered': np.zeros(3)}
-        self._stamp: int | None = None
+        self._times = no_sample_times()
         self._seconds = 0.0
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
@@ -101,12 +102,16 @@ class Signals:
         self.bias_deviations.append(span.now.telemetry.bias_deviation)
 
     def _steps(self, stamps: NDArray[np.int64]) -> Floats:
-        """Return the time in s before each sample, the period where the stamps do not tell it."""
-        first = stamps[0] if self._stamp is None else self._stamp
-        steps = np.diff(stamps, prepend=first) * 1e-9
-        self._stamp = int(stamps[-1])
-        told = (steps > 0.0) & (steps <= self.filter.parameters.gap_limit) & (stamps != 0)
-        return np.where(told, steps, float(self.filter.state['clock']['period']))
+        """Return the time in s that each sample stands for."""
+        steps = np.empty(len(stamps))
+        each_sample_seconds(
+            np.ascontiguousarray(stamps),
+            float(self.filter.state['clock']['period']),
+            self.filter.parameters.gap_limit,
+            self._times,
+            steps,
+        )
+        return steps
 
 
 def _calibrated(rates: Floats, matrix: Floats) -> Floats:
