@@ -193,12 +193,17 @@ def test_a_file_of_imu_tk_becomes_a_parameter_file(tmp_path, capsys):
     (tmp_path / 'found.yaml').unlink()
     assert calibrate(tmp_path, path) == 1
     assert 'scales axis' in capsys.readouterr().err
+    path.write_text(f'{2 * "1 0 0 0 1 0 0 0 1 "} 0 100 0')
+    assert calibrate(tmp_path, path) == 1
+    assert 'the bias about y is 100 rad/s, where 10 is' in capsys.readouterr().err
+    assert not (tmp_path / 'found.yaml').exists()
 
 
 @pytest.mark.parametrize(
     ('read', 'content', 'message'),
     [
         (from_imu_tk, '1 2 3', '21 numbers, misalignment, scale and bias, not 3'),
+        (from_imu_tk, 18 * '1 ' + 'nan 0 inf', 'numbers that are not finite'),
         (from_imu_tk, 'gyro', 'something else than numbers'),
         (from_kalibr, {'imu0': {'rostopic': '/imu'}}, "no gyroscopes' M in the file"),
         (from_kalibr, None, "no gyroscopes' M in the file"),

@@ -250,6 +250,13 @@ def test_a_node_takes_the_file_in_any_namespace_and_under_any_name(tmp_path):
         rclpy.shutdown(context=context)
 
 
+def test_what_the_filter_would_refuse_is_not_written(tmp_path, capsys):
+    source = bag(tmp_path / 'in', 30, change=lambda rates: 20.0 - rates)
+    assert identify(tmp_path, source) == 1
+    assert 'the bias about x is 19.99 rad/s, where 10 is the most' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
 def test_the_older_form_of_the_file_is_read_as_well(tmp_path):
     assert identify(tmp_path, bag(tmp_path / 'in', 30)) == 0
     text = (tmp_path / 'model.yaml').read_text()

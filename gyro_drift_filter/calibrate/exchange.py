@@ -121,6 +121,8 @@ def from_imu_tk(text: str) -> Foreign:
         raise CalibrationError(
             f'a .calib file has 21 numbers, misalignment, scale and bias, not {len(numbers)}'
         )
+    if not np.isfinite(numbers).all():
+        raise CalibrationError('the .calib file holds numbers that are not finite')
     matrix = numbers[:9].reshape(3, 3) @ numbers[9:18].reshape(3, 3)
     return Foreign(matrix, numbers[18:])
 

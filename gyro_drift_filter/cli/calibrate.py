@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.cli.packages import needing
+from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import check_targets, write_json
@@ -144,7 +145,8 @@ def _convert(options: argparse.Namespace) -> None:
     sensitivity = (
         NO_SENSITIVITY if found.sensitivity is None else found.sensitivity.ravel().tolist()
     )
-    Parameters(
+    parameters_to_write(
+        Parameters().bias_initial if found.bias is None else found.bias.tolist(),
         calibration_matrix=tuple(found.matrix.ravel().tolist()),
         calibration_acceleration_sensitivity=tuple(sensitivity),
     )

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
-from gyro_drift_filter.cli.parameter_file import listed
+from gyro_drift_filter.cli.parameter_file import listed, parameters_to_write
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Reading
@@ -193,18 +193,34 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
         result: To be written.
         source: Name of the recording, printable, for a comment.
         noise: How Q and R were found, for a comment.
+
+    Raises:
+        GyroDriftFilterError: The node and replay would refuse the file.
     """
     default = Parameters()
-    measurement_noise = default.model_measurement_noise
 
-    def per_axis(of: Callable[[AxisModel], float], otherwise: Sequence[float]) -> str:
-        return listed(
-            [
-                otherwise[i] if isinstance(axis, DeadAxis) else of(axis)
-                for i, axis in enumerate(result.axes)
-            ]
+    def per_axis(
+        of: Callable[[AxisModel], float], otherwise: Sequence[float]
+    ) -> tuple[float, float, float]:
+        x, y, z = (
+            otherwise[i] if isinstance(axis, DeadAxis) else of(axis)
+            for i, axis in enumerate(result.axes)
         )
+        return x, y, z
 
+    found = parameters_to_write(
+        per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial),
+        sample_rate=1.0 / result.timing.period,
+        model_phi=per_axis(lambda axis: axis.phi, default.model_phi),
+        model_process_noise=per_axis(
+            lambda axis: axis.noise.process_noise, default.model_process_noise
+        ),
+        model_measurement_noise=per_axis(
+            lambda axis: axis.noise.measurement_noise, default.model_measurement_noise
+        ),
+        model_noise_deviation=per_axis(lambda axis: axis.deviation, default.model_noise_deviation),
+    )
+    bias_deviation = per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
     remark = f"\n# Dead: {_axes(dead)}; the package's defaults stand there." if dead else ''
     day = datetime.now(UTC).strftime('%Y-%m-%d')
@@ -214,19 +230,19 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
 /**:
   ros__parameters:
     # Hz
-    sample_rate: {1.0 / result.timing.period:.6f}
+    sample_rate: {found.sample_rate:.6f}
     bias:
       # At that time, rad/s. It holds until the first rest; standard error:
-      # {per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))}
-      initial: {per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial)}
+      # {listed(bias_deviation)}
+      initial: {listed(found.bias_initial)}
     model:
       # AR(1) coefficient of the drift
-      phi: {per_axis(lambda axis: axis.phi, default.model_phi)}
+      phi: {listed(found.model_phi)}
       # Q and R of kalman and sage_husa, by {noise}, (rad/s)^2
-      process_noise: {per_axis(lambda axis: axis.noise.process_noise, default.model_process_noise)}
-      measurement_noise: {per_axis(lambda axis: axis.noise.measurement_noise, measurement_noise)}
+      process_noise: {listed(found.model_process_noise)}
+      measurement_noise: {listed(found.model_measurement_noise)}
       # Standard deviation of the noise at rest, for adaptive, rad/s
-      noise_deviation: {per_axis(lambda axis: axis.deviation, default.model_noise_deviation)}
+      noise_deviation: {listed(found.model_noise_deviation)}
 """
 
 

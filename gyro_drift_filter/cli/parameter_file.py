@@ -15,12 +15,12 @@
 """ROS 2 parameter files: `replay` takes those that the node takes."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.core import ParameterError, Parameters
-from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE
+from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
+from gyro_drift_filter.core.parameters import AXES, DESCRIPTIONS, FIELDS, OF_EVERY_NODE
 from gyro_drift_filter.messages.names import NODE_NAME
 from gyro_drift_filter.messages.parameter_sections import note_unknown, read_sections
 
@@ -79,6 +79,26 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
             f'parameter file {path} has sections for several nodes: {", ".join(named)}: leave one'
         )
     return found
+
+
+def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
+    """Return parameters that were found, before a file is written with them.
+
+    Args:
+        bias: (3,) in rad/s.
+        others: By the names of the fields of `Parameters`.
+
+    Raises:
+        GyroDriftFilterError: The node and replay would refuse the file.
+    """
+    largest = FIELDS['bias_initial'].high
+    for axis, rate in zip(AXES, bias, strict=True):
+        if abs(rate) > largest:
+            raise GyroDriftFilterError(
+                f'the bias about {axis} is {rate:.4g} rad/s, where {largest:g} is the most that is '
+                'taken: are the rates in deg/s?'
+            )
+    return Parameters(bias_initial=(bias[0], bias[1], bias[2]), **others)
 
 
 def listed(values: Iterable[float]) -> str:
