@@ -17,10 +17,19 @@
 import sys
 import time
 
+import numpy as np
 import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.ros import cold_start
+from gyro_drift_filter.ros import node as node_module
 from gyro_drift_filter.ros.cold_start import ColdStart
+from gyro_drift_filter.simulation.bag import imu_message
+from harness.live_node import own_domain
 
 
 class FakeNode:
@@ -57,6 +66,22 @@ def node(monkeypatch):
     return FakeNode()
 
 
+@pytest.fixture
+def ros_node(tmp_path, monkeypatch):
+    """Return the real node in this process, whose compiler does not end."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: True)
+    monkeypatch.setattr(node_module, 'is_cache_cold', lambda: True)
+    executable(tmp_path, monkeypatch, 'exec sleep 60')
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=own_domain())
+    created = node_module.GyroDriftFilterNode(context=context)
+    yield created
+    created.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 def executable(tmp_path, monkeypatch, script):
     path = tmp_path / 'python'
     path.write_text(f'#!/bin/sh\n{script}\n')
@@ -85,7 +110,7 @@ def test_what_arrives_is_taken_later_in_its_order(node, tmp_path, monkeypatch):
     assert node.timers == []
     start.take(take, 'now')
     assert taken[-1] == 'now'
-    assert 'compiled; 100 messages were kept, 0 were too many' in node.log
+    assert 'compiled; 100 messages kept, 0 too many' in node.log
 
 
 def test_the_oldest_go_where_there_are_too_many(node, tmp_path, monkeypatch):
@@ -96,7 +121,7 @@ def test_the_oldest_go_where_there_are_too_many(node, tmp_path, monkeypatch):
         start.take(taken.append, k)
     node.turn(lambda: start.waiting is None)
     assert taken == [*range(5, 15)]
-    assert 'compiled; 10 messages were kept, 5 were too many' in node.log
+    assert 'compiled; 10 messages kept, 5 too many' in node.log
 
 
 def test_a_compiler_that_fails_is_told(node, tmp_path, monkeypatch):
@@ -151,3 +176,35 @@ def test_where_the_extension_module_alone_is_missing_it_is_built_beside(
     assert (tmp_path / 'called').read_text().strip().endswith('gyro_drift_filter.cli.main compile')
     assert node.log == []
     start.stop()
+
+
+@pytest.mark.node
+def test_the_node_answers_while_the_filter_is_compiled(ros_node, monkeypatch):
+    """No request and no report may compile a kernel in the node's own process."""
+    filter_ = ros_node._messages.filter
+
+    def compiled_here(*arguments):
+        raise AssertionError('this kernel is compiled now, and nobody is answered meanwhile')
+
+    with monkeypatch.context() as patched:
+        patched.setattr(MessageFilter, 'report', compiled_here)
+        patched.setattr(filter_, 'reset', compiled_here)
+        ros_node._report()
+        assert ros_node.set_parameters([Parameter('method', value='kalman')])[0].successful
+        assert ros_node._reset(None, Trigger.Response()).success
+        answer = ros_node._calibrate(None, Trigger.Response())
+    assert not answer.success
+    assert 'compiled for its first start' in answer.message
+    assert filter_.parameters.method == 'adaptive'
+    ros_node._take(imu_message(10**18, np.zeros(3), np.zeros(3)))
+    assert len(ros_node._cold_start.waiting) == 3
+    monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
+    executor = SingleThreadedExecutor(context=ros_node.context)
+    executor.add_node(ros_node)
+    end = time.monotonic() + 60
+    while ros_node._cold_start.waiting is not None:
+        executor.spin_once(timeout_sec=1.0)
+        assert time.monotonic() < end
+    executor.shutdown()
+    assert filter_.parameters.method == 'kalman'
+    assert ros_node._messages.report().received == 1

@@ -146,6 +146,22 @@ def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(foun
     assert faults(found(rates_of(simulation, degrees))) == {'degrees'}
 
 
+def test_a_rate_that_is_steady_and_too_large_for_a_bias(found, tmp_path):
+    """Of a bias of 1 deg/s in deg/s nothing but its size tells that it is no turn."""
+    simulation = handled()
+    still = replace(
+        simulation,
+        angular_velocity=simulation.angular_velocity - simulation.truth + [0.0, 0.0, 1.0],
+        linear_acceleration=np.tile(UP, (len(simulation.stamps), 1))
+        + 0.01 * (simulation.angular_velocity - simulation.truth),
+    )
+    findings = found(still)
+    assert faults(findings) == {'beyond bias.max'}
+    fault = next(finding for finding in findings if finding.name == 'beyond bias.max')
+    assert 'are the rates in deg/s (REP-103 asks for rad/s)?' in fault.advice
+    assert 'rests' not in {finding.name for finding in findings}
+
+
 def test_a_wrong_measuring_range_is_found_by_gravity(found):
     simulation = handled()
     findings = found(rates_of(simulation, 0.5 * simulation.angular_velocity))

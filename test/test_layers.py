@@ -22,7 +22,7 @@ from support.paths import REPOSITORY, TESTS
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 # Modules that stand below all layers.
-BELOW = {'errors', 'gravity', 'rotations', 'whole_file'}
+BELOW = {'errors', 'gravity', 'phrases', 'rotations', 'whole_file'}
 # What each layer may import of the others.
 ALLOWED = {
     'accelerate': set(),

@@ -203,6 +203,18 @@ def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
     assert verdict.bias.source == 'unknown'
 
 
+def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random):
+    rates, accelerations = at_rest(random, 12, (0.0, 0.0, 1.0))
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    text = as_text(verdict)
+    assert text.startswith(
+        'This filter did nothing useful here: while the sensor was steady, its rate was beyond '
+        'bias.max'
+    )
+    assert 'are the rates in deg/s' in text
+    assert 'stood still' not in text
+
+
 def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 24)

@@ -40,6 +40,7 @@ from gyro_drift_filter.doctor.rests import (
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.messages.telemetry import Telemetry
+from gyro_drift_filter.phrases import by_axis, counted
 
 Floats = NDArray[np.float64]
 
@@ -85,6 +86,7 @@ _SHORTEST_REST = 3.0  # s, that the filter takes to know one from a slow turn
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
+    'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},
     'publishers': {'vibration', 'low-pass', 'outliers', 'diverged', 'jitter', _INVENTED_RATE},
@@ -187,7 +189,7 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     return Finding(
         'rests',
         Verdict.SOUND,
-        f'{_counted(len(rests.stretches), "rest")}, {seconds:.0f} s together; '
+        f'{counted(len(rests.stretches), "rest")}, {seconds:.0f} s together; '
         f'bias {_listed(bias)} deg/s, noise {_listed(noise)} deg/s',
         values={
             'rests': len(rests.stretches),
@@ -199,9 +201,5 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     )
 
 
-def _counted(count: int, what: str) -> str:
-    return f'{count} {what}{"" if count == 1 else "s"}'
-
-
 def _listed(values: Floats) -> str:
-    return ', '.join(f'{axis} {value:.2g}' for axis, value in zip(AXES, values, strict=True))
+    return by_axis(f'{value:.2g}' for value in values)

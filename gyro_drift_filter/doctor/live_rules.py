@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health_rules import Rule, Span
+from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
 _LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
@@ -142,20 +142,18 @@ _ADVICE = {
     'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
     'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
     'unusable': 'have the driver leave a message out where a reading fails',
-    'beyond bias.max': 'if it does not turn there, have the sensor looked at',
+    'beyond bias.max': 'are the rates in deg/s (REP-103 asks for rad/s)? If they are not and it '
+    'does not turn there, have the sensor looked at',
 }
-
-
-def _of_axes(counts: Iterable[float]) -> str:
-    return ', '.join(f'{axis} {count:g}' for axis, count in zip(AXES, counts, strict=True))
 
 
 _FIGURES: dict[str, Callable[[Span], str]] = {
     'gaps': lambda span: (
-        f'{span.now.telemetry.gaps} gaps, {span.now.telemetry.missing_samples} samples missing'
+        f'{counted(span.now.telemetry.gaps, "gap")}, '
+        f'{counted(span.now.telemetry.missing_samples, "sample")} missing'
     ),
-    'clipped': lambda span: f'samples: {_of_axes(span.now.telemetry.clipped)}',
-    'unusable': lambda span: f'samples: {_of_axes(span.now.telemetry.unusable)}',
+    'clipped': lambda span: f'samples: {by_axis(span.now.telemetry.clipped)}',
+    'unusable': lambda span: f'samples: {by_axis(span.now.telemetry.unusable)}',
     'repeated samples': lambda span: (
         f'{100.0 * span.now.telemetry.not_measured / max(span.now.telemetry.samples, 1):.0f} % of '
         'the samples'
@@ -166,7 +164,7 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
     ),
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
     'restarted': lambda span: f'{span.now.telemetry.restarts} times',
-    'malformed': lambda span: f'{span.now.malformed} messages',
+    'malformed': lambda span: counted(span.now.malformed, 'message'),
     'changing frame': lambda span: f'{span.now.frame_changes} times',
 }
 
@@ -211,7 +209,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         ({'low-pass'}, low_pass),
         (
             {'outliers', 'diverged'},
-            fine('outliers', f'samples held back: {_of_axes(state.outliers)}'),
+            fine('outliers', f'samples held back: {by_axis(state.outliers)}'),
         ),
         (
             {'gaps', 'restarted', 'backward', 'zero stamps', 'wrong rate'},

@@ -42,9 +42,10 @@ from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_te
 _WINDOW = 10
 _LEAST_SECONDS = 5.0  # of the window, to judge a rate
 
-_BEFORE_ALL = MessageReport(
-    0, 0, '', 0, 0, 0, 0, '', Parameters(), as_telemetry(np.zeros(1, TELEMETRY))[0]
-)
+_at_start = np.zeros(1, TELEMETRY)
+_at_start['samples_per_message'] = 1.0
+# The report of a message filter to which nothing has come.
+NOTHING_RECEIVED = MessageReport(0, 0, '', 0, 0, 0, 0, '', Parameters(), as_telemetry(_at_start)[0])
 
 
 @cache
@@ -63,7 +64,7 @@ class Health:
         """Start, for a node by its full name."""
         self._node = node
         # Time of each report in s, and the report.
-        self._window = deque([(0.0, _BEFORE_ALL)], maxlen=_WINDOW + 1)
+        self._window = deque([(0.0, NOTHING_RECEIVED)], maxlen=_WINDOW + 1)
         self._applied: set[str] = set()  # names of the rules that applied to the last report
         self._silent = True
 
@@ -98,7 +99,7 @@ class Health:
         """
         last, before = self._window[-1]
         if now.telemetry.samples < before.telemetry.samples:  # the filter was reset
-            before = before._replace(telemetry=_BEFORE_ALL.telemetry)
+            before = before._replace(telemetry=NOTHING_RECEIVED.telemetry)
             self._window.clear()
             self._window.append((last, before))
         start, first = self._window[0]
@@ -180,7 +181,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
         'Rest the noise was learned from (s)': span.noise_seconds
-        if span.advice.learns_noise
+        if span.is_noise_learned
         else 'not learned from rest',
         'Bias at rest (rad/s)': state.bias,
         'Deviation of the bias at rest (rad/s)': state.bias_deviation,

@@ -45,6 +45,29 @@ _CORRELATED = 0.6
 _SLOW_LOW_PASS = 15.0
 # Noise that was learned from less rest than this, in s, is known to a tenth at best.
 _LITTLE_REST = 3.0
+# Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
+# or a driver that mixes its messages up do so all the time.
+_BACKWARD_SHARE = 0.05
+
+# Each of these is where an alarm is raised, and where it is taken back.
+# A driver that polls faster than the sensor measures by a twentieth repeats one sample in twenty; a
+# bus that hangs now and then repeats fewer than one in fifty.
+_REPEATED_SHARE = 0.05, 0.02
+# The oscillator of a gyroscope is off by some percent, and so is the number of messages in a
+# window that begins and ends between two of them. Two publishers double the rate; of a link that
+# loses messages every fifth or so is gone.
+_RATE_ERROR = 0.2, 0.1
+# Gaps in the window of ten seconds: a busy machine makes one now and then, a lost link many, so
+# that three raise the alarm, and it stands until there is none.
+_GAPS = 2.5, 0.5
+# Spikes are a small share of the samples; many outliers are motion, or a model that is wrong.
+_OUTLIER_SHARE = 0.1, 0.05
+# A filter that fits has a mean of 1, and a third of that or so is no fault. At 4 innovations are
+# twice as large as expected, so the filter lags.
+_LARGE_INNOVATIONS = 4.0, 2.5
+# At 10 innovations are a third of what is expected, so that an outlier has to be three times as
+# large to be found.
+_SMALL_INNOVATIONS = 10.0, 5.0
 
 
 class Span(NamedTuple):
@@ -107,6 +130,11 @@ class Span(NamedTuple):
     def advice(self) -> Advice:
         """What the method says to do about it."""
         return ADVICE[self.now.parameters.method]
+
+    @property
+    def is_noise_learned(self) -> bool:
+        """Whether the noise is learned at rest, and not given."""
+        return self.advice.learns_noise and not any(self.now.parameters.model_noise_deviation)
 
 
 def span_of(
@@ -215,7 +243,7 @@ def _largest(values: list[float]) -> float:
 
 def _stamps_go_backward(span: Span) -> bool:
     backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
-    return span.recent >= _FEW and backward > 0.05 * span.recent
+    return span.recent >= _FEW and backward > _BACKWARD_SHARE * span.recent
 
 
 def _stamps_are_zero(span: Span) -> bool:
@@ -224,7 +252,7 @@ def _stamps_are_zero(span: Span) -> bool:
 
 
 def _gaps_in_window(span: Span) -> float:
-    """Return how many gaps there were: a busy machine makes one now and then, a lost link many."""
+    """Return how many gaps there were."""
     return float(span.now.telemetry.gaps - span.first.telemetry.gaps)
 
 
@@ -257,11 +285,9 @@ def _is_truncation_left(span: Span) -> bool:
 
 def _noise_excess(span: Span) -> float:
     """Return how many times larger than found innovations are expected, squared."""
-    parameters = span.now.parameters
     # Of noise that it has learned a method can't expect too much, but for a dead band, which has
     # none at rest. Nor does a stuck sensor say anything.
-    learned = span.advice.learns_noise and not any(parameters.model_noise_deviation)
-    if learned or span.now.telemetry.stuck:
+    if span.is_noise_learned or span.now.telemetry.stuck:
         return 0.0
     least = -_largest([-value for value in span.nis])
     return 1.0 / least if least else math.inf
@@ -287,10 +313,8 @@ def _no_bias(span: Span) -> str:
 
 def _is_noise_unsure(span: Span) -> bool:
     """Return whether the bias is known, and the noise by little rest only."""
-    parameters = span.now.parameters
-    learned = span.advice.learns_noise and not any(parameters.model_noise_deviation)
     known = span.now.telemetry.bias_known
-    return learned and known and min(span.noise_seconds) < _LITTLE_REST
+    return span.is_noise_learned and known and min(span.noise_seconds) < _LITTLE_REST
 
 
 INPUT_RULES = (
@@ -403,7 +427,7 @@ INPUT_RULES = (
     Rule(
         'repeated samples',
         Level.WARN,
-        _beyond(lambda span: span.not_measured, 0.05, 0.02),
+        _beyond(lambda span: span.not_measured, *_REPEATED_SHARE),
         'the driver repeats samples, as it polls faster than the sensor measures: poll at the rate '
         'of the sensor, or on its data-ready signal',
     ),
@@ -440,11 +464,11 @@ INPUT_RULES = (
         _stamps_are_zero,
         'the driver does not stamp (all stamps are 0): set sample_rate',
     ),
-    Rule('wrong rate', Level.WARN, _beyond(_rate_error, 0.2, 0.1), _rate_text),
+    Rule('wrong rate', Level.WARN, _beyond(_rate_error, *_RATE_ERROR), _rate_text),
     Rule(
         'gaps',
         Level.WARN,
-        _beyond(_gaps_in_window, 2.5, 0.5),
+        _beyond(_gaps_in_window, *_GAPS),
         'gaps in the stamps: messages are lost before they come here',
     ),
 )
@@ -459,14 +483,13 @@ FILTER_RULES = (
     Rule(
         'outliers',
         Level.WARN,
-        _beyond(lambda span: _largest(span.outlier_shares), 0.1, 0.05),
+        _beyond(lambda span: _largest(span.outlier_shares), *_OUTLIER_SHARE),
         lambda span: 'many samples count as outliers: ' + span.advice.outliers,
     ),
-    # A filter that fits has a mean of 1; a third of that or so is no fault.
     Rule(
         'large innovations',
         Level.WARN,
-        _beyond(lambda span: _largest(span.nis), 4.0, 2.5),
+        _beyond(lambda span: _largest(span.nis), *_LARGE_INNOVATIONS),
         lambda span: (
             'innovations are much larger than the filter expects: ' + span.advice.large_innovations
         ),
@@ -474,7 +497,7 @@ FILTER_RULES = (
     Rule(
         'small innovations',
         Level.WARN,
-        _beyond(_noise_excess, 10.0, 5.0),
+        _beyond(_noise_excess, *_SMALL_INNOVATIONS),
         lambda span: (
             'innovations are far smaller than the filter expects, so that no outlier will '
             'be found: ' + span.advice.small_innovations
@@ -493,8 +516,9 @@ FILTER_RULES = (
         lambda span: span.now.telemetry.beyond,
         lambda span: (
             'steady as at rest, but the rate is beyond bias.max '
-            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: if '
-            'the robot does not turn, raise bias.max, and have the sensor looked at'
+            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: are '
+            'the rates in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not '
+            'turn, raise bias.max, and have the sensor looked at'
         ),
     ),
     Rule(

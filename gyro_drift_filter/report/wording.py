@@ -15,13 +15,13 @@
 """The verdict in words that somebody understands who has never seen the filter."""
 
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.phrases import by_axis, counted
 from gyro_drift_filter.report.verdict import SIGNIFICANT, Bias, BiasSource, Outcome, Verdict
 
 _WIDTH = 100
@@ -65,7 +65,7 @@ def headline(verdict: Verdict) -> str:
     if 'outliers' in verdict.gains:
         count = verdict.held_back.at_rest + verdict.held_back.in_motion
         what = 'an outlier' if count == 1 else 'outliers'
-        parts.append(f'{_counted(count, "sample")} {_was(count)} held back as {what}')
+        parts.append(f'{counted(count, "sample")} {_was(count)} held back as {what}')
     return f'It helped: {_listed(parts)}.'
 
 
@@ -119,10 +119,7 @@ def _why_useless(verdict: Verdict) -> str:
         return _why_silent(verdict)
     why = []
     if not verdict.rests.count:
-        why.append(
-            'the sensor never stood still for some three seconds, so there was no rest to learn '
-            'the bias from'
-        )
+        why.append(f'{_why_no_rest(verdict)}, so there was no rest to learn the bias from')
     elif not verdict.bias.taken_off:
         why.append('bias.enabled is false')
     elif 'bias' not in verdict.gains:
@@ -132,8 +129,20 @@ def _why_useless(verdict: Verdict) -> str:
     if 'outliers' not in verdict.gains:
         many = verdict.held_back.axes.max() > 0
         why.append('what it held back is too much to be outliers' if many else 'no outlier came')
-    advice = '' if verdict.rests.count else '. Let it stand still for ten seconds at the start'
+    moves = not verdict.rests.count and not _is_beyond(verdict)
+    advice = '. Let it stand still for ten seconds at the start' if moves else ''
     return _listed(why) + advice
+
+
+def _is_beyond(verdict: Verdict) -> bool:
+    """Tell whether what would be a rest has a rate that is too large for a bias."""
+    return any(finding.name == 'beyond bias.max' for finding in verdict.findings)
+
+
+def _why_no_rest(verdict: Verdict) -> str:
+    if _is_beyond(verdict):
+        return 'while the sensor was steady, its rate was beyond bias.max'
+    return 'the sensor never stood still for some three seconds'
 
 
 def _why_silent(verdict: Verdict) -> str:
@@ -145,21 +154,21 @@ def _why_silent(verdict: Verdict) -> str:
 def _about_rest(verdict: Verdict) -> str:
     rests = verdict.rests
     if not rests.count:
-        return 'none: it never stood still for some three seconds'
+        return f'none: {_why_no_rest(verdict)}'
     text = (
         f'it stood still for {rests.seconds:.0f} of {verdict.seconds:.0f} s, in '
-        f'{_counted(rests.count, "rest")}'
+        f'{counted(rests.count, "rest")}'
     )
     if not np.isfinite(rests.ratio).any():
         return f'{text}; too short to tell the noise'
-    shares = _of_axes(
+    shares = by_axis(
         f'{100.0 * ratio:.0f} %' if np.isfinite(ratio) else '-' for ratio in rests.ratio
     )
     return f'{text}; the noise falls to {shares} there'
 
 
 def _about_bias(bias: Bias) -> str:
-    rates = _of_axes(f'{np.degrees(rate):.3f}' for rate in bias.rates)
+    rates = by_axis(f'{np.degrees(rate):.3f}' for rate in bias.rates)
     sure = f'{np.degrees(float(bias.deviations.max())):.2g}'
     left_in = '' if bias.taken_off else '; it is left in, as bias.enabled is false'
     if bias.source == BiasSource.UNKNOWN:
@@ -210,20 +219,12 @@ def _about_outliers(verdict: Verdict) -> str:
         where = 'at rest' if held.at_rest else 'in motion'
         return f'1 sample held back, {where} at {held.first:.1f} s'
     text = (
-        f'{count} samples held back ({_of_axes(map(str, held.axes.tolist()))}), {held.at_rest} of '
-        f'them at rest; from {held.first:.1f} to {held.last:.1f} s'
+        f'{counted(count, "sample")} held back ({by_axis(held.axes.tolist())}), '
+        f'{held.at_rest} of them at rest; from {held.first:.1f} to {held.last:.1f} s'
     )
     if held.in_busiest < count and held.in_busiest > 1:
         text += f', most in the ten seconds from {held.busiest:.1f} s on ({held.in_busiest})'
     return text
-
-
-def _of_axes(texts: Iterable[str]) -> str:
-    return ', '.join(f'{axis} {text}' for axis, text in zip(AXES, texts, strict=True))
-
-
-def _counted(count: int, what: str) -> str:
-    return f'{count} {what}{"" if count == 1 else "s"}'
 
 
 def _was(count: int) -> str:

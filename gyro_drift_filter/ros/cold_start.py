@@ -36,6 +36,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_extension_missing
+from gyro_drift_filter.phrases import counted
 
 # A minute at 1 kHz, about 25 MB; beyond that the oldest messages go, and are counted.
 LARGEST_QUEUE = 60_000
@@ -115,7 +116,7 @@ class ColdStart:
         log = self._node.get_logger()
         if status == 0:
             log.info(
-                f'compiled; {len(self.waiting)} messages were kept, {self.dropped} were too many'
+                f'compiled; {counted(len(self.waiting), "message")} kept, {self.dropped} too many'
             )
             return
         self._errors.seek(0)

@@ -47,11 +47,13 @@ from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
 from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.health import NOTHING_RECEIVED, Health
 from gyro_drift_filter.messages.imu import EXAMPLE
 from gyro_drift_filter.messages.message_filter import MessageFilter, MessageOutcome
 from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
+from gyro_drift_filter.messages.telemetry import MessageReport
+from gyro_drift_filter.phrases import counted
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.ros.memory import BiasMemory
@@ -185,7 +187,7 @@ class GyroDriftFilterNode(Node):
         )
 
     def _configure(self, parameters: Parameters) -> None:
-        self._messages.filter.configure(parameters)
+        self._cold_start.take(self._messages.filter.configure, parameters)
         self._hint.listen(parameters.motion_hint)
 
     def _take(self, data: bytes) -> None:
@@ -213,12 +215,16 @@ class GyroDriftFilterNode(Node):
             output.publish(messages.sample_message(name))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._messages.filter.reset()
+        self._cold_start.take(lambda _: self._messages.filter.reset(), None)
         response.success = True
         response.message = 'the filter starts from the next sample; parameters are kept'
         return response
 
     def _calibrate(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._cold_start.waiting is not None:
+            response.success = False
+            response.message = 'the filter is compiled for its first start: try again after that'
+            return response
         try:
             self._messages.filter.calibrate()
         except GyroDriftFilterError as error:
@@ -251,7 +257,7 @@ class GyroDriftFilterNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         # In a simulation the messages follow its clock, which may be of any speed.
         paced = not self.get_parameter('use_sim_time').value
-        statuses = self._health.judge(self._messages.report(), seconds, paced)
+        statuses = self._health.judge(self._message_report(), seconds, paced)
         for status in map(self._with_surroundings, statuses):
             self._log_change(status)
             array.status.append(
@@ -264,6 +270,12 @@ class GyroDriftFilterNode(Node):
                 )
             )
         self._diagnostics.publish(array)
+
+    def _message_report(self) -> MessageReport:
+        if self._cold_start.waiting is None:
+            return self._messages.report()
+        # A report of its own would compile the filter in here, where nobody is answered meanwhile.
+        return NOTHING_RECEIVED._replace(parameters=self._messages.filter.parameters)
 
     def _count_losses(self) -> None:
         # What is kept for later is not received yet, and of two publishers each has its own count.
@@ -278,7 +290,7 @@ class GyroDriftFilterNode(Node):
         """Add what the messages don't show: a first start, and who else is on the topics."""
         waiting = self._cold_start.waiting
         if waiting is not None:
-            message = f'compiling for the first start: {len(waiting)} messages are kept'
+            message = f'compiling for the first start: {counted(len(waiting), "message")} kept'
             return status._replace(level=Level.WARN, message=message)
         if not status.name.endswith(INPUT) or status.level not in (Level.OK, Level.STALE):
             return status
