@@ -75,6 +75,30 @@ def test_a_given_rate_that_is_wrong_gives_way_to_the_stamps():
     assert filter_.state['clock']['period'] == pytest.approx(0.005, rel=0.02)
 
 
+def test_a_rate_that_is_given_on_the_way_is_that_of_samples_without_stamps():
+    zeros = np.zeros(1000, np.int64)
+    filter_, expected = Filter(), Filter(Parameters(sample_rate=50.0))
+    feed(filter_, zeros)
+    feed(expected, zeros)
+    filter_.configure(Parameters(sample_rate=50.0))
+    for name in ('period', 'mean_period', 'mean_rate'):
+        assert filter_.state['clock'][name] == expected.state['clock'][name], name
+
+
+@pytest.mark.parametrize(
+    ('sample_rate', 'period'), [(99.0, 1 / 99.0), (200.0, 0.01), (50.0, 0.01), (0.0, 0.01)]
+)
+def test_a_rate_that_is_given_on_the_way_gives_way_to_the_stamps(sample_rate, period):
+    """As one that was given at the start does; a step of the old period is no gap of the new."""
+    filter_ = Filter()
+    feed(filter_, regular(1500))
+    filter_.configure(Parameters(sample_rate=sample_rate))
+    assert filter_.state['clock']['period'] == pytest.approx(period, rel=1e-9)
+    feed(filter_, regular(1500, start=START + 1500 * 10 * MS))
+    assert filter_.state['clock']['period'] == pytest.approx(period, rel=1e-9)
+    assert clock(filter_) == QUIET
+
+
 def test_a_gap_is_predicted_through_by_as_many_steps():
     """Seven missing samples: the covariance is that of eight predictions."""
     filter_ = Filter(Parameters(method='kalman'))

@@ -223,3 +223,17 @@ def test_phi_keeps_its_correlation_time_at_another_rate(random):
     np.testing.assert_allclose(
         coefficients['process_noise'][0] / (1 - 0.25**2), q / (1 - 0.5**2), rtol=1e-12
     )
+
+
+def test_a_model_that_is_set_on_the_way_keeps_its_correlation_time(random):
+    """Q, which sage_husa adapts from there on, is for the period that the stamps tell."""
+    z = 0.005 * random.standard_normal((2000, 3))
+    phi, q = (0.5, 0.5, 0.5), (1e-4, 1e-4, 1e-4)
+    filter_: Any = Filter(Parameters(method='sage_husa', sample_rate=100.0, model_phi=phi))
+    filter_.run(10**18 + 20_000_000 * np.arange(2000), z, np.zeros_like(z))
+    filter_.configure(filter_.parameters.with_names({'model.process_noise': q}))
+    np.testing.assert_allclose(
+        filter_.state['methods']['paper']['process_noise'],
+        1e-4 * (1 - 0.25**2) / (1 - 0.5**2),
+        rtol=1e-12,
+    )

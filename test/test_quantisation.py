@@ -140,3 +140,16 @@ def test_spikes_at_rest_are_no_evidence(random):
     filter_ = Filter(Parameters())
     filter_.run(stamps(n, RATE), rates, accelerations)
     assert not quantisation(filter_)['truncated']
+
+
+def test_a_bias_that_was_learned_the_other_way_is_as_unsure_as_half_a_count():
+    """Where the cut of counts is undone from now on, or no longer, by a parameter."""
+    stamps, rates, accelerations, _ = recording(60.0, 0, 'trunc')
+    filter_ = Filter(Parameters(input_quantisation='none'))
+    filter_.run(stamps, rates, accelerations)
+    before = filter_.bias_deviation
+    assert (before < 0.1 * COUNT).all()
+    filter_.configure(filter_.parameters.with_names({'input.quantisation': 'round'}))
+    np.testing.assert_array_equal(filter_.bias_deviation, before)
+    filter_.configure(filter_.parameters.with_names({'input.quantisation': 'truncate'}))
+    np.testing.assert_allclose(filter_.bias_deviation, np.hypot(before, 0.5 * COUNT), rtol=0.02)

@@ -191,18 +191,47 @@ CLOCK = record(Clock)
 @kernel
 def start_clock(clock: Clock, sample_rate: float) -> None:
     """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
-    clock['period'] = period_of(sample_rate)
-    clock['mean_period'] = clock['period']
-    clock['mean_rate'] = 1.0 / clock['period']
+    clock['period'] = _period_of(sample_rate)
+    _set_mean_period(clock, clock['period'])
     _forget_delays(clock)
 
 
 @kernel
-def period_of(sample_rate: float) -> float:
-    """Return the sample period in s of a rate in Hz, 0 where the rate is to be learned."""
+def give_rate(clock: Clock, sample_rate: float) -> None:
+    """Take another rate in Hz between two samples; a period that stamps have told stands."""
+    if sample_rate <= 0.0:
+        return
+    if clock['blocks'] > 0:
+        clock['period'] = _given_or_learned(clock['mean_period'], sample_rate)
+        return
+    clock['period'] = _period_of(sample_rate)
+    _set_mean_period(clock, clock['period'])
+    _forget_delays(clock)
+    _start_envelope(clock)
+
+
+@kernel
+def _period_of(sample_rate: float) -> float:
+    """Return the sample period in s of a rate in Hz, which is 0 where it is to be learned."""
     if sample_rate <= 0.0:
         return UNKNOWN_PERIOD
-    return min(max(1.0 / max(sample_rate, 1.0 / LONGEST_PERIOD), SHORTEST_PERIOD), LONGEST_PERIOD)
+    return max(1.0 / max(sample_rate, 1.0 / LONGEST_PERIOD), SHORTEST_PERIOD)
+
+
+@kernel
+def _set_mean_period(clock: Clock, period: float) -> None:
+    clock['mean_period'], clock['mean_rate'] = period, 1.0 / period
+
+
+@kernel
+def _given_or_learned(period: float, sample_rate: float) -> float:
+    """Return the period in s of the rate that was given, if any, where a learned one is about it.
+
+    Oscillators of sensors are off by some percent, and a rate that was given is to be kept to.
+    """
+    if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
+        return 1.0 / sample_rate
+    return period
 
 
 @kernel
@@ -211,10 +240,8 @@ def lengthen_period(clock: Clock, times: float, sample_rate: float) -> None:
     if sample_rate > 0.0 and not clock['started']:
         return  # nothing but this rate says how far they are
     period = min(times * clock['mean_period'], LONGEST_PERIOD)
-    clock['mean_period'], clock['mean_rate'] = period, 1.0 / period
-    if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
-        period = 1.0 / sample_rate
-    clock['period'] = period
+    _set_mean_period(clock, period)
+    clock['period'] = _given_or_learned(period, sample_rate)
     clock['blocks'] = 0
     _forget_delays(clock)
     _start_envelope(clock)
@@ -517,14 +544,12 @@ def _learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
         clock['block_periods'][clock['blocks'] % BLOCKS] = period
         clock['blocks'] += 1
         period = _typical(clock['block_periods'], min(clock['blocks'], BLOCKS))
-    clock['mean_period'], clock['mean_rate'] = period, 1.0 / period
+    _set_mean_period(clock, period)
     if not full and sample_rate > 0.0:
         return
-    if sample_rate > 0.0 and abs(period * sample_rate - 1.0) < SAME_RATE:
-        period = 1.0 / sample_rate
-    elif abs(period / clock['period'] - 1.0) < SAME_PERIOD:
-        return
-    clock['period'] = period
+    used = _given_or_learned(period, sample_rate)
+    if used != period or abs(period / clock['period'] - 1.0) >= SAME_PERIOD:
+        clock['period'] = used
 
 
 @kernel

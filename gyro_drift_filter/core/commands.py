@@ -29,7 +29,7 @@ from gyro_drift_filter.core.bias import (
     warm_bias,
     widen,
 )
-from gyro_drift_filter.core.clock import period_of, start_clock
+from gyro_drift_filter.core.clock import give_rate, start_clock
 from gyro_drift_filter.core.motion_bias import (
     lose_direction,
     set_shift,
@@ -37,6 +37,7 @@ from gyro_drift_filter.core.motion_bias import (
     shift_variance,
 )
 from gyro_drift_filter.core.polling import start_polling
+from gyro_drift_filter.core.quantisation import is_undone, variance_of_cut
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.settings import SETTINGS, Settings
@@ -51,17 +52,21 @@ NEAR = 4.0
 def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     """Replace what was learned of the parts of the model that new settings give another value."""
     state, before, after = filter_[0]['state'], filter_[0]['settings'], settings[0]
+    period = state['clock']['period']
+    if after['sample_rate'] != before['sample_rate']:
+        give_rate(state['clock'], after['sample_rate'])
+    if state['clock']['period'] != period:
+        methods.change_period(filter_[0], state['clock']['period'] / period)
     methods.change_model(filter_[0], after)
-    sample_rate = after['sample_rate']
-    if sample_rate != before['sample_rate'] and sample_rate > 0.0:
-        period = period_of(sample_rate)
-        methods.change_period(filter_[0], period / state['clock']['period'])
-        state['clock']['period'] = period
     bias = state['bias']
     if after['bias_in_motion'] and not before['bias_in_motion']:
         lose_direction(bias['motion'])  # nobody knows how the body has turned meanwhile
     if bias['known'] or bias['provisional'][0] > 0.0:
         widen(bias, _change_of_bias(before, after))
+        quantisation = state['quantisation']
+        was_undone = is_undone(quantisation, before['input_quantisation'])
+        if is_undone(quantisation, after['input_quantisation']) != was_undone:
+            widen(bias, variance_of_cut(quantisation))
 
 
 @kernel

@@ -265,9 +265,11 @@ def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
 @kernel
 def change_model(filter_: 'FilterRecord', settings: 'Settings') -> None:
     """Replace what was learned of a part of the model that other settings give anew."""
-    before, states = filter_['settings'], filter_['state']['methods']
+    before, state = filter_['settings'], filter_['state']
+    states, coefficients = state['methods'], filter_['coefficients']['methods']['paper']
     for axis in range(3):
-        paper.change_model(states['paper'][axis], before, settings, axis)
+        paper.derive(settings, axis, state['clock']['period'], coefficients[axis])
+        paper.change_model(states['paper'][axis], before, settings, axis, coefficients[axis])
         adaptive.change_model(states['adaptive'][axis], before, settings, axis)
 
 

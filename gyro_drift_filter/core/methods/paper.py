@@ -176,13 +176,21 @@ def estimate(
 
 
 @kernel
-def change_model(state: PaperAxis, before: 'Settings', after: 'Settings', axis: int) -> None:
-    """Replace Q and R, which may have been adapted, where other settings give them anew."""
-    process, measurement = after['model_process_noise'], after['model_measurement_noise']
-    if process[axis] != before['model_process_noise'][axis]:
-        state['process_noise'] = process[axis]
-    if measurement[axis] != before['model_measurement_noise'][axis]:
-        state['measurement_noise'] = measurement[axis]
+def change_model(
+    state: PaperAxis,
+    before: 'Settings',
+    after: 'Settings',
+    axis: int,
+    coefficients: PaperCoefficients,
+) -> None:
+    """Replace Q and R, which may have been adapted, where other settings give them anew.
+
+    The coefficients are those of the settings `after`.
+    """
+    if after['model_process_noise'][axis] != before['model_process_noise'][axis]:
+        state['process_noise'] = coefficients['process_noise']
+    if after['model_measurement_noise'][axis] != before['model_measurement_noise'][axis]:
+        state['measurement_noise'] = coefficients['measurement_noise']
 
 
 @inlined_kernel
