@@ -210,7 +210,7 @@ def stamped(kind, place, stamp, quaternion):
         IMU_TYPE,
     ],
 )
-def test_all_types_of_orientations_are_read(kind, tmp_path):
+def test_all_types_of_orientations_are_read(kind, tmp_path, caplog):
     quaternion, stamp = (0.1, 0.2, 0.3, 0.927), 10**18 + 7
     unknown = imu_message(stamp, (0, 0, 0), (0, 0, 9.8))
     topics = {
@@ -221,6 +221,19 @@ def test_all_types_of_orientations_are_read(kind, tmp_path):
     found = read_orientations(bag, 'body')
     assert found.stamps.tolist() == [stamp]
     np.testing.assert_array_equal(found.orientations, [quaternion])
+    damaged = stamped(kind, '', stamp, quaternion)[:20]
+    with_damage = write(
+        tmp_path / 'damaged',
+        topics
+        | {
+            ('/body', kind): [(stamp, damaged), *topics['/body', kind]],
+            ('/lost', kind): [(stamp, damaged)],
+        },
+    )
+    np.testing.assert_array_equal(read_orientations(with_damage, 'body').orientations, [quaternion])
+    assert '1 message of /body can not be read' in caplog.text
+    with pytest.raises(BagError, match='1 message of /lost can not be read'):
+        read_orientations(with_damage, 'lost')
     with pytest.raises(BagError, match='no message with an orientation'):
         read_orientations(bag, TOPIC)
     with pytest.raises(BagError, match='no topic /nose in the bag; with an orientation: /body'):

@@ -78,7 +78,7 @@ def test_without_ros_home_it_is_in_the_users_home(tmp_path, monkeypatch):
         b'[1, 2]',
         b'\xff\xfe\x00',
         b'[' * 100_000,
-        b'{"format": 1}',
+        b'{"format": 2}',
     ],
 )
 def test_a_damaged_file_is_refused(content, path):
@@ -102,9 +102,9 @@ def test_a_damaged_file_is_refused(content, path):
         ({'bias': [10**400, 0, 0]}, 'is damaged'),
         ({'time': None}, 'is damaged'),
         ({'time': float('nan')}, 'is damaged: its time is not finite'),
-        ({'node': '/other'}, 'of another node, frame or version'),
-        ({'frame': 'other'}, 'of another node, frame or version'),
-        ({'format': 1}, 'of another node, frame or version'),
+        ({'node': '/other'}, 'of another node or frame'),
+        ({'frame': 'other'}, 'of another node or frame'),
+        ({'format': 1, 'shift': None}, 'of another version of this package'),
         ({'time': time.time() - 40 * 86_400}, 'is from 40.0 days ago'),
         ({'time': time.time() + 40 * 86_400}, 'is from 40.0 days ahead: is the clock'),
         ({'bias': [0.0, 5.0, 0.0]}, 'beyond bias.max'),

@@ -24,7 +24,7 @@ from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
     RememberedBias,
-    is_memory_file,
+    may_hold_bias,
     recall,
     remember,
 )
@@ -40,7 +40,7 @@ def check_replaceable(path: Path) -> None:
     """
     if path.is_dir():
         raise MemoryFileError(f'{path} is a folder: name a file for the bias')
-    if not is_memory_file(path):
+    if not may_hold_bias(path):
         raise MemoryFileError(
             f'{path} holds something else than a bias, and is not replaced: name another file'
         )

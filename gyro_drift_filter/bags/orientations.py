@@ -14,6 +14,7 @@
 
 """A topic of a bag that says how a body is oriented, as arrays."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,9 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, Recording, messages
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.phrases import counted
+
+_log = logging.getLogger(__name__)
 
 # Where the quaternion stands in a message, by its type.
 PLACES = {
@@ -50,7 +54,7 @@ class OrientationArrays:
 
 
 def read_orientations(bag: Path, topic: str) -> OrientationArrays:
-    """Read the orientations of a topic.
+    """Read the orientations of a topic, passing over messages that can't be read.
 
     Args:
         bag: rosbag2 folder or bare .mcap or .db3 file.
@@ -60,20 +64,27 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
     Raises:
         BagError: The bag can't be read, or holds no such topic or no orientations on it.
     """
-    stamps, rows = [], []
+    stamps, rows, damaged = [], [], 0
     with open_bag(bag) as recording:
         name, kind = _chosen(recording, topic)
         for connection, _, data in messages(recording):
             if connection.topic != name:
                 continue
-            message: Any = recording.typestore.deserialize_cdr(data, kind)
+            try:
+                message: Any = recording.typestore.deserialize_cdr(data, kind)
+            except Exception:  # whatever the bytes of others bring about
+                damaged += 1
+                continue
             if kind == IMU_TYPE and message.orientation_covariance[0] == -1.0:
                 continue  # not reported (REP-145)
             stamp, quaternion = orientation_of(message, kind)
             stamps.append(stamp)
             rows.append(quaternion)
+    unread = f'{counted(damaged, "message")} of {name} can not be read'
     if not rows:
-        raise BagError(f'topic {name} has no message with an orientation')
+        raise BagError(unread if damaged else f'topic {name} has no message with an orientation')
+    if damaged:
+        _log.warning('%s: %s', bag, unread)
     return OrientationArrays(np.array(stamps, np.int64), np.array(rows))
 
 

@@ -151,7 +151,11 @@ class Filter:
                 'no rate has come yet that can be used: is the driver running?'
             )
         if seconds < needed:
-            what = f'has stood still for {seconds:.1f} s only' if seconds else 'moves'
+            what = (
+                f'has stood still for {seconds:.1f} s only'
+                if seconds
+                else 'moves or has only just stopped'
+            )
             raise GyroDriftFilterError(
                 f'the sensor {what}: leave it alone for {needed:g} s and try again'
             )

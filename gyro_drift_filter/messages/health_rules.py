@@ -247,8 +247,11 @@ def _stamps_go_backward(span: Span) -> bool:
 
 
 def _stamps_are_zero(span: Span) -> bool:
-    zero = span.now.telemetry.zero_stamps - span.first.telemetry.zero_stamps
-    return span.now.parameters.sample_rate == 0.0 and span.recent == zero > 0
+    now, first = span.now.telemetry, span.first.telemetry
+    zero = now.zero_stamps - first.zero_stamps
+    # The stamps of what was not measured anew are not looked at.
+    none = span.recent == zero + now.not_measured - first.not_measured
+    return span.now.parameters.sample_rate == 0.0 and none and zero > 0
 
 
 def _gaps_in_window(span: Span) -> float:

@@ -88,7 +88,7 @@ def file_of(node: str, frame: str) -> Path:
     return root / 'gyro_drift_filter' / f'{name}.json'
 
 
-def is_memory_file(path: Path) -> bool:
+def may_hold_bias(path: Path) -> bool:
     """Tell whether a path is free for a bias: nothing there, an empty file, or one from before.
 
     Raises:
@@ -119,15 +119,17 @@ def recall(
         now: Time in s since 1970, None for that of this machine.
 
     Raises:
-        MemoryFileError: The file is damaged, of another node or frame, stale, or its bias beyond
-            `largest`.
+        MemoryFileError: The file is damaged, of another version, node or frame, stale, or its bias
+            is beyond `largest`.
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise MemoryFileError(f'{path} can not be read: it is no file')
     try:
         with path.open('rb') as file:
             content = json.loads(file.read(LARGEST_FILE))
-        owner = content['format'], node and content['node'], content['frame']
+        if content['format'] != FORMAT:
+            raise MemoryFileError(f'{path} is of another version of this package')
+        owner = node and content['node'], content['frame']
         bias, deviation = _three(content['bias']), _three(content['deviation'])
         shift = BiasShift(_three(content['shift']), _three(content['shift_deviation']))
         if min(*deviation, *shift.deviation) < 0.0:
@@ -141,8 +143,8 @@ def recall(
         raise MemoryFileError(f'{path} can not be read: {error.strerror}') from error
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
-    if owner != (FORMAT, node, frame):
-        raise MemoryFileError(f'{path} is of another node, frame or version')
+    if owner != (node, frame):
+        raise MemoryFileError(f'{path} is of another node or frame')
     if age < -CLOCK_ERROR:
         raise MemoryFileError(
             f'{path} is from {-age / 86_400.0:.1f} days ahead: is the clock of this machine set?'
