@@ -310,6 +310,13 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
         (['replay', 'in', '-o', 'out', '--params', 'none.yaml'], 'none.yaml: No such file'),
         (['replay', 'in', '-o', 'out', '--params', 'bad.yaml'], "did you mean 'epsilon'?"),
         (['replay', 'in', '-o', 'out', '--params', 'text.yaml'], "'epsilon' must be a number"),
+        (['replay', 'in', '-o', 'out', '--json', 'out'], '--json and -o name the same path'),
+        (
+            ['replay', 'in', '-o', 'out', '--json', 'a', '--bias-memory', './a'],
+            '--json and --bias-memory name the same path, a',
+        ),
+        (['replay', 'in', '-o', 'out', '--bias-memory', '/proc/a/b'], '/proc can not be written'),
+        (['report', 'in', '-o', 'out', '--png', 'out'], '--output and --png name the same path'),
         (['simulate', '-o', 'out', '--rate', '0'], '--rate must be 1 to 10000 Hz'),
         (['simulate', '-o', 'out', '--static', '-1'], '--static and --dynamic must not be'),
         (['simulate', '-o', 'out', '--seed', '-1'], '--seed must not be negative'),

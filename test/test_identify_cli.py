@@ -269,8 +269,9 @@ def test_the_older_form_of_the_file_is_read_as_well(tmp_path):
 @pytest.mark.parametrize(
     ('options', 'said'),
     [
-        (['-o', '{}/model.yaml', '--json', '{}/model.yaml'], 'name the same file'),
-        (['-o', '{}/model.yaml', '--json', '{0}/../{1}/model.yaml'], 'name the same file'),
+        (['-o', '{}/model.yaml', '--json', '{}/model.yaml'], 'name the same path'),
+        (['-o', '{}/model.yaml', '--json', '{0}/../{1}/model.yaml'], 'name the same path'),
+        (['-o', '{}/model.yaml', '--plot', '{}/model.yaml'], '-o and --plot name the same path'),
         (['-o', '{}/none/model.yaml'], 'there is no folder'),
         (['-o', '{}'], 'is a folder: name a file'),
         (['-o', '{}/model.yaml', '--plot', '{}/allan.svg'], 'name a folder; several PNG files'),

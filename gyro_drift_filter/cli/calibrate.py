@@ -86,7 +86,8 @@ def run(options: argparse.Namespace) -> int:
         with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.calibration_figures import draw
     check_targets(
-        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
+        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr},
+        {'--plot': options.plot},
     )
     if options.bags[0].suffix in ('.yaml', '.yml', '.calib') and options.bags[0].is_file():
         _convert(options)

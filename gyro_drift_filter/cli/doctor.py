@@ -58,7 +58,7 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the subcommand; return its exit status."""
     when = between(options)
-    check_targets({'--json': options.json}, None)
+    check_targets({'--json': options.json})
     with needing('the doctor', 'scipy'):
         import scipy.signal  # noqa: F401
     from gyro_drift_filter.doctor.examination import examine

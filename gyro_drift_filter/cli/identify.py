@@ -113,7 +113,8 @@ def run(options: argparse.Namespace) -> None:
         with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.identification_figures import draw
     check_targets(
-        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr}, options.plot
+        {'-o': options.output, '--json': options.json, '--kalibr': options.kalibr},
+        {'--plot': options.plot},
     )
     with Progress(enabled=True) as progress:
         samples = read_samples(

@@ -104,7 +104,10 @@ def run(options: argparse.Namespace) -> None:
 
     spare_linear_algebra()
     start, end = between(options)
-    check_targets({'--json': options.json}, None)
+    check_targets(
+        {'--json': options.json},
+        others={'-o': options.output, '--bias-memory': options.bias_memory},
+    )
     parameters = read_parameters(options.params) if options.params else Parameters()
     if options.method:
         parameters = parameters.with_names({'method': options.method})

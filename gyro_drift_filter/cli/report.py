@@ -25,9 +25,7 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import (
-    check_targets,
-)
+from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core import Parameters
@@ -82,7 +80,7 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     start, end = between(options)
-    check_targets({'--output': options.output, '--json': options.json}, options.png, '--png')
+    check_targets({'--output': options.output, '--json': options.json}, {'--png': options.png})
     with needing('the report', 'plotly', 'tsdownsample', 'scipy', 'allantools'):
         import allantools  # noqa: F401
         import plotly  # noqa: F401

@@ -16,8 +16,11 @@
 
 import dataclasses
 import json
+import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,29 +31,32 @@ from gyro_drift_filter.whole_file import write_whole
 _PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
 # Arrays as long as the recording are left out of the JSON.
 _LONG = ('residuals', 'cleaned')
+_NONE: Mapping[str, Path | None] = MappingProxyType({})
 
 
 def check_targets(
-    options: dict[str, Path | None], folder: Path | None, option: str = '--plot'
+    files: Mapping[str, Path | None],
+    pictures: Mapping[str, Path | None] = _NONE,
+    others: Mapping[str, Path | None] = _NONE,
 ) -> None:
     """Make sure that what is to be written can be, before the work and not after it.
 
     Args:
-        options: The files, by the options that name them.
-        folder: For pictures.
-        option: The one that names it.
+        files: By the options that name them; they must not exist.
+        pictures: Folders that pictures are written into.
+        others: Paths whose writers look themselves at what is there, as they replace some of it.
 
     Raises:
-        GyroDriftFilterError: It can't.
+        GyroDriftFilterError: It can't, or two of the options name the same path.
     """
-    files: dict[Path, str] = {}
-    for name, path in options.items():
+    named: dict[str, str] = {}
+    for option, path in (*files.items(), *pictures.items(), *others.items()):
         if path is None:
             continue
-        place = path.parent.resolve() / path.name
-        if place in files:
-            raise GyroDriftFilterError(f'{files[place]} and {name} name the same file, {path}')
-        files[place] = name
+        first = named.setdefault(os.path.realpath(path), option)
+        if first != option:
+            raise GyroDriftFilterError(f'{first} and {option} name the same path, {path}')
+    for path in filter(None, files.values()):
         if path.is_dir():
             raise GyroDriftFilterError(f'{path} is a folder: name a file')
         if path.exists() or path.is_symlink():
@@ -58,12 +64,20 @@ def check_targets(
         if not path.parent.is_dir():
             raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
         _check_writable(path.parent)
-    if folder is None:
-        return
-    if folder.suffix.lower() in _PICTURES and not folder.is_dir():
-        raise GyroDriftFilterError(
-            f'{option} {folder}: name a folder; several PNG files are written into it'
-        )
+    for option, folder in pictures.items():
+        if folder is None:
+            continue
+        if folder.suffix.lower() in _PICTURES and not folder.is_dir():
+            raise GyroDriftFilterError(
+                f'{option} {folder}: name a folder; several PNG files are written into it'
+            )
+        _check_can_be_made(option, folder)
+    for option, path in others.items():
+        if path is not None:
+            _check_can_be_made(option, path.absolute().parent)
+
+
+def _check_can_be_made(option: str, folder: Path) -> None:
     above = folder.absolute()
     while not above.exists():
         above = above.parent

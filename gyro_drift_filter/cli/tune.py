@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
         raise GyroDriftFilterError(f'--seconds must be greater than 0, not {options.seconds:g}')
     if options.seed < 0:
         raise GyroDriftFilterError(f'--seed must not be negative, not {options.seed}')
-    check_targets({'-o': options.output, '--json': options.json}, None)
+    check_targets({'-o': options.output, '--json': options.json})
     with needing('tuning', 'scipy'):
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
