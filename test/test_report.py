@@ -16,6 +16,7 @@
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -25,7 +26,8 @@ from hypothesis import strategies as st
 
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.main import main
-from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.cli.report import shortest_names
+from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report import pictures
@@ -51,9 +53,9 @@ def source(tmp_path_factory):
     return folder / 'bag'
 
 
-def report(source, folder, *options, bags=1):
-    """Return the page of a bag, as often as `bags` says, as text, and its verdicts."""
-    arguments = ['report', *bags * [str(source)], '-o', str(folder / 'page.html')]
+def report(source, folder, *options, others=()):
+    """Return the page of a bag and others as text, and their verdicts."""
+    arguments = ['report', str(source), *map(str, others), '-o', str(folder / 'page.html')]
     arguments += ['--json', str(folder / 'v.json'), *map(str, options)]
     assert main(arguments) == 0
     verdicts = json.loads((folder / 'v.json').read_text())['verdicts']
@@ -159,12 +161,24 @@ def test_a_replayed_bag_is_told_to_be_the_same_or_another_one(source, tmp_path):
 
 
 def test_methods_and_bags_are_compared(source, tmp_path):
-    text, verdicts = report(source, tmp_path, '--methods', 'kalman', 'adaptive', bags=2)
+    other = shutil.copytree(source, tmp_path / source.name)
+    text, verdicts = report(source, tmp_path, '--methods', 'kalman', 'adaptive', others=[other])
     assert [v['method'] for v in verdicts] == ['kalman', 'adaptive'] * 2
     assert len(text) < LARGEST_PAGE
     cells = Cells(text)
     assert 'noise at rest, ratio' in cells.text
     assert [a['id'] for t, a in cells.tags if t == 'section'] == ['bag-0', 'bag-1']
+    assert f'{source.parent.name}/bag' in cells.text
+    assert f'{tmp_path.name}/bag' in cells.text
+
+
+def test_bags_have_the_shortest_names_that_tell_them_apart(tmp_path):
+    assert shortest_names([tmp_path / 'a' / 'run']) == ['run']
+    assert shortest_names([tmp_path / 'a' / 'run', tmp_path / 'b' / 'drive']) == ['run', 'drive']
+    same = [tmp_path / 'a' / 'run', tmp_path / 'b' / 'run', tmp_path / 'b' / 'drive']
+    assert shortest_names(same) == ['a/run', 'b/run', 'b/drive']
+    with pytest.raises(GyroDriftFilterError, match='run is named twice'):
+        shortest_names([tmp_path / 'run', tmp_path / 'a' / '..' / 'run'])
 
 
 @pytest.mark.slow

@@ -28,8 +28,9 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
 
+    names = shortest_names(options.bag)
     spare_linear_algebra()
     parameters = read_parameters(options.params) if options.params else Parameters()
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
@@ -101,9 +103,9 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         compile_first()
     recordings = []
-    for bag in options.bag:
+    for bag, name in zip(options.bag, names, strict=True):
         all_parameters = [parameters.with_names({'method': method}) for method in methods]
-        recordings.append(_recording(bag, all_parameters, selection, options))
+        recordings.append(_recording(bag, name, all_parameters, selection, options))
     verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
     if options.json:
         bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
@@ -118,8 +120,25 @@ def run(options: argparse.Namespace) -> None:
         say('\n\n'.join(texts) + f'\n\nwrote {options.output}')
 
 
+def shortest_names(bags: list[Path]) -> list[str]:
+    """Return for each bag as much of the end of its path as tells it from all others.
+
+    Raises:
+        GyroDriftFilterError: A bag is named twice.
+    """
+    paths = [bag.resolve() for bag in bags]
+    for k, path in enumerate(paths):
+        if path in paths[:k]:
+            raise GyroDriftFilterError(f'{printable(str(bags[k]))} is named twice')
+    parts = 1
+    while len({path.parts[-parts:] for path in paths}) < len(paths):
+        parts += 1
+    return ['/'.join(path.parts[-parts:]) for path in paths]
+
+
 def _recording(
     bag: Path,
+    name: str,
     parameters: list[Parameters],
     selection: 'Selection',
     options: argparse.Namespace,
@@ -148,7 +167,6 @@ def _recording(
     )
     figures, rests = drawer.figures(), drawer.rest_times()
     names = roles([p.method for p in parameters], recorded is not None)
-    name = bag.absolute().name
     if options.png:
         from gyro_drift_filter.report import pictures
 
