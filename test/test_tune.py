@@ -14,6 +14,7 @@
 
 """`gyro_drift tune`: an objective that can't be cheated, a search that finds, defaults kept."""
 
+import io
 import itertools
 import json
 import math
@@ -23,12 +24,13 @@ import numpy as np
 import pytest
 
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, read_truth, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.tune import tuning
 from gyro_drift_filter.tune.objective import Material, Objective
@@ -313,6 +315,39 @@ def test_what_is_wrong_is_told(bag, tmp_path, capsys, options, text):
     assert main(['tune', str(bag), '-o', str(tmp_path / 'out.yaml'), *options]) == 1
     assert text in capsys.readouterr().err
     assert not (tmp_path / 'out.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    ('make', 'text'),
+    [
+        (lambda path: path.touch(), 'it must be a numpy archive'),
+        (lambda path: path.write_bytes(b'PK\x03\x04' + bytes(90)), 'it must be a numpy archive'),
+        (lambda path: path.write_bytes(as_npy(np.zeros(3))), 'it must be a numpy archive'),
+        (lambda path: np.savez(path, stamps=np.arange(2)), 'truth is not a file in the archive'),
+        (lambda path: save(path, ['1', '2'], np.zeros((2, 3))), 'stamps must be whole numbers'),
+        (lambda path: save(path, np.arange(2), np.zeros(2)), 'not float64 (2,)'),
+        (lambda path: save(path, np.arange(2), np.zeros((2, 2))), 'not float64 (2, 2)'),
+        (lambda path: save(path, np.arange(1), np.zeros((1, 3))), 'fewer than 2 samples'),
+        (lambda path: save(path, np.arange(5), np.zeros((2, 3))), '5 stamps for 2 rates'),
+    ],
+)
+def test_what_is_no_truth_is_told(tmp_path, make, text):
+    path = tmp_path / 'truth.npz'
+    make(path)
+    with pytest.raises(BagError) as error:
+        read_truth(path)
+    assert str(error.value).startswith(f'no truth in {path}: ')
+    assert text in str(error.value)
+
+
+def as_npy(array):
+    with io.BytesIO() as file:
+        np.save(file, array)
+        return file.getvalue()
+
+
+def save(path, stamps, truth):
+    np.savez(path, stamps=stamps, truth=truth)
 
 
 def test_truth_of_another_time(bag, tmp_path, capsys):

@@ -31,7 +31,7 @@ from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.errors import printable, reason
+from gyro_drift_filter.errors import printable
 from gyro_drift_filter.tune.ranges import RANGES
 from gyro_drift_filter.whole_file import write_whole
 
@@ -125,18 +125,14 @@ def _truth(bag: Path, source: str, stamps: NDArray[np.int64]) -> NDArray[np.floa
         GyroDriftFilterError: There are none.
     """
     from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
-    from gyro_drift_filter.simulation.bag import truth_path
+    from gyro_drift_filter.simulation.bag import read_truth, truth_path
 
     path = Path(source) if source else truth_path(bag.absolute())
     if source and path.suffix != '.npz':
         imu = read_imu_arrays(bag, source)
         times, rates = imu.stamps, imu.angular_velocity
     else:
-        try:
-            with np.load(path) as archive:
-                times, rates = archive['stamps'], archive['truth']
-        except (OSError, ValueError, KeyError) as error:
-            raise GyroDriftFilterError(f'no truth in {path}: {reason(error)}') from error
+        times, rates = read_truth(path)
     order = np.argsort(times, kind='stable')
     origin = stamps[0]
     out = np.column_stack(

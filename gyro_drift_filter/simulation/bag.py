@@ -31,6 +31,8 @@ TOPIC = '/imu/data_raw'
 FRAME = 'imu_link'
 _NOT_REPORTED = np.array([-1.0] + 8 * [0.0])
 _UNKNOWN = np.zeros(9)
+# Of a truth: between fewer, no rate can be interpolated.
+_FEWEST_SAMPLES = 2
 
 
 def imu_message(
@@ -110,6 +112,37 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
         archive.unlink(missing_ok=True)
         raise BagError(f'{archive} can not be written: {reason(error)}') from error
     return archive
+
+
+def read_truth(archive: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return stamps (n,) in ns and true rates (n, 3) in rad/s, as `write_simulation` writes them.
+
+    A rate of NaN is one that is not known.
+
+    Raises:
+        BagError: The archive can't be read, or holds something else.
+    """
+    try:
+        # Opened here, as numpy leaves a damaged archive open.
+        with archive.open('rb') as file, np.load(file) as arrays:
+            stamps, truth = arrays['stamps'], arrays['truth']
+    except Exception as error:  # a damaged archive raises nearly anything out of the parser
+        raise BagError(
+            f'no truth in {archive}: it must be a numpy archive (.npz) of stamps and truth '
+            f'({reason(error)})'
+        ) from error
+    wrong = ''
+    if stamps.ndim != 1 or stamps.dtype.kind not in 'iu':
+        wrong = f'stamps must be whole numbers (n,) in ns, not {stamps.dtype} {stamps.shape}'
+    elif truth.shape[1:] != (3,) or truth.dtype.kind != 'f':
+        wrong = f'truth must be numbers (n, 3) in rad/s, not {truth.dtype} {truth.shape}'
+    elif len(stamps) != len(truth):
+        wrong = f'there are {len(stamps)} stamps for {len(truth)} rates'
+    elif len(stamps) < _FEWEST_SAMPLES:
+        wrong = f'there are fewer than {_FEWEST_SAMPLES} samples'
+    if wrong:
+        raise BagError(f'no truth in {archive}: {wrong}')
+    return stamps.astype(np.int64), truth.astype(np.float64)
 
 
 def _covariances(simulation: Simulation) -> list[NDArray[np.float64]]:
