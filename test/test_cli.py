@@ -420,7 +420,7 @@ def test_an_interrupted_replay_leaves_nothing(tmp_path):
         process.send_signal(signal.SIGINT)
         _, log = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert log == 'gyro_drift replay: interrupted, nothing written\n'
+    assert log == 'gyro_drift replay: interrupted: what was not complete is not written\n'
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 

@@ -37,6 +37,8 @@ _SUBCOMMANDS = (
     'simulate',
     'compile',
 )
+# Of several files some may stand already: each is written whole, or not at all.
+_LEFT_OUT = ': what was not complete is not written'
 
 
 def parser(subcommand: str = '') -> argparse.ArgumentParser:
@@ -74,10 +76,13 @@ def run(arguments: Sequence[str]) -> int:
     except (GyroDriftFilterError, OSError) as error:
         tell(f'{name}: {error}')
         return 1
+    except MemoryError:
+        tell(f'{name}: there is not enough memory for so many samples')
+        return 1
     except KeyboardInterrupt:
-        tell(f'{name}: interrupted, nothing written')
+        tell(f'{name}: interrupted{_LEFT_OUT}')
         return 130
     except signals.EndedBySignal as error:
-        tell(f'{name}: ended by {error}, nothing written')
+        tell(f'{name}: ended by {error}{_LEFT_OUT}')
         return 128 + error.number
     return status or 0
