@@ -571,7 +571,9 @@ def _compensate(
     """
     decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
     if decision == Decision.HOLD:
-        if returned and not state['knocked']:
+        # What has come back was an outlier, or else a knock, which turns a body by no more.
+        small = state['knocked'] and abs(state['held_angle']) <= LARGEST_KNOCK
+        if returned and not small:
             state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
         state['knocked'] = state['knocked'] or circumstances['jolted']
