@@ -54,6 +54,10 @@ MODES = 24  # a multiple of four: arrays over the modes fill vector registers
 # noise. The fastest mode follows changes of FASTEST ** 3 times the noise per sample.
 SLOWEST = 0.95
 FASTEST = 25.0
+# A motion of a hand is foreseen from one sample to the next, by acceleration and jerk, up to this
+# sample period. Over a longer one what is not foreseen grows as its third power, until nothing is
+# foreseen; and the fastest mode has to follow a larger change.
+FORESEEN_SECONDS = 0.02
 
 # How long acceleration and jerk last: a multiple of the mode's time, but no shorter than a movement
 # of a hand, and no longer than it takes to know that a robot is not turning after all, in s.
@@ -191,7 +195,9 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
 @kernel
 def _time(period: float, mode: int) -> float:
     """Return the time in s over which a mode averages."""
-    return float(SLOWEST * (period / FASTEST / SLOWEST) ** (mode / (MODES - 1.0)))
+    # The cube of it goes with the square of the period, by which a jerk changes the rate.
+    fastest = period / FASTEST * max(period / FORESEEN_SECONDS, 1.0) ** (-2.0 / 3.0)
+    return float(SLOWEST * (fastest / SLOWEST) ** (mode / (MODES - 1.0)))
 
 
 @kernel

@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.methods.mode_set import FORESEEN_SECONDS
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -48,6 +49,9 @@ EXTRAPOLATION_POWER = 1.5  # what an extrapolation over n samples may miss grows
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
 GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
+# Over a longer period than `FORESEEN_SECONDS` the acceleration of the least jump grows, but by no
+# more than this factor: a hand that turns back reaches 300 rad/s^2 over some 30 ms.
+LARGEST_UNFORESEEN = 3.75
 JERK_FROM_REST = 250.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
@@ -68,7 +72,9 @@ JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
 LEAST_CHANGE = 1e-9  # m/s^2: without an accelerometer they would end as denormal numbers
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
-JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample
+PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each shows a part of it
+JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
+JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
 
@@ -133,6 +139,7 @@ class OutlierLimits(TypedDict):
     growth_limit: float  # rad/s
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s
+    jolt_limit: float  # rad/s
     least_shake: float  # m/s^2 for a jump of 1 rad/s
     run: int  # samples: the longest run of equal outliers
     longest_hold: int  # samples
@@ -176,13 +183,16 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     """Fill the limits for a sample period in s."""
     enabled = settings['outlier_enabled']
     limits['threshold'] = settings['outlier_threshold'] if enabled else np.inf
-    limits['least_jump'] = settings['outlier_acceleration'] * period
+    unforeseen = max(period / FORESEEN_SECONDS, 1.0)
+    unforeseen = min(unforeseen**3.0, LARGEST_UNFORESEEN)
+    limits['least_jump'] = settings['outlier_acceleration'] * unforeseen * period
     from_rest = 0.5 * JERK_FROM_REST * period * period
     limits['least_jump_at_rest'] = min(from_rest, limits['least_jump'])
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
-    limits['least_shake'] = LEVER / period
+    limits['jolt_limit'] = max(JOLT_LIMIT, JOLT_ACCELERATION * period)
+    limits['least_shake'] = LEVER / period * min(PUSH_SECONDS / period, 1.0)
     limits['run'] = settings['outlier_run']
     limits['longest_hold'] = 2 * settings['outlier_run'] + 2
 
@@ -283,7 +293,7 @@ def judge(
         shaken = circumstances['shake'] > limits['least_shake'] * size
         shaken = shaken and (not still or size <= limits['least_jump'])
         knocked = circumstances['jolted_before'] or shaken
-        if doubtful and knocked and not dropout and size < JOLT_LIMIT:
+        if doubtful and knocked and not dropout and size < limits['jolt_limit']:
             return Reason.PUSHED
         if dropout:
             return Reason.ALL_ZERO
