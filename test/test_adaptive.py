@@ -126,6 +126,17 @@ def still_accelerations(random, n=3000):
     return np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
 
 
+@pytest.mark.parametrize('size', [1.0, 8.0])
+@pytest.mark.parametrize('rate', [50.0, 100.0, 200.0, 1000.0])
+def test_a_vibration_is_followed_however_strong_it_is(rate, size, random):
+    """Motors that start shake the sensor by any rate with each sample, beyond what a body does."""
+    z = at_rest(random, 3000)
+    z[2000:] = size * random.standard_normal((1000, 3))
+    results = run(z, rate)
+    assert not results['outlier'][2200:].any()
+    assert np.abs(results['angular_velocity'] - z)[2200:].max() < 0.05 * size
+
+
 def test_a_knock_is_believed_with_the_second_sample(random):
     """The accelerometer was shaken, and the next sample agrees: no need to wait for three more."""
     z, accelerations = at_rest(random), still_accelerations(random)
@@ -585,3 +596,77 @@ def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
     results = Filter().run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
     assert np.abs(results['angular_velocity'] - rates).max() < 0.02
     assert not results['outlier'].any()
+
+
+@pytest.mark.parametrize('deviation', [1e-4, 5e-3])
+@pytest.mark.parametrize('rate', [20.0, 25.0, 30.0])
+def test_a_hand_is_followed_at_a_low_rate(rate, deviation, random):
+    """It turns back within two or three samples, as if it jumped."""
+    sections = signal.butter(3, 5.0, fs=300.0, output='sos')
+    hand = signal.sosfiltfilt(sections, random.standard_normal((9000, 3)), axis=0)
+    hand *= 6.0 * np.minimum(np.arange(9000) / 900.0, 1.0)[:, None] / hand.std()
+    still = np.zeros((round(20 * rate), 3))
+    truth = np.concatenate([still, hand[:: round(300.0 / rate)]])
+    z = truth + deviation * random.standard_normal(truth.shape)
+    stamps = START + np.round(np.arange(len(z)) * 1e9 / rate).astype(np.int64)
+    results = Filter().run(stamps, z, still_accelerations(random, len(z)))
+    later = slice(len(still) + round(5 * rate), None)
+    assert not results['outlier'][later].any()
+    error = (results['angular_velocity'] - truth)[later]
+    assert np.sqrt(np.mean(error**2)) < 1.1 * deviation
+
+
+def test_at_a_low_rate_the_accelerometer_sees_a_part_of_a_push(random):
+    """A blow turns a sensor 3 cm from the axis; two thirds of the push show with the sample."""
+    n, lever, jump = 4000, 0.03, 3.0
+    time = np.arange(n) / 50.0
+    truth = np.column_stack([np.sin(2 * np.pi * time), np.cos(2 * np.pi * time), 0.0 * time])
+    truth[2000:, 2] = jump
+    acceleration = still_accelerations(random, n)
+    acceleration[2000, 0] += 2.0 / 3.0 * lever * jump / 0.02
+    z = truth + 1e-3 * random.standard_normal(truth.shape)
+    results = Filter().run(START + 20_000_000 * np.arange(n), z, acceleration)
+    assert not results['outlier'][1000:].any()
+
+
+def moved_about(random, n=3000):
+    """Return rates and accelerations (n, 3) at 100 Hz of a body that is turned about all axes."""
+    time = np.arange(n)[:, None] / 100.0
+    rates = np.sin(2 * np.pi * time * [1.0, 0.7, 1.3] + [0.0, 1.0, 2.0])
+    return rates + 0.002 * random.standard_normal((n, 3)), still_accelerations(random, n)
+
+
+def test_a_spike_behind_a_push_is_held(random):
+    """The push is believed at once, so that the modes expect anything of the sample after it."""
+    rates, accelerations = moved_about(random)
+    rates[2000:, 0] += 5.0
+    accelerations[2000, 1] += 15.0
+    rates[2001, 0] += 30.0
+    results = with_accelerations(rates, accelerations)
+    assert results['outlier'][1990:2010, 0].tolist() == 11 * [0.0] + [1.0] + 8 * [0.0]
+
+
+def test_a_jolt_within_a_burst_is_no_knock(random):
+    """The burst has begun with a jump that no knock makes."""
+    rates, accelerations = moved_about(random)
+    clean = with_accelerations(rates, accelerations)['angular_velocity']
+    rates[2000:2003, 0] -= 11.0
+    accelerations[2002] += [0.0, 5.0, 0.0]
+    results = with_accelerations(rates, accelerations)
+    assert results['outlier'][2000:2003, 0].all()
+    assert np.abs(results['angular_velocity'] - clean).max() < 0.2
+
+
+def test_a_spike_before_a_motion_turns_nothing(random):
+    """It comes with a jolt, and the next sample is back: its angle is not given back as motion."""
+    rates = at_rest(random, 3000, 1e-4)
+    accelerations = still_accelerations(random)
+    time = np.arange(1000) / 100.0
+    rates[2000:] += np.outer(np.sin(2 * np.pi * 1.5 * time), [0.0, 0.0, 3.0])
+    clean = with_accelerations(rates, accelerations)['angular_velocity']
+    rates[2000, 2] -= 33.0
+    accelerations[1999:] += [5.0, 0.0, 0.0]
+    results = with_accelerations(rates, accelerations)
+    assert results['outlier'][2000, 2]
+    lost = 0.01 * np.sum(results['angular_velocity'] - clean, axis=0)
+    assert np.abs(lost).max() < 0.01

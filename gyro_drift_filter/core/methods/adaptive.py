@@ -517,6 +517,7 @@ def update(
         _stay_within_reach(state, limits['growth_limit'] * doubt['held'])
     elif constant or decision != Decision.ACCEPT:
         _put_modes_at(state, sample)
+        doubt['before_restart'] = accepted
         if decision == Decision.START_ANEW:
             jump = abs(sample - prediction)
             _make_certain(state, _mode_of(jump, noise['variance'], coefficients['modes']))
@@ -529,7 +530,7 @@ def update(
         doubt['unseen'] = 0
         _correct(state, own, sample, steps, coefficients['modes'])
     doubt['last_sample'] = sample
-    note_decision(doubt, decision == Decision.HOLD and not dropout)
+    note_decision(doubt, sample - prediction, decision == Decision.HOLD and not dropout)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         _note_prediction(state['bridge'], prediction - accepted, sample - accepted)

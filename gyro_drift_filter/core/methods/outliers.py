@@ -40,6 +40,7 @@ import numpy as np
 
 from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.methods.mode_set import FORESEEN_SECONDS
+from gyro_drift_filter.core.methods.noise import LARGEST_NOISE
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -66,7 +67,7 @@ LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
 SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
-JOLT_MEMORY = 0.05  # weight of a sample in the usual change
+JOLT_MEMORY = 0.05  # weight of a sample in the usual change, and in the usual innovation
 # The least usual changes, in m/s^2: below lies the resolution.
 JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
 LEAST_CHANGE = 1e-9  # m/s^2: without an accelerometer they would end as denormal numbers
@@ -76,7 +77,7 @@ PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each 
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
 JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
-LARGEST_CHANGE = 5.0  # usual changes: more than this in a sample counts as this much
+LARGEST_CHANGE = 5.0  # times the usual one: a larger change or innovation counts as this much
 
 
 class Decision(IntEnum):
@@ -155,7 +156,10 @@ class Doubt(TypedDict):
     growing: int  # of them, the last ones that were each further away than the one before
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
     typical_innovation: float  # rad/s, when the first one came
+    first_size: float  # rad/s, of its innovation; 0 where it was not measured
     # of every sample
+    before_restart: float  # rad/s, the accepted one before all modes last started anew
+    usual_innovation: float  # rad/s, of the last samples
     last_sample: float  # as it came, rad/s
     repeats: int  # how often it has come before
     share_held: float  # of the last samples, not counting drop-outs
@@ -253,6 +257,8 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['held'] = 0
     doubt['unseen'] = 0
     doubt['agreeing'] = 0
+    doubt['before_restart'] = sample
+    doubt['usual_innovation'] = LARGEST_NOISE
     doubt['repeats'] = 0
     doubt['share_held'] = 0.0
     doubt['last_sample'] = sample
@@ -275,13 +281,17 @@ def judge(
     """
     innovation, dropout = sample - prediction, circumstances['dropout']
     size = abs(innovation)
-    jump = limits['threshold'] * typical_innovation
+    usual = limits['threshold'] * doubt['usual_innovation']
+    jump = max(limits['threshold'] * typical_innovation, usual)
     held, jolted = doubt['held'], circumstances['jolted']
     if doubt['share_held'] > CROWDED and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     still = circumstances['still']
     least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
-    doubtful = size > jump and size > least_jump
+    # Whatever the modes expect, no body jumps so far, but back from where outliers have led to.
+    beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
+    apart = min(size, abs(sample - accepted), abs(sample - doubt['before_restart']))
+    doubtful = (size > jump and size > least_jump) or apart > beyond
     if doubt['unseen'] > 0 and not dropout:
         # An extrapolation says little: what a body can have come to meanwhile is no outlier.
         reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
@@ -317,7 +327,9 @@ def judge(
     small = same_side and abs(offset) <= limits['least_jump'] and change < limits['growth_limit']
     if small:
         return Reason.CONFIRMED
-    if jolted and size < JOLT_LIMIT * (held + 1.0):
+    # A burst of outliers jumps with its first sample, further than a hit turns a body with each.
+    jolt_limit = limits['jolt_limit']
+    if jolted and doubt['first_size'] < jolt_limit and size < jolt_limit * (held + 1.0):
         return Reason.JOLTED
     # Outliers do not go away further and further, as a body does that gains speed.
     if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):
@@ -369,6 +381,7 @@ def note_held(
     if doubt['held'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
+        doubt['first_size'] = 0.0 if dropout else abs(innovation)
         doubt['agreeing'] = 0
         doubt['growing'] = 0
     else:
@@ -387,6 +400,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
     """Note a sample that is missing: as much may have happened as in one that is held back."""
     if doubt['held'] == 0:
         doubt['typical_innovation'] = typical_innovation
+        doubt['first_size'] = 0.0
     doubt['held'] += 1
     doubt['unseen'] += 1
     doubt['growing'] = 0
@@ -395,8 +409,14 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
 
 
 @kernel
-def note_decision(doubt: Doubt, held: bool) -> None:
-    """Keep count of how many samples are held: a vibration must not be held for ever."""
+def note_decision(doubt: Doubt, innovation: float, held: bool) -> None:
+    """Keep account of how many samples are held, and of how large innovations (rad/s) are.
+
+    A vibration must not be held for ever, and what is usual is no jump.
+    """
+    usual = doubt['usual_innovation']
+    limited = min(abs(innovation), LARGEST_CHANGE * usual)
+    doubt['usual_innovation'] = max(usual + JOLT_MEMORY * (limited - usual), LEAST_CHANGE)
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
