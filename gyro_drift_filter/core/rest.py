@@ -523,6 +523,12 @@ def value_variance(rest: Rest, index: int) -> float:
 
 
 @kernel
+def forget_noise(rest: Rest) -> None:
+    """Forget the noise: from now on a value is a mean of more or fewer samples."""
+    rest['known'] = False
+
+
+@kernel
 def unlearn_first_segment(rest: Rest) -> None:
     """Forget the noise, if it is that of one segment alone, which was no rest."""
     if rest['learned'] == 1:

@@ -37,7 +37,7 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord, State
-from gyro_drift_filter.core.rest import derive_lengths
+from gyro_drift_filter.core.rest import derive_lengths, forget_noise
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
     RESULT,
@@ -120,6 +120,7 @@ def _start_over(filter_: FilterRecord) -> None:
     lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'], sample_rate)
     methods.start_over(filter_)
     leave_rest(state['bias'])
+    forget_noise(state['bias']['rest'])
 
 
 @kernel
