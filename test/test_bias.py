@@ -301,6 +301,18 @@ def test_a_take_off_is_no_rest(random):
     assert np.abs(results['bias'][125:] - truth).max() < 6e-3
 
 
+def test_noise_that_is_correlated_over_seconds_hides_no_bias_at_low_rates(random):
+    """A phone at 10 Hz, whose noise has passed a low-pass of 0.1 Hz: a rest takes a minute."""
+    section = signal.butter(2, 0.12, fs=10.0, output='sos')
+    bias = np.radians([2.0, -1.2, 0.7])
+    for _ in range(6):
+        noise = signal.sosfilt(section, 0.012 * random.standard_normal((800, 3)), axis=0)[300:]
+        acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((500, 3))
+        stamps = START + 100_000_000 * np.arange(500)
+        results = Filter().run(stamps, noise + bias, acceleration)
+        assert np.abs(results['bias'][200:] - bias).max() < np.radians(0.4)
+
+
 def test_a_hand_gives_no_provisional_bias(random):
     """It holds the sensor, as well as hands do, from the start."""
     rates, accelerations = at_rest(random, 3)

@@ -91,6 +91,7 @@ DOUBTED = 2
 # as of a drone that idles, until the first rest replaces it. Such vibration moves the bias by some
 # 1e-3 rad/s, and so does the start of the motors.
 PROVISIONAL_SECONDS = 3.0
+PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at low rates
 PROVISIONAL_DEVIATION = 1.5e-3  # rad/s, besides that of the mean
 LESS_STEADY = 9.0  # times the variance of its mean: not by chance
 SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
@@ -244,7 +245,7 @@ def track_bias(
     run = rest['run']
     found = close_block(rest, lengths)
     if found == BlockOutcome.STEADY:
-        _take_provisional(state, settings['bias_max'])
+        _take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
         moved = found == BlockOutcome.END_OF_REST
         _take_segment(state, moved, lengths['block_seconds'], settings)
@@ -253,10 +254,11 @@ def track_bias(
 
 
 @kernel
-def _take_provisional(state: Bias, largest: float) -> None:
+def _take_provisional(state: Bias, block_seconds: float, largest: float) -> None:
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
     rest = state['rest']
-    if state['segments'] > 0 or state['rest_seconds'] > PROVISIONAL_SECONDS:
+    seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
+    if state['segments'] > 0 or state['rest_seconds'] > seconds:
         return
     total = before = 0.0
     significant = state['provisional'][0] > 0.0 or state['known']
