@@ -214,6 +214,16 @@ def test_motors_that_are_started_let_the_bias_in_motion_be_another_one(random):
     np.testing.assert_allclose(shaken.shift, quiet.shift, atol=1e-6)
 
 
+def test_a_shift_of_the_last_run_stays_as_certain_at_the_first_rest(random):
+    """Its noise was that of the last run: this one's is no reason to doubt it."""
+    bias, shift = np.array([0.01, -0.02, 0.005]), (2e-4, -3e-4, 1e-4)
+    filter_ = Filter()
+    filter_.set_bias(bias, (1e-3, 1e-3, 1e-3), BiasShift(shift, (2e-5, 2e-5, 2e-5)))
+    assert run(filter_, *at_rest(random, 10.0, bias))['at_rest'][-1]
+    np.testing.assert_allclose(filter_.bias_shift.deviation, 2e-5, rtol=0.01)
+    np.testing.assert_allclose(filter_.bias_shift.shift, shift, rtol=0.01)
+
+
 def test_a_shift_of_the_last_run_is_taken_up(random):
     bias, shift = np.array([0.01, -0.02, 0.005]), (4e-4, -2e-4, 0.0)
     filter_ = Filter()

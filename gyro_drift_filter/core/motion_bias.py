@@ -185,6 +185,9 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
         state['bias_at_rest']['known'][axis] = known
         guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
         _replace_shift(state, axis, shift[axis], min(variance[axis], guess * guess))
+        if known:
+            # Of another run, whose noise is not known: the first rest of this one says how much.
+            state['allowed'][axis] = np.inf
 
 
 @kernel
@@ -221,6 +224,8 @@ def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
     before = shift_variance(state, axis)
     largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
     if state['bias_at_rest']['known'][axis] and before <= largest:
+        if state['allowed'][axis] == np.inf:
+            state['allowed'][axis] = largest
         # With more noise than before, as where motors have been started, the shift may have grown.
         more = max(largest - state['allowed'][axis], 0.0)
         state['covariance'][BIAS + axis, BIAS + axis] += more
