@@ -18,6 +18,7 @@ import json
 import re
 import shutil
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -177,6 +178,8 @@ def test_bags_have_the_shortest_names_that_tell_them_apart(tmp_path):
     assert shortest_names([tmp_path / 'a' / 'run', tmp_path / 'b' / 'drive']) == ['run', 'drive']
     same = [tmp_path / 'a' / 'run', tmp_path / 'b' / 'run', tmp_path / 'b' / 'drive']
     assert shortest_names(same) == ['a/run', 'b/run', 'b/drive']
+    # Pictures go into folders of these names, which must not lead elsewhere.
+    assert shortest_names([Path('/run'), tmp_path / 'run']) == ['run', f'{tmp_path.name}/run']
     with pytest.raises(GyroDriftFilterError, match='run is named twice'):
         shortest_names([tmp_path / 'run', tmp_path / 'a' / '..' / 'run'])
 

@@ -133,7 +133,7 @@ def shortest_names(bags: list[Path]) -> list[str]:
     parts = 1
     while len({path.parts[-parts:] for path in paths}) < len(paths):
         parts += 1
-    return ['/'.join(path.parts[-parts:]) for path in paths]
+    return ['/'.join(path.parts[-parts:]).lstrip('/') for path in paths]
 
 
 def _recording(
