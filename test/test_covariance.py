@@ -103,6 +103,23 @@ def test_the_bias_of_real_sensors_with_a_reference(random):
     assert min(np.mean(before), np.mean(after)) >= LEAST
 
 
+@with_recordings
+def test_the_deviation_of_the_bias_in_flight_is_of_the_size_of_its_error():
+    """The mean squared error over the published variance would be one, but for slower walks."""
+    squares = []
+    for recording in tracked(DATA):
+        if recording.name.startswith('euroc'):
+            given = recording.stamps, recording.rates, recording.acceleration
+            result, without = (
+                Filter(parameters).run(*given)
+                for parameters in (Parameters(), Parameters(bias_enabled=False))
+            )
+            variance = result['angular_velocity_variance'] - without['angular_velocity_variance']
+            squares.append(np.mean((result['bias'] - recording.bias) ** 2 / variance))
+    assert len(squares) == 5
+    assert 0.25 < np.mean(squares) < 1.5
+
+
 @pytest.mark.slow
 @with_recordings
 def test_the_bias_is_not_much_better_known_than_it_claims():
