@@ -524,7 +524,7 @@ def value_variance(rest: Rest, index: int) -> float:
 
 @kernel
 def forget_noise(rest: Rest) -> None:
-    """Forget the noise: from now on a value is a mean of more or fewer samples."""
+    """Forget the noise: from now on a value is a mean of fewer samples."""
     rest['known'] = False
 
 

@@ -135,7 +135,9 @@ def read_truth(archive: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     if stamps.ndim != 1 or stamps.dtype.kind not in 'iu':
         wrong = f'stamps must be whole numbers (n,) in ns, not {stamps.dtype} {stamps.shape}'
     elif truth.shape[1:] != (3,) or truth.dtype.kind != 'f':
-        wrong = f'truth must be numbers (n, 3) in rad/s, not {truth.dtype} {truth.shape}'
+        wrong = (
+            f'truth must be floating-point numbers (n, 3) in rad/s, not {truth.dtype} {truth.shape}'
+        )
     elif len(stamps) != len(truth):
         wrong = f'there are {len(stamps)} stamps for {len(truth)} rates'
     elif len(stamps) < _FEWEST_SAMPLES:
