@@ -629,6 +629,35 @@ def test_at_a_low_rate_the_accelerometer_sees_a_part_of_a_push(random):
     assert not results['outlier'][1000:].any()
 
 
+def at_rate(rate, rates, accelerations):
+    stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+    return Filter().run(stamps, rates, accelerations)
+
+
+@pytest.mark.parametrize('rate', [5.0, 10.0, 25.0, 33.0])
+def test_at_a_low_rate_outliers_at_rest_are_judged_as_at_others(rate, random):
+    """A message that is corrupted as a whole, and two equal spikes."""
+    z, accelerations = at_rest(random), still_accelerations(random)
+    z[2000, 0] += 10.0
+    accelerations[2000] += 6.0
+    z[2500:2502, 1] += 8.0
+    results = at_rate(rate, z, accelerations)
+    assert results['outlier'][2000, 0]
+    assert results['outlier'][2500, 1]
+    if rate > 20.0:  # else the second one confirms a motion that any robot can make in 0.1 s
+        assert results['outlier'][2501, 1]
+        assert np.abs(results['angular_velocity'][1990:2600]).max() < 0.02
+
+
+@pytest.mark.parametrize(('rate', 'size'), [(20.0, 18.0), (10.0, 20.0), (5.0, 25.0)])
+def test_at_a_low_rate_large_spikes_in_motion_are_held(rate, size, random):
+    time = np.arange(3000)[:, None] / rate
+    z = at_rest(random) + 0.5 * np.sin(0.6 * time * [1.0, 0.7, 1.3] + [0.0, 1.0, 2.0])
+    z[1000::50, 0] += size
+    results = at_rate(rate, z, still_accelerations(random))
+    assert results['outlier'][1000::50, 0].mean() > 0.9
+
+
 def moved_about(random, n=3000):
     """Return rates and accelerations (n, 3) at 100 Hz of a body that is turned about all axes."""
     time = np.arange(n)[:, None] / 100.0
@@ -636,14 +665,16 @@ def moved_about(random, n=3000):
     return rates + 0.002 * random.standard_normal((n, 3)), still_accelerations(random, n)
 
 
-def test_a_spike_behind_a_push_is_held(random):
-    """The push is believed at once, so that the modes expect anything of the sample after it."""
+@pytest.mark.parametrize('length', [1, 2, 3])
+def test_spikes_behind_a_push_are_held(length, random):
+    """The push is believed at once, so that the modes expect anything of the samples after it."""
     rates, accelerations = moved_about(random)
     rates[2000:, 0] += 5.0
-    accelerations[2000, 1] += 15.0
-    rates[2001, 0] += 30.0
+    accelerations[2000, 1] += 25.0
+    rates[2001 : 2001 + length, 0] += 25.0
     results = with_accelerations(rates, accelerations)
-    assert results['outlier'][1990:2010, 0].tolist() == 11 * [0.0] + [1.0] + 8 * [0.0]
+    held = np.flatnonzero(results['outlier'][1990:2015, 0])
+    assert held.tolist() == list(range(11, 11 + length))
 
 
 def test_a_jolt_within_a_burst_is_no_knock(random):

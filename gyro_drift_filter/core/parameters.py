@@ -249,9 +249,9 @@ class Parameters:
         80.0,
         'outlier.acceleration',
         'A sample is held back where its innovation is beyond both outlier.threshold and what the '
-        'body could reach in one sample period with this angular acceleration, below 50 Hz with up '
-        'to 3.75 times as much. While the sensor stands still, a smaller limit takes the place of '
-        'this one. For adaptive.',
+        'body could reach in one sample period with this angular acceleration; below 50 Hz more, '
+        'as less of a motion is foreseen. While the sensor stands still, a smaller limit takes the '
+        'place of this one. What no body does is held back anyway. For adaptive.',
         unit='rad/s^2',
         low=0.0,
         high=1.0e6,

@@ -572,7 +572,7 @@ def _compensate(
     """
     decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
     if decision == Decision.HOLD:
-        # What has come back was an outlier, or else a knock, which turns a body by no more.
+        # What has come back was an outlier; or a knock, which turns a body by a small angle.
         small = state['knocked'] and abs(state['held_angle']) <= LARGEST_KNOCK
         if returned and not small:
             state['held_angle'] = 0.0

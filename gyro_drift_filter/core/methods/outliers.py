@@ -50,9 +50,9 @@ EXTRAPOLATION_POWER = 1.5  # what an extrapolation over n samples may miss grows
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
 GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
-# Over a longer period than `FORESEEN_SECONDS` the acceleration of the least jump grows, but by no
-# more than this factor: a hand that turns back reaches 300 rad/s^2 over some 30 ms.
-LARGEST_UNFORESEEN = 3.75
+# Over a longer period than `FORESEEN_SECONDS` the least jump in motion grows as what is not
+# foreseen, but no further than by what a hand does that turns back, in rad/s.
+LARGEST_REVERSAL = 16.0
 JERK_FROM_REST = 250.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
@@ -70,12 +70,12 @@ SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
 JOLT_MEMORY = 0.05  # weight of a sample in the usual change, and in the usual innovation
 # The least usual changes, in m/s^2: below lies the resolution.
 JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
-LEAST_CHANGE = 1e-9  # m/s^2: without an accelerometer they would end as denormal numbers
+LEAST_CHANGE = 1e-9  # usual changes and innovations of zero would end as denormal numbers
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
 PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each shows a part of it
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
-JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period
+JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_REVERSAL`
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 LARGEST_CHANGE = 5.0  # times the usual one: a larger change or innovation counts as this much
 
@@ -99,7 +99,7 @@ class Reason(IntEnum):
     RETURNED = 2  # back at the prediction from before those that were held back
     CONSTANT = 3  # it has come so often that it is the rate
     # HOLD
-    FAR = 4  # beyond both limits, and nothing shows that it is motion
+    FAR = 4  # beyond both limits, or what no body does, and nothing shows that it is motion
     ALL_ZERO = 5  # on all axes, and not as predicted: the sensor had nothing to report
     # START_ANEW
     REACHED = 6  # as far as a body can come since the last sample that was measured
@@ -135,6 +135,7 @@ class OutlierLimits(TypedDict):
     """Limits for one sample period."""
 
     threshold: float  # predicted standard deviations
+    reached: float  # rad/s, by `outlier.acceleration` in a sample period
     least_jump: float  # rad/s,
     least_jump_at_rest: float  # rad/s, the same where the sensor stands still
     growth_limit: float  # rad/s
@@ -187,15 +188,16 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     """Fill the limits for a sample period in s."""
     enabled = settings['outlier_enabled']
     limits['threshold'] = settings['outlier_threshold'] if enabled else np.inf
-    unforeseen = max(period / FORESEEN_SECONDS, 1.0)
-    unforeseen = min(unforeseen**3.0, LARGEST_UNFORESEEN)
-    limits['least_jump'] = settings['outlier_acceleration'] * unforeseen * period
+    reached = settings['outlier_acceleration'] * period
+    unforeseen = max(period / FORESEEN_SECONDS, 1.0) ** 2.0
+    limits['reached'] = reached
+    limits['least_jump'] = max(min(reached * unforeseen, LARGEST_REVERSAL), reached)
     from_rest = 0.5 * JERK_FROM_REST * period * period
-    limits['least_jump_at_rest'] = min(from_rest, limits['least_jump'])
+    limits['least_jump_at_rest'] = min(from_rest, reached)
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
-    limits['jolt_limit'] = max(JOLT_LIMIT, JOLT_ACCELERATION * period)
+    limits['jolt_limit'] = max(JOLT_LIMIT, min(JOLT_ACCELERATION * period, LARGEST_REVERSAL))
     limits['least_shake'] = LEVER / period * min(PUSH_SECONDS / period, 1.0)
     limits['run'] = settings['outlier_run']
     limits['longest_hold'] = 2 * settings['outlier_run'] + 2
@@ -288,6 +290,7 @@ def judge(
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     still = circumstances['still']
     least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
+    jolt_limit = JOLT_LIMIT if still else limits['jolt_limit']
     # Whatever the modes expect, no body jumps so far, but back from where outliers have led to.
     beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - accepted), abs(sample - doubt['before_restart']))
@@ -301,9 +304,9 @@ def judge(
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
         # one, too.
         shaken = circumstances['shake'] > limits['least_shake'] * size
-        shaken = shaken and (not still or size <= limits['least_jump'])
+        shaken = shaken and (not still or size <= limits['reached'])
         knocked = circumstances['jolted_before'] or shaken
-        if doubtful and knocked and not dropout and size < limits['jolt_limit']:
+        if doubtful and knocked and not dropout and size < jolt_limit:
             return Reason.PUSHED
         if dropout:
             return Reason.ALL_ZERO
@@ -320,15 +323,14 @@ def judge(
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction on the other side it has come back as well: the prediction was off.
     away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
-    if near and not away:
+    if near and not away and apart <= beyond:
         return Reason.RETURNED
     change = abs(sample - doubt['last_sample'])
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
-    small = same_side and abs(offset) <= limits['least_jump'] and change < limits['growth_limit']
+    small = same_side and abs(offset) <= limits['reached'] and change < limits['growth_limit']
     if small:
         return Reason.CONFIRMED
     # A burst of outliers jumps with its first sample, further than a hit turns a body with each.
-    jolt_limit = limits['jolt_limit']
     if jolted and doubt['first_size'] < jolt_limit and size < jolt_limit * (held + 1.0):
         return Reason.JOLTED
     # Outliers do not go away further and further, as a body does that gains speed.
