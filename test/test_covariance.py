@@ -30,9 +30,7 @@ from benchmark.covariance import (
     tracked,
     turn_on_bias,
 )
-from benchmark.vehicles import recorded, share_inside
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.simulation.vehicles import VEHICLES, WARM_UP, ride
 from support.messages import START
 from support.paths import RECORDINGS
 from support.sensor import DEGREE, at_rest
@@ -101,41 +99,8 @@ def test_the_bias_of_real_sensors_with_a_reference(random):
     # Five of them never rest.
     after = [shares['bias after'] for shares in found if np.isfinite(shares['bias after'])]
     assert min(np.mean(before), np.mean(after)) >= LEAST
-
-
-@with_recordings
-def test_the_deviation_of_the_bias_in_flight_is_of_the_size_of_its_error():
-    """The mean squared error over the published variance would be one, but for slower walks."""
-    squares = []
-    for recording in tracked(DATA):
-        if recording.name.startswith('euroc'):
-            given = recording.stamps, recording.rates, recording.acceleration
-            result, without = (
-                Filter(parameters).run(*given)
-                for parameters in (Parameters(), Parameters(bias_enabled=False))
-            )
-            variance = result['angular_velocity_variance'] - without['angular_velocity_variance']
-            squares.append(np.mean((result['bias'] - recording.bias) ** 2 / variance))
-    assert len(squares) == 5
-    assert 0.25 < np.mean(squares) < 1.5
-
-
-@pytest.mark.slow
-@with_recordings
-def test_the_bias_is_not_much_better_known_than_it_claims():
-    """Over real recordings and simulated vehicles: a few sensors alone are all right by chance."""
-    shares = [share for _, share in recorded(DATA)]
-    for vehicle in VEHICLES.values():
-        for warm_up in (0.0, WARM_UP):
-            rides = (ride(vehicle, seed, warm_up=warm_up) for seed in range(6))
-            shares.append(np.mean([inside(one) for one in rides]))
-    assert LEAST <= np.mean(shares) <= MOST
-
-
-def inside(one):
-    """Return in which share of its time the bias of a ride is within two deviations."""
-    given = one.stamps, one.rates, one.accelerations
-    return share_inside(given, Filter().run(*given), one.bias)
+    # Either alone is of too few sensors for one beyond two deviations to be among them for sure.
+    assert np.mean(before + after) <= MOST
 
 
 def first_deviation(filter_, rate=0.1):

@@ -194,26 +194,6 @@ def test_after_a_long_stay_at_the_end_of_the_range_the_direction_of_gravity_is_t
     assert np.all((variance > 0.99 * START_DIRECTION**2) & (variance < 2.0 * START_DIRECTION**2))
 
 
-def test_motors_that_are_started_let_the_bias_in_motion_be_another_one(random):
-    """What a quiet rest before has said of the shift holds no longer."""
-    bias = np.array([0.01, -0.02, 0.005])
-    rates, accelerations = at_rest(random, 30.0, bias)
-    rates = bias + (rates - bias) / 6.0
-    rates[500:] += 0.004 * random.standard_normal((2500, 3))
-    accelerations[500:] += 0.08 * random.standard_normal((2500, 3))
-    filter_ = Filter()
-    run(filter_, rates[:500], accelerations[:500])
-    quiet = filter_.bias_shift
-    assert max(quiet.deviation) < 0.15e-3
-    # A vibration that stays counts as noise after minutes, which are left out here.
-    filter_.record['state']['bias']['rest']['known'] = False
-    run(filter_, rates[500:], accelerations[500:], start=START + 500 * 10_000_000)
-    shaken = filter_.bias_shift
-    assert filter_.state['result']['at_rest']
-    np.testing.assert_allclose(shaken.deviation, 0.1 * np.hypot(0.001, 0.004), rtol=0.25)
-    np.testing.assert_allclose(shaken.shift, quiet.shift, atol=1e-6)
-
-
 def test_a_shift_of_the_last_run_stays_as_certain_at_the_first_rest(random):
     """Its noise was that of the last run: this one's is no reason to doubt it."""
     bias, shift = np.array([0.01, -0.02, 0.005]), (2e-4, -3e-4, 1e-4)

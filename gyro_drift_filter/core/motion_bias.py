@@ -137,7 +137,6 @@ class MotionBias(TypedDict):
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
     missed_turn: float  # rad, that the rates may not have shown since they were at their limit
-    allowed: PerAxis  # (rad/s)^2, variance of the shift by the noise at rest alone
     # the value under way
     samples: int
     seconds: float
@@ -155,7 +154,6 @@ class SharedBias(TypedDict):
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
     bias_at_rest: BiasAtRest
-    allowed: PerAxis  # (rad/s)^2
     settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
 
 
@@ -185,9 +183,6 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
         state['bias_at_rest']['known'][axis] = known
         guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
         _replace_shift(state, axis, shift[axis], min(variance[axis], guess * guess))
-        if known:
-            # Of another run, whose noise is not known: the first rest of this one says how much.
-            state['allowed'][axis] = np.inf
 
 
 @kernel
@@ -195,7 +190,7 @@ def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) 
     """Take another shift of an axis; the bias in motion has to be started anew after it."""
     bias_at_rest, i = state['bias_at_rest'], BIAS + axis
     state['values'][i] = bias_at_rest['bias'][axis] + shift
-    state['covariance'][i, i] = state['allowed'][axis] = variance
+    state['covariance'][i, i] = variance
     bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = 0.0
 
 
@@ -219,17 +214,11 @@ def shift_variance(state: MotionBias, axis: int) -> float:
 def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
     """Let the variance of the shift be what noise of a variance at rest, in (rad/s)^2, lets it be.
 
-    Return whether it is less than before, so that the bias in motion has to be started anew.
+    Return whether that is another one, so that the bias in motion has to be started anew.
     """
     before = shift_variance(state, axis)
     largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
     if state['bias_at_rest']['known'][axis] and before <= largest:
-        if state['allowed'][axis] == np.inf:
-            state['allowed'][axis] = largest
-        # With more noise than before, as where motors have been started, the shift may have grown.
-        more = max(largest - state['allowed'][axis], 0.0)
-        state['covariance'][BIAS + axis, BIAS + axis] += more
-        state['allowed'][axis] += more
         return False
     shift = shift_of(state, axis)
     if largest < before:
@@ -327,7 +316,6 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         kept['bias'][axis] = state['values'][i]
         kept['variance'][axis] = state['covariance'][i, i]
-        kept['allowed'][axis] = state['allowed'][axis]
     _copy(state['bias_at_rest'], kept['bias_at_rest'])
 
 
@@ -339,7 +327,6 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         state['values'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
-        state['allowed'][axis] = kept['allowed'][axis]
     _copy(kept['bias_at_rest'], state['bias_at_rest'])
 
 
