@@ -67,17 +67,18 @@ LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
 SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
-JOLT_MEMORY = 0.05  # weight of a sample in the usual change, and in the usual innovation
 # The least usual changes, in m/s^2: below lies the resolution.
 JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
-LEAST_CHANGE = 1e-9  # usual changes and innovations of zero would end as denormal numbers
 JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
 LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
 PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each shows a part of it
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
 JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_REVERSAL`
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
-LARGEST_CHANGE = 5.0  # times the usual one: a larger change or innovation counts as this much
+
+# Of usual changes and innovations: the weight of a sample; more than so many times the usual one
+# counts as this much; and none is less, as processors are slow with denormal numbers.
+USUAL_MEMORY, USUAL_LIMIT, LEAST_USUAL = 0.05, 5.0, 1e-9
 
 
 class Decision(IntEnum):
@@ -247,10 +248,14 @@ def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
     jolt['change'] = change
     if change > JOLT_RATIO * usual:
         jolt['samples_left'] = JOLT_SAMPLES
-    limited = min(change, LARGEST_CHANGE * usual)
-    learned = jolt['usual_change'] + JOLT_MEMORY * (limited - jolt['usual_change'])
-    jolt['usual_change'] = max(learned, LEAST_CHANGE)
+    jolt['usual_change'] = _usual_after(jolt['usual_change'], change, USUAL_LIMIT * usual)
     return bool(jolt['samples_left'] > 0)
+
+
+@kernel
+def _usual_after(usual: float, size: float, largest: float) -> float:
+    """Return what is usual after a sample of a size, which counts as `largest` at most."""
+    return max(usual + USUAL_MEMORY * (min(size, largest) - usual), LEAST_USUAL)
 
 
 @kernel
@@ -417,8 +422,7 @@ def note_decision(doubt: Doubt, innovation: float, held: bool) -> None:
     A vibration must not be held for ever, and what is usual is no jump.
     """
     usual = doubt['usual_innovation']
-    limited = min(abs(innovation), LARGEST_CHANGE * usual)
-    doubt['usual_innovation'] = max(usual + JOLT_MEMORY * (limited - usual), LEAST_CHANGE)
+    doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
