@@ -332,6 +332,30 @@ def test_what_delays_hide_is_counted_later(mean, random):
     assert filter_.state['clock']['mean_period'] * 200 == pytest.approx(1.0, abs=0.002)
 
 
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('mean_delay', [0.0, 0.05])
+def test_losses_from_the_first_sample_on_do_not_lengthen_the_period(mean_delay, seed):
+    """One in ten is missing, so that the first stamps are 11 ms apart in the mean, not 10."""
+    random = np.random.default_rng(seed)
+    numbers = np.flatnonzero(random.random(6000) >= 0.1)
+    delays = mean_delay * random.exponential(size=len(numbers))
+    filter_, after = Filter(), 1000
+    found = missing_at(filter_, START + ((numbers + delays) * 10 * MS).astype(np.int64))
+    assert filter_.state['clock']['mean_period'] == pytest.approx(0.01, rel=1e-3)
+    np.testing.assert_array_equal(found[after:], np.diff(numbers)[after - 1 :] - 1)
+
+
+def test_a_bus_that_is_asked_every_8_ms_is_not_one_of_125_hz_with_losses():
+    """A sensor of 100 Hz: four steps of 8, 8, 8 and 16 ms, and one in a hundred is lost as well."""
+    random = np.random.default_rng(0)
+    numbers = np.flatnonzero(random.random(6000) >= 0.01)
+    stamps = START + 8 * MS * np.ceil(numbers * 10 / 8 + 1e-6).astype(np.int64)
+    filter_ = Filter()
+    found = missing_at(filter_, stamps)
+    assert filter_.state['clock']['mean_period'] == pytest.approx(0.01, rel=0.01)
+    assert found.sum() == pytest.approx((np.diff(numbers) - 1).sum(), abs=5)
+
+
 @pytest.mark.parametrize('held_up', [0.02, 0.2, 0.6])
 def test_a_driver_that_hangs_and_catches_up_has_lost_nothing(held_up):
     """All that was held up comes at once: what was counted is taken back."""

@@ -30,8 +30,11 @@ is its delay.
   are counted, but not predicted through, as the filter has followed the samples since.
 - While stamps come in bursts a delay means nothing.
 
-Where one in fifty samples is lost from the very start on and delays come near a period as well, the
-period may be learned longer by that share: who knows neither can't tell them apart.
+Where many samples are lost from the very start on, the period is learned longer by their share.
+Even steps tell it: those between neighbours are all of one length, and the samples missing by it
+are at most half as many more than were found missing. (A bus that is asked every 8 ms for samples
+of every 10 ms has such steps, too, but nothing is missing.) Where delays come near a period as
+well, who knows neither can't tell them apart.
 
 Every effect of a stamp is counted:
 
@@ -113,6 +116,13 @@ MEAN_DELAY_WEIGHT = 0.25
 # In periods, the delays seen reach up to a little less than the longest one.
 LIMIT_MARGIN = 0.05
 
+# Steps between neighbours that vary by no more than this share of theirs leave no doubt where
+# samples are missing. Their mean is the period if so many times the samples that were found missing
+# explain it.
+EVEN_STEPS = 0.1
+MOST_MISSING = 1.5
+DEVIATIONS = 3.0
+
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
 SAME_RATE = 0.1
@@ -161,6 +171,9 @@ class Clock(TypedDict):
     missing: int
     long_steps: int
     gap_steps: float  # s, by which the steps over gaps were longer than the period
+    single_steps: int  # that were about a period long
+    single_sum: float  # s, of them
+    single_squares: float  # s^2
     block_periods: BlockPeriods  # s
     blocks: int
     # delays
@@ -299,11 +312,18 @@ def _start_envelope(clock: Clock) -> None:
     """Start block and stretch at the last stamp."""
     clock['lateness'] = clock['earliest'] = 0.0
     clock['anchored'] = False
-    clock['steps'] = clock['missing'] = clock['long_steps'] = 0
+    clock['steps'] = clock['missing'] = 0
     clock['gap_steps'] = 0.0
+    _forget_steps(clock)
     _drop_suspicion(clock)
     clock['stretch_samples'] = 0
     _start_stretch(clock)
+
+
+@kernel
+def _forget_steps(clock: Clock) -> None:
+    clock['long_steps'] = clock['single_steps'] = 0
+    clock['single_sum'] = clock['single_squares'] = 0.0
 
 
 @kernel
@@ -339,6 +359,10 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     is_long = elapsed > LONG_STEP * period
     if is_long:
         clock['long_steps'] += 1
+    if abs(elapsed - period) < 0.5 * period:
+        clock['single_steps'] += 1
+        clock['single_sum'] += elapsed
+        clock['single_squares'] += elapsed * elapsed
     if delay <= clock['suspicious']:
         clock['sum'] += delay
         clock['longest'] = max(clock['longest'], delay)
@@ -464,6 +488,7 @@ def _learn_verdict(clock: Clock, missing: bool) -> None:
 def _end_stretch(clock: Clock, sample_rate: float) -> None:
     """Learn from the stretch what there is to learn, and start the next one."""
     starting, period = clock['blocks'] == 0, clock['mean_period']
+    single = _single_step(clock)
     regular, samples = clock['irregularity'] < REGULAR, clock['stretch_samples']
     # Who is found regular so early has next to no jitter, and the period is known.
     if clock['anchored'] or (regular and samples == ANCHOR_SAMPLES):
@@ -472,6 +497,9 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         clock['steps'] * period + clock['lateness'] >= BLOCK_SECONDS
         and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
     )
+    if single != period:
+        _correct_period(clock, single, sample_rate)
+        return
     if full or starting:
         _learn_period(clock, sample_rate, full)
     change = clock['mean_period'] - period
@@ -485,7 +513,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         clock['steps'] -= clock['least_steps']
         clock['missing'] -= clock['least_missing']
         clock['gap_steps'] -= clock['least_gap_steps']
-        clock['long_steps'] = 0
+        _forget_steps(clock)
     clock['earliest'] = clock['least']
     if abs(change) > OTHER_PERIOD * period:
         _forget_delays(clock)
@@ -509,7 +537,12 @@ def _learn_delays(clock: Clock) -> None:
             before = clock['mean_delay']
             mean = before + MEAN_DELAY_WEIGHT * (min(mean, longest) - before)
         clock['longest_delay'], clock['mean_delay'] = longest, mean
-    longest, mean = clock['longest_delay'], clock['mean_delay']
+    _limit_delays(clock)
+
+
+@kernel
+def _limit_delays(clock: Clock) -> None:
+    period, longest, mean = clock['mean_period'], clock['longest_delay'], clock['mean_delay']
     # Jitter of a timer is even: it ends at twice its mean. What is beyond is a tail, of which one
     # may yet see twice as much; and delays of more than a period are those of a queue, which may
     # grow to twice its length.
@@ -550,6 +583,40 @@ def _learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
     used = _given_or_learned(period, sample_rate)
     if used != period or abs(period / clock['period'] - 1.0) >= SAME_PERIOD:
         clock['period'] = used
+
+
+@kernel
+def _single_step(clock: Clock) -> float:
+    """Return the mean step from a sample to the next in s, where samples are missing.
+
+    Returns the period where steps are not even, or where they and the period agree.
+    """
+    period, count, missing = clock['mean_period'], clock['single_steps'], clock['missing']
+    samples = clock['steps'] - missing
+    if missing == 0 or count < BLOCK_SAMPLES or 2 * count < samples:
+        return float(period)
+    single = clock['single_sum'] / count
+    variance = max(clock['single_squares'] / count - single * single, 0.0)
+    if variance > (EVEN_STEPS * single) ** 2:
+        return float(period)
+    doubt = SAME_PERIOD * period + DEVIATIONS * math.sqrt(variance / count)
+    missing_by_it = (clock['steps'] * period + clock['lateness']) / single - samples
+    if abs(single - period) < doubt or not 0.0 < missing_by_it < MOST_MISSING * missing:
+        return float(period)
+    return float(single)
+
+
+@kernel
+def _correct_period(clock: Clock, period: float, sample_rate: float) -> None:
+    """Take the period (s) in place of what was learned, and start anew at the last stamp."""
+    for i in range(BLOCKS):
+        clock['block_periods'][i] = period
+    clock['blocks'] += 1
+    _set_mean_period(clock, period)
+    clock['period'] = _given_or_learned(period, sample_rate)
+    if clock['suspicious'] < math.inf:
+        _limit_delays(clock)
+    _start_envelope(clock)
 
 
 @kernel
