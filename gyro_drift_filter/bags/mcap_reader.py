@@ -83,4 +83,6 @@ def chunk_reader(library: AnyReader) -> ChunkReader | None:
         if same is None or layout.channels.get(inner.id) != (inner.topic, inner.msgtype):
             return None
         numbers[inner.id] = same.id
+    # Nobody asks the library for messages any more, and its index grows with the recording.
+    storage.chunks.clear()
     return ChunkReader(library, file, layout, numbers)

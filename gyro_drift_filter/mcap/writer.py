@@ -50,7 +50,7 @@ from gyro_drift_filter.mcap.records import (
 # A chunk is closed with the message that makes it longer, as rosbags does.
 CHUNK_BYTES = 2**20
 # Chunks on their way to the disk.
-_PENDING = 3
+_PENDING = 2
 
 
 class McapWriter:
