@@ -41,6 +41,7 @@ from gyro_drift_filter.core.methods.mode_set import (
 )
 from gyro_drift_filter.core.methods.outliers import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
+from support.paths import FLIGHTS
 from support.sensor import by_hand
 
 START = 10**18
@@ -614,6 +615,51 @@ def test_a_hand_is_followed_at_a_low_rate(rate, deviation, random):
     assert not results['outlier'][later].any()
     error = (results['angular_velocity'] - truth)[later]
     assert np.sqrt(np.mean(error**2)) < 1.1 * deviation
+
+
+def hand_without_rest(random, rate, seconds=60):
+    """Return rates (n, 3) of a hand that moves at up to some 8 Hz from power-on, faster or not."""
+    n = round(300 * seconds)
+    sections = signal.butter(2, [0.3, 8.0], 'bandpass', fs=300.0, output='sos')
+    hand = signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0)
+    pace = 0.3 + np.sin(np.arange(n) / 300.0 / 7.0) ** 2
+    return (hand * pace[:, None] / hand.std())[:: round(300 / rate)]
+
+
+@pytest.mark.parametrize('rate', [10.0, 15.0, 20.0, 30.0])
+def test_a_hand_that_never_rests_is_no_noise_at_a_low_rate(rate, random):
+    """Its samples are as white as noise is, and lie far apart."""
+    truth = hand_without_rest(random, rate)
+    z = truth + 2e-3 * random.standard_normal(truth.shape)
+    results = run(z, rate)
+    error = results['angular_velocity'] + results['bias'] - truth
+    assert np.sqrt(np.mean(error**2)) < 1.4 * 2e-3
+    assert not results['outlier'].any()
+
+
+@pytest.mark.parametrize('rate', [10.0, 20.0, 30.0])
+def test_a_sensor_that_never_rests_at_a_low_rate_has_an_honest_deviation(rate, random):
+    seconds = np.arange(60 * rate) / rate
+    truth = 0.5 * np.sin(2 * np.pi * 0.2 * seconds + np.arange(3)[:, None]).T
+    z = truth + 6e-3 * random.standard_normal(truth.shape)
+    filter_ = Filter()
+    filter_.set_bias([0.0, 0.0, 0.0], 3 * [1e-4])
+    stamps_ = START + np.round(seconds * 1e9).astype(np.int64)
+    results = filter_.run(stamps_, z, np.zeros_like(z))[len(z) // 4 :]
+    error = results['angular_velocity'] - truth[len(z) // 4 :]
+    inside = error**2 < 4.0 * results['angular_velocity_variance']
+    assert 0.85 < inside.mean() < 0.99
+
+
+@pytest.mark.skipif(not FLIGHTS.exists(), reason='no recordings beside this clone')
+@pytest.mark.parametrize('every', [4, 8, 12, 20])
+def test_real_walks_in_the_hand_are_followed_at_a_low_rate(every):
+    for path in sorted(FLIGHTS.glob('room_*.npz')):
+        with np.load(path) as data:
+            t, z, acceleration = (data[name][::every] for name in ('t', 'rate', 'acc'))
+        results = Filter().run(t, z.astype(float), acceleration.astype(float))
+        change = results['angular_velocity'] + results['bias'] - z
+        assert np.sqrt(np.mean(change[len(t) // 10 :] ** 2)) < np.radians(0.1), path.stem
 
 
 def test_at_a_low_rate_the_accelerometer_sees_a_part_of_a_push(random):

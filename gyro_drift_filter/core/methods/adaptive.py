@@ -124,6 +124,7 @@ Three = Annotated[NDArray[np.float64], np.float64, (3,)]
 class AdaptiveCoefficients(TypedDict):
     """What is derived from settings and sample period; for all axes."""
 
+    period: float  # s
     modes: ModeSet
     limits: OutlierLimits
     calm_samples: int
@@ -229,6 +230,7 @@ def derive(
 
     The forgetting factor is for `FORGETTING_SECONDS`.
     """
+    coefficients['period'] = period
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
     coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
@@ -539,7 +541,8 @@ def update(
         state['accepted'] = sample
     if decision == Decision.ACCEPT:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
-        learn_noise(noise, sample, circumstances['at_rest'], length, forgetting)
+        at_rest, period = circumstances['at_rest'], coefficients['period']
+        learn_noise(noise, sample, at_rest, period, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:

@@ -21,9 +21,9 @@ variance is left out of R, as the modes take noise for independent and would lag
 
 Before the first rest R is a bound, as motion only adds to what the samples show: their variance in
 blocks that look like white noise, whose third differences have 20 times the variance of the noise,
-and of other blocks a share of these differences. In motion R falls where they are smaller than R
-says, and a block that looks like noise gives no more than the others before it let noise have: fast
-motion looks like it, too, where a block holds few samples.
+and of other blocks, and of all at low rates, a share of these differences. In motion R falls where
+they are smaller than R says, and a block that looks like noise gives no more than the others before
+it let noise have: fast motion looks like it, too, where a block holds few samples.
 """
 
 import math
@@ -42,8 +42,11 @@ KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
 LEAST_THIRDS = 10  # third differences, without which a block says nothing
 
 # Before the first rest a block may be noise alone where third differences carry at least this share
-# of its variance, and where that is no larger than the noise of any gyroscope.
+# of its variance, and where that is no larger than the noise of any gyroscope. At rates below 50 Hz
+# none does: a hand moves at up to some 10 Hz, and looks as white as noise in samples that are so
+# far apart.
 WHITE = 0.3
+LONGEST_WHITE_PERIOD = 0.0204  # s
 LARGEST_NOISE = 0.2  # rad/s
 LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion can only raise them
 # Of what third differences show of another block before the first rest, the share that is taken for
@@ -148,7 +151,7 @@ def largest_variance(noise: Noise) -> float:
     if not is_begun(noise):
         if noise['bound'] == Bound.NONE:
             return LARGEST_NOISE**2
-        return float(noise['variance'] / UNKNOWN_SHARE)
+        return float(LEAST_SHOWN * noise['variance'] / UNKNOWN_SHARE)
     return float(noise['variance'] / (1.0 - LEFT_OUT * noise['correlation'] * noise['correlation']))
 
 
@@ -185,11 +188,17 @@ def interrupt_block(noise: Noise) -> None:
 
 @kernel
 def learn_noise(
-    noise: Noise, sample: float, at_rest: bool, block_samples: int, block_forgetting: float
+    noise: Noise,
+    sample: float,
+    at_rest: bool,
+    period: float,
+    block_samples: int,
+    block_forgetting: float,
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
-    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample;
+    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample,
+    `period` is that of the samples in s,
     `block_forgetting` is b of equation (13) from one block to the next.
     """
     before, run = noise['before'], noise['run']
@@ -220,7 +229,7 @@ def learn_noise(
     noise['run'] = run + 1
     full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, at_rest, block_forgetting)
+        _judge_block(noise, at_rest, period, block_forgetting)
         _next_block(noise)
 
 
@@ -233,7 +242,7 @@ def _next_block(noise: Noise) -> None:
 
 
 @kernel
-def _judge_block(noise: Noise, at_rest: bool, block_forgetting: float) -> None:
+def _judge_block(noise: Noise, at_rest: bool, period: float, block_forgetting: float) -> None:
     """Take blocks into the statistics, weighted as in equation (13), in place of (16).
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
@@ -249,7 +258,11 @@ def _judge_block(noise: Noise, at_rest: bool, block_forgetting: float) -> None:
         noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
     elif not at_rest:
         variance = noise['waiting_variance']
-        white = rough > WHITE * variance and variance <= LARGEST_NOISE**2
+        white = (
+            period <= LONGEST_WHITE_PERIOD
+            and rough > WHITE * variance
+            and variance <= LARGEST_NOISE**2
+        )
         shown = LEAST_SHOWN * rough / WHITE
         if white:
             if noise['bound'] == Bound.OF_MOTION:
