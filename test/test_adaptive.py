@@ -25,7 +25,7 @@ from benchmark.scenarios import stamps
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.clock import LONGEST_PERIOD
-from gyro_drift_filter.core.methods.adaptive import (
+from gyro_drift_filter.core.methods.missed_turns import (
     COMPENSATION_SECONDS,
     COMPENSATION_SHARE,
     LARGEST_COMPENSATION,

@@ -47,12 +47,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.methods import adaptive, paper
-from gyro_drift_filter.core.methods.adaptive import (
-    ADAPTIVE_AXIS,
-    AdaptiveAxis,
-    AdaptiveCoefficients,
-    AdaptiveWorkspace,
-)
+from gyro_drift_filter.core.methods.adaptive import AdaptiveCoefficients, AdaptiveWorkspace
+from gyro_drift_filter.core.methods.adaptive_axis import ADAPTIVE_AXIS, AdaptiveAxis
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.paper import (
     PAPER_AXIS,

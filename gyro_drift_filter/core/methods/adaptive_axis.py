@@ -1,0 +1,102 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What method `adaptive` knows of one axis: its state, and its workspace within a sample."""
+
+from typing import Annotated, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import record
+from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
+from gyro_drift_filter.core.methods.noise import Noise
+from gyro_drift_filter.core.methods.outliers import Doubt, Jolt
+
+Three = Annotated[NDArray[np.float64], np.float64, (3,)]
+
+
+class Bridge(TypedDict):
+    """Repeated samples in a row, and what was put out instead: what they turned shows later."""
+
+    samples: int  # in a row, 0 where there were none before the last sample
+    angular_velocity: float  # sum of what was put out, rad/s
+    before: float  # the sample before them, rad/s
+    slope_before: float  # rad/s per sample
+    behind: bool  # the last sample was the first one after them
+    # of late, in (rad/s)^2: the squared change that was predicted, from one measurement to the
+    # next, and its product with the change that was measured
+    predicted_square: float
+    predicted_product: float
+
+
+BRIDGE = record(Bridge)
+
+
+class AdaptiveAxis(TypedDict):
+    """State of one axis after a sample."""
+
+    learning: bool  # the noise has been given a first value
+    # by mode
+    probability: PerMode
+    rate: PerMode
+    acceleration: PerMode
+    jerk: PerMode
+    sample_accepted: bool  # whether the last sample was
+    accepted: float  # the last sample that was, rad/s
+    noise: Noise
+    doubt: Doubt
+    jolt: Jolt  # of the accelerometer along the same axis
+    knocked: bool  # a jolt was felt while samples were held back
+    held_angle: float  # rad, what the held samples turned beyond what was put out
+    recent_angle: float  # rad, that was smoothed away of late while the sensor seemed to stand
+    bridge: Bridge
+    compensation: float  # rad, of it what was motion and is still to be given back
+
+
+class AdaptiveAxisWorkspace(TypedDict):
+    """What one axis needs from its prediction to its estimate."""
+
+    # by mode, before the sample
+    prior: PerMode
+    rate: PerMode
+    acceleration: PerMode
+    jerk: PerMode
+    expected: PerMode  # the sample: the rate with what can be predicted of its noise
+    # of the innovation of each mode: variance, half its inverse, and the square root of that
+    variance: PerMode
+    half_precision: PerMode
+    density: PerMode
+    error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
+    of_noise: Three  # variance, roughness and correlation that these four belong to
+    # What the mixing moves: probability, and by it rate, acceleration and jerk. What each mode
+    # holds before, and what arrives in it.
+    held: Terms
+    from_below: Terms
+    from_above: Terms
+    # terms of sums over the modes
+    means: PerMode
+    squares: PerMode
+    others: PerMode
+    prediction: float  # of the sample by all modes together
+    prediction_variance: float  # of the innovation
+    typical_innovation: float  # rad/s, by which outliers are judged
+    reason: int  # of the decision on the sample: a member of Reason
+    accepted: float  # the sample that was accepted before it, rad/s
+    returned: bool  # it lies there again, after one that was held back
+    at_limit: bool  # the rate is at the end of the range
+
+
+ADAPTIVE_AXIS = record(AdaptiveAxis, in_cache_lines=True)
+ADAPTIVE_AXIS_WORKSPACE = record(AdaptiveAxisWorkspace, in_cache_lines=True)

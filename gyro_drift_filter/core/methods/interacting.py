@@ -1,0 +1,343 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Interacting Kalman filters of one axis: prediction, correction, and what they say together.
+
+Each mode of the mode set (`mode_set.py`) is a Kalman filter with another Q. How well each predicted
+the sample gives its probability (interacting multiple models; Blom and Bar-Shalom, IEEE
+Transactions on Automatic Control 33, 1988): the mode probabilities are the adaptive Q.
+
+Rates are in rad/s, variances in (rad/s)^2. Acceleration and jerk are angular, in rad/s per sample
+and per sample squared. Equation numbers are the paper's.
+"""
+
+import math
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.methods.adaptive_axis import AdaptiveAxis, AdaptiveAxisWorkspace
+from gyro_drift_filter.core.methods.mode_set import MODES, ModeSet, PerMode, Transitions
+from gyro_drift_filter.core.methods.noise import Noise, largest_variance
+
+# A mode probability below this is none.
+SMALLEST = 1e-300
+
+
+@kernel
+def put_modes_at(state: AdaptiveAxis, rate: float) -> None:
+    """Start all modes at a rate."""
+    rates, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    for j in range(MODES):
+        rates[j] = rate
+        acceleration[j] = 0.0
+        jerk[j] = 0.0
+    state['doubt']['held'] = 0
+    state['doubt']['unseen'] = 0
+    state['doubt']['agreeing'] = 0
+
+
+@kernel
+def make_certain(state: AdaptiveAxis, mode: int) -> None:
+    """Give nearly all probability to one mode."""
+    probability = state['probability']
+    for j in range(MODES):
+        probability[j] = 1e-9
+    probability[mode] = 1.0
+
+
+@kernel
+def take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> None:
+    """Take the prediction for the state."""
+    probability, rate = state['probability'], state['rate']
+    acceleration, jerk = state['acceleration'], state['jerk']
+    prior, predicted_rate = workspace['prior'], workspace['rate']
+    predicted_acceleration, predicted_jerk = workspace['acceleration'], workspace['jerk']
+    for j in range(MODES):
+        probability[j] = prior[j]
+        rate[j] = predicted_rate[j]
+        acceleration[j] = predicted_acceleration[j]
+        jerk[j] = predicted_jerk[j]
+
+
+@kernel
+def stay_within_reach(state: AdaptiveAxis, reach: float) -> None:
+    """Keep an extrapolation within `reach` (rad/s) of the last sample that was accepted."""
+    rate, accepted = state['rate'], state['accepted']
+    for j in range(MODES):
+        rate[j] = min(max(rate[j], accepted - reach), accepted + reach)
+
+
+@kernel
+def predict_modes(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    transitions: Transitions,
+    modes: ModeSet,
+) -> None:
+    """Predict the next sample, into the workspace: each mode, and all together."""
+    _mix(state, workspace, transitions, modes['up_further'])
+    _predict_mixed(state, workspace, modes)
+
+
+@kernel
+def combine_modes(
+    state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet, at_rest: bool
+) -> tuple[float, float, float]:
+    """Return what the modes say together: rate, its variance, and Q."""
+    probability, rate = state['probability'], state['rate']
+    means, squares, others = workspace['means'], workspace['squares'], workspace['others']
+    error, lag, ratio = workspace['error'], modes['unseen_lag'], modes['innovation_ratio']
+    process = modes['process_ratio']
+    noise = state['noise']['variance']
+    # The error of an extrapolation grows about as the number of samples.
+    growth = noise * state['doubt']['held'] * state['doubt']['held']
+    # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
+    unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
+    origin = rate[MODES - 1]
+    for j in range(MODES):
+        distance = rate[j] - origin
+        own = error[j] + lag[j] * unseen if growth == 0.0 else (ratio[j] - 1.0) * growth
+        means[j] = probability[j] * distance
+        spread = distance * distance
+        squares[j] = probability[j] * (max(own, spread) + apart * min(own, spread))
+        others[j] = probability[j] * process[j]
+    mean = _sum(means)
+    variance = max(_sum(squares) - mean * mean, error[0])
+    return origin + mean, variance, _sum(others) * noise
+
+
+@kernel
+def mode_of(size: float, variance: float, modes: ModeSet) -> int:
+    """Return the slowest mode to which a jump of this size (rad/s) is nothing special."""
+    ratio = modes['innovation_ratio']
+    mode = MODES - 1
+    while mode > 0 and ratio[mode - 1] * variance > size * size:
+        mode -= 1
+    return mode
+
+
+# The loops below are cut so that compilers turn them into vector instructions: what can be done in
+# each mode apart from what goes from mode to mode, and sums by `_sum`.
+
+
+@kernel
+def _sum(values: PerMode) -> float:
+    """Return the sum over the modes: four sums side by side, as each waits for its last term."""
+    a = b = c = d = 0.0
+    for j in range(0, MODES, 4):
+        a += values[j]
+        b += values[j + 1]
+        c += values[j + 2]
+        d += values[j + 3]
+    return (a + b) + (c + d)
+
+
+@kernel
+def _largest(values: PerMode) -> float:
+    """Return the largest value over the modes, as `_sum` does."""
+    a = b = c = d = values[0]
+    for j in range(0, MODES, 4):
+        a = max(a, values[j])
+        b = max(b, values[j + 1])
+        c = max(c, values[j + 2])
+        d = max(d, values[j + 3])
+    largest: float = max(max(a, b), max(c, d))
+    return largest
+
+
+@kernel
+def _mix(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    transitions: Transitions,
+    up_further: PerMode,
+) -> None:
+    """Multiply by the transition matrix: the mixing step of interacting models.
+
+    Each mode passes on a share of its probability upwards and one downwards, which end with
+    falling probability in one of the modes beyond. One pass each way does it, as the shares are
+    geometric. What arrives in a mode is averaged into its state. Leaves the mixed states and the
+    prior in the workspace.
+    """
+    probability, prior = state['probability'], workspace['prior']
+    rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    mixed_rate, mixed_acceleration = workspace['rate'], workspace['acceleration']
+    mixed_jerk, held = workspace['jerk'], workspace['held']
+    from_below, from_above = workspace['from_below'], workspace['from_above']
+    stay, up_first = transitions['stay'], transitions['up_first']
+    down_first, down_further = transitions['down_first'], transitions['down_further']
+    for j in range(MODES):
+        weight = probability[j]
+        held[j, 0] = weight
+        held[j, 1] = weight * rate[j]
+        held[j, 2] = weight * acceleration[j]
+        held[j, 3] = weight * jerk[j]
+    up = up_rate = up_acceleration = up_jerk = 0.0
+    down = down_rate = down_acceleration = down_jerk = 0.0
+    for i in range(1, MODES):
+        # Both ways at once, as each waits for its last step: to i from below and to k from above.
+        first, further = up_first[i - 1], up_further[i]
+        up = up * further + held[i - 1, 0] * first
+        up_rate = up_rate * further + held[i - 1, 1] * first
+        up_acceleration = up_acceleration * further + held[i - 1, 2] * first
+        up_jerk = up_jerk * further + held[i - 1, 3] * first
+        from_below[i, 0] = up
+        from_below[i, 1] = up_rate
+        from_below[i, 2] = up_acceleration
+        from_below[i, 3] = up_jerk
+        k = MODES - 1 - i
+        down = down * down_further[k, 0] + held[k + 1, 0] * down_first[k + 1, 0]
+        down_rate = down_rate * down_further[k, 1] + held[k + 1, 1] * down_first[k + 1, 1]
+        down_acceleration = (
+            down_acceleration * down_further[k, 2] + held[k + 1, 2] * down_first[k + 1, 2]
+        )
+        down_jerk = down_jerk * down_further[k, 3] + held[k + 1, 3] * down_first[k + 1, 3]
+        from_above[k, 0] = down
+        from_above[k, 1] = down_rate
+        from_above[k, 2] = down_acceleration
+        from_above[k, 3] = down_jerk
+    for j in range(MODES):
+        prior[j] = held[j, 0] * stay[j] + from_below[j, 0] + from_above[j, 0]
+        share = 1.0 / max(prior[j], SMALLEST)
+        mixed_rate[j] = (held[j, 1] * stay[j] + from_below[j, 1] + from_above[j, 1]) * share
+        mixed_acceleration[j] = (held[j, 2] * stay[j] + from_below[j, 2] + from_above[j, 2]) * share
+        mixed_jerk[j] = (held[j, 3] * stay[j] + from_below[j, 3] + from_above[j, 3]) * share
+
+
+@kernel
+def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet) -> None:
+    """Predict the sample with each mode, equation (7), and all together: mean and variance.
+
+    The innovation of a mode is the sample less the predicted rate and less the noise that the last
+    residual predicts, correlation * residual: this makes the innovations of a slow mode white
+    although the sensor's noise is not.
+    """
+    rate, acceleration, jerk = workspace['rate'], workspace['acceleration'], workspace['jerk']
+    expected, variance = workspace['expected'], workspace['variance']
+    means, squares, others = workspace['means'], workspace['squares'], workspace['others']
+    prior, noise = workspace['prior'], state['noise']
+    lag_ratio, logarithm = modes['lag_ratio'], modes['innovation_logarithm']
+    correlation = noise['correlation'] if state['sample_accepted'] else 0.0
+    of_noise = workspace['of_noise']
+    if (
+        of_noise[0] != noise['variance']
+        or of_noise[1] != noise['roughness']
+        or of_noise[2] != correlation
+    ):
+        _predict_variances(noise, correlation, workspace, modes)
+    sample = state['doubt']['last_sample']
+    # Mean and variance by one pass, from the fastest mode, which is never far off.
+    origin = rate[MODES - 1]
+    for j in range(MODES):
+        predicted_noise = correlation * (sample - rate[j])
+        rate[j] += acceleration[j]
+        expected[j] = rate[j] + predicted_noise
+        acceleration[j] = lag_ratio[j] * acceleration[j] + jerk[j]
+        jerk[j] *= lag_ratio[j]
+        distance = expected[j] - origin
+        means[j] = prior[j] * distance
+        squares[j] = prior[j] * (variance[j] + distance * distance)
+        others[j] = prior[j] * logarithm[j]
+    mean = _sum(means)
+    workspace['prediction'] = origin + mean
+    workspace['prediction_variance'] = max(_sum(squares) - mean * mean, variance[0])
+    # The geometric mean is not blown up by the small chance of a fast mode.
+    workspace['typical_innovation'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
+
+
+@kernel
+def _predict_variances(
+    noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+) -> None:
+    """Write the variance of each mode's innovation, and of the error that noise leaves in its rate.
+
+    With gain K the last residual holds 1 - K of the noise, so knowing it takes
+    (correlation * (1 - K)) ** 2 off the variance. A fast mode sees less noise, as far as its own
+    prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
+
+    Averages of correlated noise err more: by what AR(1) noise leaves in an exponential average of
+    the same gain, relative to white noise, within 5 % for the modes.
+    """
+    variance, of_noise = workspace['variance'], workspace['of_noise']
+    half_precision, density = workspace['half_precision'], workspace['density']
+    gain, ratio = modes['gain_rate'], modes['innovation_ratio']
+    of_noise[0] = noise['variance']
+    of_noise[1] = noise['roughness']
+    of_noise[2] = correlation
+    error, noise_ratio = workspace['error'], modes['noise_ratio']
+    whole, alike = largest_variance(noise), noise['correlation']
+    for j in range(MODES):
+        left = 1.0 - gain[j]
+        rough = noise['roughness'] + (1.0 - noise['roughness']) * left
+        known = correlation * left
+        variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
+        half_precision[j] = 0.5 / variance[j]
+        density[j] = math.sqrt(half_precision[j])
+        error[j] = whole * noise_ratio[j] * (1.0 + alike * left) / (1.0 - alike * left)
+
+
+@kernel
+def correct(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    sample: float,
+    steps: float,
+    modes: ModeSet,
+) -> None:
+    """Correct each mode, equations (10) and (11), and weigh the modes by their likelihood.
+
+    `steps` is the number of samples since the last one that was accepted: the innovation has built
+    up over all of them, and gains for one step would overshoot in acceleration and jerk.
+    """
+    probability, prior = state['probability'], workspace['prior']
+    rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
+    predicted_rate, predicted_acceleration = workspace['rate'], workspace['acceleration']
+    predicted_jerk, expected = workspace['jerk'], workspace['expected']
+    gain_rate, gain_acceleration = modes['gain_rate'], modes['gain_acceleration']
+    gain_jerk = modes['gain_jerk']
+    half_precision, density = workspace['half_precision'], workspace['density']
+    least = modes['least_probability']
+    share = 1.0 / steps
+    for j in range(MODES):
+        innovation = sample - predicted_rate[j]
+        rate[j] = predicted_rate[j] + gain_rate[j] * innovation
+        acceleration[j] = predicted_acceleration[j] + gain_acceleration[j] * innovation * share
+        jerk[j] = predicted_jerk[j] + gain_jerk[j] * innovation * (share * share)
+        surprise = sample - expected[j]
+        probability[j] = -(surprise * surprise * half_precision[j])
+    largest = _largest(probability)
+    for j in range(MODES):
+        probability[j] = prior[j] * density[j] * _exponential(probability[j] - largest)
+    whole = 1.0 / _sum(probability)
+    for j in range(MODES):
+        probability[j] = max(probability[j] * whole, least[j])
+
+
+@kernel
+def _exponential(exponent: float) -> float:
+    """Return exp(exponent), or that of the nearest of -80 to 0, within 1e-7 of it from -10 on.
+
+    By its series for a 128th of it, and seven squares. Unlike `math.exp` it can be a vector
+    instruction.
+    """
+    x = min(max(exponent, -80.0), 0.0) * (1.0 / 128.0)
+    square = x * x
+    root = (1.0 + x) + square * (0.5 + x * (1.0 / 6.0))
+    root += square * square * (1.0 / 24.0 + x * (1.0 / 120.0))
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    root *= root
+    return root * root

@@ -1,0 +1,183 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the sensor turned unseen, given back, so that the heading holds.
+
+Samples are held back that were motion after all, repeated samples hide what the body turned
+meanwhile, and smoothing lags behind a motion that begins. What a later sample shows of it is added
+to the rates that are put out.
+"""
+
+from collections.abc import Sequence
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.matrices import rotation_terms
+from gyro_drift_filter.core.methods.adaptive_axis import (
+    AdaptiveAxis,
+    AdaptiveAxisWorkspace,
+    Bridge,
+)
+from gyro_drift_filter.core.methods.outliers import Circumstances, Decision, decision_of
+
+# What was motion among held samples, and what smoothing has not put out in motion, is given back
+# with these time constants, so that the heading holds: the second where it is no more than noise
+# makes of it, within so many deviations. As longest_hold bounds the number of held samples, and the
+# range of gyroscopes their rate, it is no more than the first angle. The second is more than a
+# knock turns a body that stays where it is.
+COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
+COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
+LARGEST_COMPENSATION = 2.0  # rad
+LARGEST_KNOCK = 0.02  # rad
+# The slowest mode averages over so long: a turn that has begun since then may not show yet.
+RECENT_SECONDS = 1.0
+LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers
+PREDICTION_MEMORY = 1.0 / 16.0  # weight of a measurement in how well changes are predicted
+
+
+@kernel
+def compensate(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    sample: float,
+    rate: float,
+    period: float,
+) -> float:
+    """Return what to add to the estimate, in rad/s, for what the sensor turned unseen before.
+
+    That is what was held back, where a later sample confirmed it or the accelerometer felt a knock;
+    what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
+    s.
+    """
+    decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
+    if decision == Decision.HOLD:
+        # What has come back was an outlier; or a knock, which turns a body by a small angle.
+        small = state['knocked'] and abs(state['held_angle']) <= LARGEST_KNOCK
+        if returned and not small:
+            state['held_angle'] = 0.0
+        state['held_angle'] += (sample - rate) * period
+        state['knocked'] = state['knocked'] or circumstances['jolted']
+    elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
+        largest = LARGEST_KNOCK if state['knocked'] else 0.0
+        if (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned:
+            largest = LARGEST_COMPENSATION
+        if abs(state['held_angle']) <= largest:
+            missed = state['held_angle']
+        state['held_angle'] = 0.0
+        state['knocked'] = False
+    missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
+    if decision == Decision.ACCEPT:
+        # A motion is seen only when a block of samples has shown it: what was smoothed away since
+        # it began was motion, too.
+        recent = state['recent_angle'] + (sample - rate) * period
+        if circumstances['still']:
+            state['recent_angle'] = _without_denormal(recent * (1.0 - period / RECENT_SECONDS))
+        else:
+            missed += recent
+            state['recent_angle'] = 0.0
+    angle = state['compensation'] + missed
+    if angle == 0.0:
+        state['compensation'] = 0.0
+        return 0.0
+    angle = _without_denormal(min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION))
+    noise = state['noise']['variance'] * 0.5 * period * SMOOTHING_SECONDS
+    small = angle * angle < SMOOTHING_DEVIATIONS * SMOOTHING_DEVIATIONS * noise
+    seconds = SMOOTHING_SECONDS if small else COMPENSATION_SECONDS
+    now = angle * min(period / seconds, COMPENSATION_SHARE)
+    state['compensation'] = angle - now
+    return float(now / period)
+
+
+@kernel
+def _without_denormal(angle: float) -> float:
+    """Return an angle in rad, or none where it is too small for anything."""
+    return 0.0 if abs(angle) < LEAST_COMPENSATION else angle
+
+
+@kernel
+def turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
+    """Turn the angles that are still to be given back against the body, over a period in s.
+
+    They belong to an orientation of the past, and stay what they are only in a frame that does not
+    turn. The rotation is that of the last sample (Rodrigues).
+    """
+    x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        return
+    a, b = axes[0]['accepted'] * period, axes[1]['accepted'] * period
+    c = axes[2]['accepted'] * period
+    along, square = a * x + b * y + c * z, a * a + b * b + c * c
+    across, within = rotation_terms(square)
+    axes[0]['compensation'] = x - across * (b * z - c * y) + within * (a * along - x * square)
+    axes[1]['compensation'] = y - across * (c * x - a * z) + within * (b * along - y * square)
+    axes[2]['compensation'] = z - across * (a * y - b * x) + within * (c * along - z * square)
+
+
+@kernel
+def note_prediction(bridge: Bridge, predicted: float, measured: float) -> None:
+    """Note a change that was predicted and measured, in rad/s."""
+    square, product = predicted * predicted, predicted * measured
+    bridge['predicted_square'] += PREDICTION_MEMORY * (square - bridge['predicted_square'])
+    bridge['predicted_product'] += PREDICTION_MEMORY * (product - bridge['predicted_product'])
+
+
+@kernel
+def predictable(bridge: Bridge) -> float:
+    """Return the share of a predicted change that comes true, between 0 and 1.
+
+    It is the regression of what was measured on what was predicted.
+    """
+    square, product = bridge['predicted_square'], bridge['predicted_product']
+    return float(min(max(product / square, 0.0), 1.0)) if square > 0.0 else 1.0
+
+
+@kernel
+def _cross_bridge(
+    bridge: Bridge, workspace: AdaptiveAxisWorkspace, sample: float, put_out: float
+) -> float:
+    """Return what repeated samples turned beyond what was put out, in rad/s times samples.
+
+    It shows with the second sample after them, by the cubic that has the rates and the slopes at
+    both ends. `sample` and what is put out for it are in rad/s.
+    """
+    decision, accepted = decision_of(workspace['reason']), workspace['accepted']
+    repeated, turned = decision == Decision.BRIDGE, 0.0
+    if bridge['behind']:
+        slope = predictable(bridge) * (sample - accepted)
+        slope = bridge['slope_before'] if repeated else slope
+        turned = _turned_beyond(bridge, accepted, slope)
+    if repeated and (bridge['samples'] == 0 or bridge['behind']):
+        bridge['samples'] = 0
+        bridge['angular_velocity'] = 0.0
+        bridge['before'] = accepted
+        bridge['slope_before'] = predictable(bridge) * (workspace['prediction'] - accepted)
+    elif bridge['behind'] or decision == Decision.HOLD:
+        bridge['samples'] = 0
+    if repeated:
+        bridge['samples'] += 1
+        bridge['angular_velocity'] += put_out
+    bridge['behind'] = not repeated and bridge['samples'] > 0
+    return turned
+
+
+@kernel
+def _turned_beyond(bridge: Bridge, after: float, slope_after: float) -> float:
+    """Return what `_cross_bridge` does, for the rate after the bridge and the slope there.
+
+    In rad/s and rad/s per sample.
+    """
+    intervals = bridge['samples'] + 1.0
+    curve = (bridge['slope_before'] - slope_after) * intervals * intervals / 12.0
+    mean = 0.5 * (bridge['before'] + after)
+    return float(bridge['samples'] * mean + curve - bridge['angular_velocity'])
