@@ -130,6 +130,22 @@ def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
     assert found(file)
 
 
+@pytest.mark.parametrize('folder', [True, False])
+def test_a_file_that_may_not_be_read_was_not_cut_off(folder, tmp_path, random, monkeypatch):
+    replay(write_mcap(tmp_path / 'in.mcap', mixed(random)), tmp_path / 'b', parameters=Parameters())
+    file, opened = tmp_path / 'b' / 'b.mcap', Path.open
+
+    def refuse(path, *arguments, **options):
+        if path == file:
+            raise PermissionError(13, 'Permission denied', str(path))
+        return opened(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, 'open', refuse)
+    with pytest.raises(BagError, match='Permission denied') as error:
+        found(tmp_path / 'b' if folder else file)
+    assert 'cut off' not in str(error.value)
+
+
 def test_replay_and_its_warning(tmp_path, random, capsys):
     path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
     whole = path.read_bytes()

@@ -17,7 +17,7 @@
 import logging
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -85,14 +85,19 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
             reader = AnyReader([path], default_typestore=all_types())
             reader.open()
     except Exception as error:
-        hint = ''
-        cut = [file for file in path.glob('*.mcap') if is_cut_off(file)] if path.is_dir() else []
-        if cut:
-            hint = f' ({cut[0].name} was cut off: name that file, to read it as far as it goes)'
         raise BagError(
-            f'{name} can not be read as a bag: {reason_of_library(error)}{hint}'
+            f'{name} can not be read as a bag: {reason_of_library(error)}{_cut_off_in(path)}'
         ) from error
     return reader
+
+
+def _cut_off_in(path: Path | StoredPath) -> str:
+    """Return a hint to the file of a folder that was cut off, if one was."""
+    with suppress(OSError):
+        for file in path.glob('*.mcap') if path.is_dir() else ():
+            if is_cut_off(file):
+                return f' ({file.name} was cut off: name that file, to read it as far as it goes)'
+    return ''
 
 
 def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
@@ -100,6 +105,9 @@ def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
     try:
         if path.suffix != '.mcap' or path.is_dir() or not is_cut_off(path):
             return path
+    except OSError as error:
+        raise BagError(f'{path} can not be opened: {reason(error)}') from error
+    try:
         copy = folder / path.name
         count = recover(path, copy)
     except McapError as error:
