@@ -82,6 +82,20 @@ def test_the_page_and_the_figures(fleet, tmp_path, capsys):
     assert "default-src 'none'" in text
 
 
+def test_a_fleet_that_is_too_young_is_not_called_well(tmp_path, capsys):
+    """A change takes four bags of a sensor to be seen."""
+    for days, said in ((3, 'No sensor can be judged yet'), (4, 'No sensor gets worse')):
+        folder = tmp_path / str(days)
+        folder.mkdir()
+        write_table(
+            folder / 'fleet.parquet',
+            [row('a', day, axis) for day in range(days) for axis in 'xyz'],
+        )
+        page, _ = made(folder, folder)
+        assert said in page.read_text()
+        assert said in capsys.readouterr().out
+
+
 def test_what_is_no_fleet_is_told(fleet, tmp_path, capsys):
     other = tmp_path / 'other'
     other.mkdir()

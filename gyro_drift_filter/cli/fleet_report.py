@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
 
 def ranking_text(sensors: Sequence['Sensor']) -> str:
     """Return the sensors that get worse as text."""
-    from gyro_drift_filter.fleet.page import day, describe_change
+    from gyro_drift_filter.fleet.page import day, describe_change, headline
 
     rows = [['robot', 'topic', 'since', 'deviations', 'what has changed']]
     for sensor in sensors:
@@ -97,7 +97,7 @@ def ranking_text(sensors: Sequence['Sensor']) -> str:
                     what,
                 ]
             )
-    return table(rows) if len(rows) > 1 else 'no sensor gets worse'
+    return table(rows) if len(rows) > 1 else headline(sensors)
 
 
 def _plain(sensor: 'Sensor') -> dict[str, Any]:

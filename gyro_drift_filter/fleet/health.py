@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from gyro_drift_filter.fleet.changes import Series, Usual, find_change
+from gyro_drift_filter.fleet.changes import LEAST_BAGS, Series, Usual, find_change
 
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
@@ -179,6 +179,15 @@ class Sensor:
     bags: list[dict[str, Any]]
     histories: dict[str, dict[str, list[Point]]]
     changes: list[Change]
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether there are bags enough to tell a change of any quantity."""
+        return any(
+            len(points) >= LEAST_BAGS
+            for of_axes in self.histories.values()
+            for points in of_axes.values()
+        )
 
     @property
     def size(self) -> float:

@@ -21,6 +21,7 @@ from importlib.resources import files
 from typing import Any
 
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.fleet.changes import LEAST_BAGS
 from gyro_drift_filter.fleet.health import FROZEN, QUANTITIES, Change, Sensor
 from gyro_drift_filter.report.page import document, table_of, text_of
 
@@ -42,15 +43,10 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
     drawn = sensors[:LARGEST]
     bags = len({bag['source'] for s in sensors for bag in s.bags} | {f['source'] for f in failures})
     robots = len({sensor.robot for sensor in sensors})
-    said = 'No sensor gets worse.'
-    if worse:
-        said = (
-            f'{len(worse)} of {len(sensors)} sensors {"get" if len(worse) > 1 else "gets"} worse.'
-        )
     body = [
         f'<h1>Fleet: {bags} bags of {robots} robots</h1>',
         '<nav id="bar" aria-label="page"><span><button id="theme"></button></span></nav>',
-        f'<p class="headline{" useless" if worse else ""}">{said}</p>',
+        f'<p class="headline{" useless" if worse else ""}">{headline(sensors)}</p>',
         '<p>A change is counted in deviations of what the sensor did before, and listed where '
         'chance does not make it. docs/fleet.md says how.</p>',
         _ranking(sensors),
@@ -67,6 +63,16 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
     script = files(__package__).joinpath('page.js').read_text(encoding='utf-8')
     data = {'sensors': [_data(sensor, link) for sensor in drawn]}
     return document('gyro_drift fleet', body, data, script)
+
+
+def headline(sensors: Sequence[Sensor]) -> str:
+    """Return in a sentence how many sensors get worse, or that none can be judged yet."""
+    worse = sum(sensor.size > 0.0 for sensor in sensors)
+    if worse:
+        return f'{worse} of {len(sensors)} sensors {"get" if worse > 1 else "gets"} worse.'
+    if any(sensor.is_judged for sensor in sensors):
+        return 'No sensor gets worse.'
+    return f'No sensor can be judged yet: that takes {LEAST_BAGS} bags of one.'
 
 
 def describe_change(change: Change) -> str:
