@@ -25,6 +25,14 @@ def reason(error: BaseException) -> str:
     return printable(str(error)) or type(error).__name__
 
 
+def yaml_reason(error: Exception) -> str:
+    """Return where a text is no YAML and why, in one line, as far as the parser's error says it."""
+    mark, problem = getattr(error, 'problem_mark', None), getattr(error, 'problem', None)
+    if mark is None or not problem:
+        return reason(error)
+    return printable(f'line {mark.line + 1}, column {mark.column + 1}: {problem}')
+
+
 class GyroDriftFilterError(Exception):
     """A known error: its text is one line that says what is wrong and what to do."""
 

@@ -176,6 +176,16 @@ def test_a_file_of_kalibr_becomes_a_parameter_file(tmp_path):
     np.testing.assert_allclose(np.reshape(found, (3, 3)), MATRIX, atol=1e-8)
 
 
+def test_what_a_calibration_is_not_turned_into_is_told(tmp_path, capsys):
+    source = tmp_path / 'imu.yaml'
+    source.write_text('a: 1')
+    output = tmp_path / 'p.yaml'
+    arguments = ['-o', str(output), '--json', str(tmp_path / 'r.json'), '--end', '9', '--turns']
+    assert main(['calibrate', str(source), *arguments]) == 1
+    assert 'leave out --json, --end, --turns' in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_a_file_of_imu_tk_becomes_a_parameter_file(tmp_path, capsys):
     path, skew, scale = (
         tmp_path / 'gyro.calib',

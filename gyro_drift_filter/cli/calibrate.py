@@ -15,6 +15,7 @@
 """`gyro_drift calibrate`: scale and misalignment from a recording of turns by hand."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
-from gyro_drift_filter.errors import printable
+from gyro_drift_filter.errors import printable, yaml_reason
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -33,6 +34,17 @@ if TYPE_CHECKING:
 
 # Exit status where entries are not known well: they are named.
 INCOMPLETE = 3
+# The options that a recording is needed for, and their defaults.
+_OF_RECORDINGS = {
+    'json': None,
+    'plot': None,
+    'kalibr': None,
+    'topic': None,
+    'start': 0.0,
+    'end': math.inf,
+    'turns': False,
+    'reference': None,
+}
 
 
 def add_parser(subcommands: Any) -> None:
@@ -137,12 +149,17 @@ def _convert(options: argparse.Namespace) -> None:
     path = options.bags[0]
     if len(options.bags) > 1:
         raise GyroDriftFilterError(f'{path} is a calibration: name it alone')
+    given = [name for name, default in _OF_RECORDINGS.items() if vars(options)[name] != default]
+    if given:
+        raise GyroDriftFilterError(
+            f'{path} is a calibration, not a recording: leave out --{", --".join(given)}'
+        )
     try:
         text = path.read_text(encoding='utf-8')
         kalibr = path.suffix != '.calib'
         found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GyroDriftFilterError(f'{path} is no YAML: {" ".join(str(error).split())}') from error
+        raise GyroDriftFilterError(f'{path} is no YAML: {yaml_reason(error)}') from error
     sensitivity = (
         NO_SENSITIVITY if found.sensitivity is None else found.sensitivity.ravel().tolist()
     )

@@ -20,6 +20,7 @@ from typing import Any
 
 from gyro_drift_filter.core import GyroDriftFilterError, ParameterError
 from gyro_drift_filter.core.parameters import is_misspelt, unknown_name
+from gyro_drift_filter.errors import yaml_reason
 
 LARGEST_FILE = 1_000_000  # bytes
 
@@ -91,9 +92,7 @@ def _load(path: Path) -> dict[Any, Any]:
     except OSError as error:
         raise ParameterError(f'parameter file {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise ParameterError(
-            f'parameter file {path} is no YAML: {" ".join(str(error).split())}'
-        ) from error
+        raise ParameterError(f'parameter file {path} is no YAML: {yaml_reason(error)}') from error
     if not isinstance(document, dict):
         raise NoSectionsError(f'parameter file {path} holds no node names')
     return document
