@@ -28,6 +28,7 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.repeats import judge_repeats
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -192,6 +193,24 @@ def test_bursts(found):
     stamps = arrival + 1_000_000 * (np.arange(len(arrival)) % 8)
     bursts = again(replace(simulation, stamps=stamps), np.arange(len(stamps)))
     assert faults(found(bursts, log_times=stamps + 200_000)) == {'bursts'}
+
+
+@pytest.mark.parametrize('size', [2, 8, 10**6])
+def test_stamps_that_messages_share(size, found):
+    """Of a buffer, and of a driver that has never stamped anew."""
+    simulation = handled()
+    stamps = simulation.stamps[np.arange(len(simulation.stamps)) // size * size]
+    findings = found(replace(simulation, stamps=stamps), log_times=simulation.stamps + 200_000)
+    (shared,) = (finding for finding in findings if finding.name == 'shared stamps')
+    assert shared.values['share_of_shared_stamps'] == pytest.approx(1.0 - 1.0 / size, abs=0.01)
+    assert not {'bursts', 'jitter', 'arrival stamps'} & faults(findings)
+
+
+def test_repeats_count_from_the_second_sample_on(random):
+    values = random.standard_normal((6, 100))
+    values[:, 1:41] = values[:, :1]
+    found = judge_repeats(tuple(values[:3]), tuple(values[3:]))
+    assert (found.values['repeated'], found.values['times']) == (40, 1)
 
 
 def test_a_driver_that_polls_repeats_samples(found):

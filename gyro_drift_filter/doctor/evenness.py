@@ -36,7 +36,7 @@ _JITTER_SECONDS, _JITTER_PERIODS = 1e-3, 0.25
 # time of the sample none. The mean over windows of 200 is known to some 0.1.
 _SKEWED = 0.8
 # A driver that empties a buffer stamps all but the first of its samples with nearly no step between
-# them. Exponential delays of a third of the period give 2 % of so short steps.
+# them, or with none at all. Exponential delays of a third of the period give 2 % of so short steps.
 _SHORT_STEP, _SHORT_SHARE = 0.25, 0.15
 
 
@@ -47,20 +47,23 @@ class Evenness:
     Attributes:
         jitter: Their standard deviation from there in s, median over the windows.
         skewness: Of what they are off by: 0 symmetric, positive with a tail of late ones.
-        short: Share of the steps that are below a quarter of the period.
+        short: Share of the steps that are below a quarter of the period, but not zero.
+        shared: Share of the steps that are zero.
     """
 
     jitter: float
     skewness: float
     short: float
+    shared: float
 
 
 def measure_evenness(stamps: Values, period: float) -> Evenness | None:
     """Return how stamps (n,) in ns lie about even steps of about `period` s; None for too few."""
-    deviations, skews, short, steps_seen = [], [], 0, 0
+    deviations, skews, short, shared, steps_seen = [], [], 0, 0, 0
     for window in _windows(stamps):
         steps = np.diff(window) * 1e-9
         steps_seen += len(steps)
+        shared += int((steps == 0.0).sum())
         short += int(((steps > 0.0) & (steps < _SHORT_STEP * period)).sum())
         if len(window) < _LEAST_WINDOW:
             continue
@@ -76,7 +79,7 @@ def measure_evenness(stamps: Values, period: float) -> Evenness | None:
     if not deviations:
         return None
     skewness = float(np.mean(skews)) if skews else 0.0
-    return Evenness(float(np.median(deviations)), skewness, short / max(steps_seen, 1))
+    return Evenness(float(np.median(deviations)), skewness, short / steps_seen, shared / steps_seen)
 
 
 def judge_evenness(stamps: Values, period: float) -> Finding:
@@ -88,6 +91,7 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
         'jitter_seconds': found.jitter,
         'skewness': found.skewness,
         'share_of_short_steps': found.short,
+        'share_of_shared_stamps': found.shared,
     }
     milliseconds = f'{1e3 * found.jitter:.2g} ms'
     if found.short > _SHORT_SHARE:
@@ -98,6 +102,15 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
             f'below a quarter of the {1e3 * period:.3g} ms between samples',
             'the driver empties a buffer and stamps on arrival: have it count back from the newest '
             'sample, one period each. Do not integrate by these stamps',
+            values,
+        )
+    if found.shared > _SHORT_SHARE:
+        return Finding(
+            'shared stamps',
+            Verdict.FAULT,
+            f'{100.0 * found.shared:.3g} % of the messages have the stamp of the message before',
+            'the driver stamps a whole buffer at once, or by a clock of coarse steps: have it give '
+            'each sample its own time, one period apart. Do not integrate by these stamps',
             values,
         )
     if found.jitter <= min(_JITTER_SECONDS, _JITTER_PERIODS * period):

@@ -35,14 +35,17 @@ def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
     """Say whether samples of rates and accelerations, three columns (n,) each, are repeated."""
     n, repeated, runs, chance = len(rates[0]), 0, 0, 0
     for first in range(0, n, LARGEST_PART):
-        part = slice(max(first - 2, 0), first + LARGEST_PART)
+        ahead = min(first, 2)
+        part = slice(first - ahead, first + LARGEST_PART)
         values = np.column_stack([column[part] for column in (*rates, *accelerations)])
         values = np.nan_to_num(values)
-        same = (values[1:] == values[:-1]).all(axis=1)
-        repeated += int(same[1:].sum())
-        runs += int((same[1:] & ~same[:-1]).sum())
-        between = (values[2:] == values[:-2]).all(axis=1)
-        chance += int((between & ~same[1:] & ~same[:-1]).sum())
+        same, before, between = np.zeros((3, len(values)), np.bool_)
+        same[1:] = (values[1:] == values[:-1]).all(axis=1)
+        before[1:] = same[:-1]
+        between[2:] = (values[2:] == values[:-2]).all(axis=1)
+        repeated += int(same[ahead:].sum())
+        runs += int((same & ~before)[ahead:].sum())
+        chance += int((between & ~same & ~before)[ahead:].sum())
     found: dict[str, Any] = {'repeated': repeated, 'times': runs, 'by_chance': chance}
     if repeated <= chance + _LEAST + _DEVIATIONS * math.sqrt(chance):
         return Finding('repeats', Verdict.SOUND, 'no sample is repeated', values=found)
