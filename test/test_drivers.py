@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
@@ -156,6 +157,20 @@ def test_what_follows_a_gap_in_fast_motion_is_no_outlier(random):
     results = Filter(Parameters()).run(times[kept], z[kept], upright(random, len(z))[kept])
     assert not results['outlier'][850:].any()
     assert np.abs(results['angular_velocity'] - z[kept])[900:].max() < 0.1
+
+
+@pytest.mark.parametrize(('lost', 'most'), [(0.0, 0.0), (0.05, 0.01)])
+def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(lost, most, random):
+    """Stamps of arrival, late by 0.3 periods in the mean: the clock counts many of them later."""
+    n = 12_000
+    sections = signal.butter(3, 4.0, fs=100.0, output='sos')
+    hand = signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0)
+    z = 6.0 * hand / hand.std() + 0.005 * random.standard_normal((n, 3))
+    late = (3e6 * random.exponential(size=n)).astype(np.int64)
+    times = np.maximum.accumulate(stamps(n, 100.0) + late)
+    kept = random.random(n) >= lost
+    results = Filter(Parameters()).run(times[kept], z[kept], upright(random, n)[kept])
+    assert results['outlier'][1500:].any(axis=1).mean() <= most
 
 
 def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):

@@ -275,3 +275,10 @@ def take_over(filter_: 'FilterRecord', axis: int, rate: float) -> None:
     start(filter_, axis, rate)
     if filter_['settings']['method'] == ADAPTIVE:
         adaptive.make_equally_likely(filter_['state']['methods']['adaptive'][axis])
+
+
+@kernel
+def note_gap(filter_: 'FilterRecord', possibly_missing: int) -> None:
+    """Note that so many samples may be missing before the next one, although none was predicted."""
+    circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
+    circumstances['possibly_missing'] = possibly_missing

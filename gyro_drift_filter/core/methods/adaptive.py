@@ -397,7 +397,8 @@ def update(
         doubt['unseen'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
     doubt['last_sample'] = sample
-    note_decision(doubt, sample - prediction, decision == Decision.HOLD and not dropout)
+    held = decision == Decision.HOLD and not dropout
+    note_decision(doubt, sample - prediction, sample - accepted, held, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - accepted, sample - accepted)

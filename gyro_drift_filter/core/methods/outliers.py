@@ -79,6 +79,8 @@ FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 # Of usual changes and innovations: the weight of a sample; more than so many times the usual one
 # counts as this much; and none is less, as processors are slow with denormal numbers.
 USUAL_MEMORY, USUAL_LIMIT, LEAST_USUAL = 0.05, 5.0, 1e-9
+# A motion that turns back and forth changes by up to so many times what it does in the mean.
+LARGEST_CHANGE = 3.0
 
 
 class Decision(IntEnum):
@@ -121,6 +123,7 @@ class Reason(IntEnum):
 class Circumstances(TypedDict):
     """What is known of a sample beside its rate on the axis at hand."""
 
+    possibly_missing: int  # samples before it, which its stamp and earlier losses do not rule out
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
     polled: bool  # samples are repeated now and then
@@ -162,6 +165,7 @@ class Doubt(TypedDict):
     # of every sample
     before_restart: float  # rad/s, the accepted one before all modes last started anew
     usual_innovation: float  # rad/s, of the last samples
+    usual_change: float  # rad/s, from one of those that were accepted to the next
     last_sample: float  # as it came, rad/s
     repeats: int  # how often it has come before
     share_held: float  # of the last samples, not counting drop-outs
@@ -266,6 +270,7 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['agreeing'] = 0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
+    doubt['usual_change'] = LEAST_USUAL
     doubt['repeats'] = 0
     doubt['share_held'] = 0.0
     doubt['last_sample'] = sample
@@ -304,6 +309,11 @@ def judge(
         # An extrapolation says little: what a body can have come to meanwhile is no outlier.
         reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
         if abs(sample - accepted) <= reach:
+            return Reason.REACHED if doubtful else Reason.EXPECTED
+    elif circumstances['possibly_missing'] > 0 and not dropout and not still:
+        # Nor is what it comes to in so many samples by its motion of late.
+        usual_change = min(LARGEST_CHANGE * doubt['usual_change'], limits['body_limit'])
+        if abs(sample - accepted) <= usual_change * (circumstances['possibly_missing'] + 1.0):
             return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
@@ -416,13 +426,18 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
 
 
 @kernel
-def note_decision(doubt: Doubt, innovation: float, held: bool) -> None:
-    """Keep account of how many samples are held, and of how large innovations (rad/s) are.
+def note_decision(
+    doubt: Doubt, innovation: float, change: float, held: bool, limits: OutlierLimits
+) -> None:
+    """Keep account of how many samples are held, and how large innovations and changes are, rad/s.
 
     A vibration must not be held for ever, and what is usual is no jump.
     """
     usual = doubt['usual_innovation']
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
+    if not held:
+        largest = max(USUAL_LIMIT * doubt['usual_change'], limits['reached'])
+        doubt['usual_change'] = _usual_after(doubt['usual_change'], abs(change), largest)
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
