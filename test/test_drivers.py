@@ -159,6 +159,25 @@ def test_what_follows_a_gap_in_fast_motion_is_no_outlier(random):
     assert np.abs(results['angular_velocity'] - z[kept])[900:].max() < 0.1
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_the_second_sample_behind_a_gap_is_no_outlier(seed):
+    """Two are missing just before the peak of a twist, which the first one behind them hides."""
+    random, n = np.random.default_rng(seed), 9000
+    seconds = np.arange(n) / 100.0
+    truth = 0.4 * np.sin(2 * np.pi * 0.3 * seconds[:, None] + np.arange(3))
+    truth[:800] = 0.0
+    kept = np.ones(n, bool)
+    for k in range(1500, n - 50, 60):
+        width, peak = random.uniform(0.02, 0.05), seconds[k] + random.uniform(-5e-3, 5e-3)
+        size = random.choice([-1, 1]) * random.uniform(3.0, 8.0)
+        truth[:, 0] += size * np.exp(-(((seconds - peak) / width) ** 2))
+        kept[k - 3 : k - 1] = False
+    z = truth + 0.005 * random.standard_normal((n, 3))
+    times = stamps(n, 100.0)
+    results = Filter(Parameters()).run(times[kept], z[kept], upright(random, n)[kept])
+    assert not results['outlier'][1000:].any()
+
+
 @pytest.mark.parametrize(('lost', 'most'), [(0.0, 0.0), (0.05, 0.01)])
 def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(lost, most, random):
     """Stamps of arrival, late by 0.3 periods in the mean: the clock counts many of them later."""

@@ -362,6 +362,7 @@ def update(
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, accepted = circumstances['dropout'], state['accepted']
+    unseen = doubt['unseen']
     reason = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
     # After the judgement, which it overrules: it has to see every sample.
     constant = is_constant(doubt, sample, noise['variance'])
@@ -397,6 +398,8 @@ def update(
         doubt['unseen'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
     doubt['last_sample'] = sample
+    if doubt['unseen'] == 0:
+        doubt['unseen_before'] = unseen
     held = decision == Decision.HOLD and not dropout
     note_decision(doubt, sample - prediction, sample - accepted, held, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW

@@ -156,6 +156,7 @@ class Doubt(TypedDict):
 
     held: int  # how many in a row, missing ones among them
     unseen: int  # how many in a row, up to the last one, that were not measured
+    unseen_before: int  # the same before the last one that was measured
     # These mean nothing where none is held.
     agreeing: int  # of them, the last ones that agree
     growing: int  # of them, the last ones that were each further away than the one before
@@ -266,7 +267,7 @@ def _usual_after(usual: float, size: float, largest: float) -> float:
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
     doubt['held'] = 0
-    doubt['unseen'] = 0
+    doubt['unseen'] = doubt['unseen_before'] = 0
     doubt['agreeing'] = 0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
@@ -310,10 +311,12 @@ def judge(
         reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
         if abs(sample - accepted) <= reach:
             return Reason.REACHED if doubtful else Reason.EXPECTED
-    elif circumstances['possibly_missing'] > 0 and not dropout and not still:
-        # Nor is what it comes to in so many samples by its motion of late.
+    possible = max(circumstances['possibly_missing'], min(doubt['unseen_before'], 1))
+    if possible > 0 and not dropout and not still:
+        # Nor is what it comes to in so many samples by its motion of late, also where that was not
+        # seen to change: the first sample after a gap does not show it yet.
         usual_change = min(LARGEST_CHANGE * doubt['usual_change'], limits['body_limit'])
-        if abs(sample - accepted) <= usual_change * (circumstances['possibly_missing'] + 1.0):
+        if abs(sample - accepted) <= usual_change * (possible + 1.0):
             return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
