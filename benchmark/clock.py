@@ -60,6 +60,8 @@ def main() -> None:
         ('200 Hz, jitter 10 %, 1 in 50 lost', 200, jittered(200, 0.1, random), 0.02),
         ('200 Hz, jitter 40 %, 1 in 50 lost', 200, jittered(200, 0.4, random), 0.02),
         ('100 Hz, bursts of up to 40', 100, bursty_stamps(SECONDS * 100, 100, random), 0.0),
+        ('100 Hz, even, 1 in 10 lost', 100, jittered(100, 0.0, random), 0.1),
+        ('100 Hz, late by 0.5 ms, 1 in 10 lost', 100, delayed(100, 0.5e-3, random), 0.1),
     ]
     print(f'{"stamps":40s}  rate       missing, of   at once  false')
     for text, rate, all_stamps, share in cases:
