@@ -117,11 +117,9 @@ MEAN_DELAY_WEIGHT = 0.25
 LIMIT_MARGIN = 0.05
 
 # Steps between neighbours that vary by no more than this share of theirs leave no doubt where
-# samples are missing. Their mean is the period if so many times the samples that were found missing
-# explain it.
-EVEN_STEPS = 0.1
-MOST_MISSING = 1.5
-DEVIATIONS = 3.0
+# samples are missing. Their mean is the period if it is another one for sure, by so many deviations
+# of it, and if the samples missing by it are at most so many times those that were found missing.
+EVEN_STEPS, STEP_DEVIATIONS, MISSING_RATIO = 0.1, 3.0, 1.5
 
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
@@ -599,9 +597,9 @@ def _single_step(clock: Clock) -> float:
     variance = max(clock['single_squares'] / count - single * single, 0.0)
     if variance > (EVEN_STEPS * single) ** 2:
         return float(period)
-    doubt = SAME_PERIOD * period + DEVIATIONS * math.sqrt(variance / count)
+    doubt = SAME_PERIOD * period + STEP_DEVIATIONS * math.sqrt(variance / count)
     missing_by_it = (clock['steps'] * period + clock['lateness']) / single - samples
-    if abs(single - period) < doubt or not 0.0 < missing_by_it < MOST_MISSING * missing:
+    if abs(single - period) < doubt or not 0.0 < missing_by_it < MISSING_RATIO * missing:
         return float(period)
     return float(single)
 

@@ -52,8 +52,8 @@ from gyro_drift_filter.core.settings import Settings
 
 # In periods: behind a longer step samples may be missing although delays explain it, as the clock
 # finds out by later stamps only. And how many may be.
-LONG_STEP = 1.4
-MOST_MISSING = 5
+LATE_STEP = 1.4
+MOST_POSSIBLE = 5
 # Of a sample in the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
 
@@ -89,8 +89,8 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     if settings['is_sensitive']:
         _take_acceleration_off(sample, state['acceleration'], settings)
     possible = 0
-    if missing == 0 and elapsed > LONG_STEP * period and clock['missing_samples'] > 0:
-        possible = min(int(elapsed / period - LONG_STEP) + 1, MOST_MISSING)
+    if missing == 0 and elapsed > LATE_STEP * period and clock['missing_samples'] > 0:
+        possible = min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
     methods.note_gap(filter_, possible)
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, filter_)
