@@ -42,7 +42,7 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.outliers import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.paths import FLIGHTS
-from support.sensor import by_hand
+from support.sensor import by_hand, motion_below
 
 START = 10**18
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
@@ -603,14 +603,12 @@ def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
 @pytest.mark.parametrize('rate', [20.0, 25.0, 30.0])
 def test_a_hand_is_followed_at_a_low_rate(rate, deviation, random):
     """It turns back within two or three samples, as if it jumped."""
-    sections = signal.butter(3, 5.0, fs=300.0, output='sos')
-    hand = signal.sosfiltfilt(sections, random.standard_normal((9000, 3)), axis=0)
+    hand = motion_below(5.0, random, 9000, 300.0)
     hand *= 6.0 * np.minimum(np.arange(9000) / 900.0, 1.0)[:, None] / hand.std()
     still = np.zeros((round(20 * rate), 3))
     truth = np.concatenate([still, hand[:: round(300.0 / rate)]])
     z = truth + deviation * random.standard_normal(truth.shape)
-    stamps = START + np.round(np.arange(len(z)) * 1e9 / rate).astype(np.int64)
-    results = Filter().run(stamps, z, still_accelerations(random, len(z)))
+    results = at_rate(rate, z, still_accelerations(random, len(z)))
     later = slice(len(still) + round(5 * rate), None)
     assert not results['outlier'][later].any()
     error = (results['angular_velocity'] - truth)[later]

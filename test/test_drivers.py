@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
 
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
@@ -31,7 +30,7 @@ from gyro_drift_filter.rotations import (
     to_vectors,
 )
 from support.paths import MOTION
-from support.sensor import fast_turn
+from support.sensor import fast_turn, motion_below
 
 
 @pytest.mark.parametrize('world', list(WORLDS))
@@ -182,8 +181,7 @@ def test_the_second_sample_behind_a_gap_is_no_outlier(seed):
 def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(lost, most, random):
     """Stamps of arrival, late by 0.3 periods in the mean: the clock counts many of them later."""
     n = 12_000
-    sections = signal.butter(3, 4.0, fs=100.0, output='sos')
-    hand = signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0)
+    hand = motion_below(4.0, random, n, 100.0)
     z = 6.0 * hand / hand.std() + 0.005 * random.standard_normal((n, 3))
     late = (3e6 * random.exponential(size=n)).astype(np.int64)
     times = np.maximum.accumulate(stamps(n, 100.0) + late)

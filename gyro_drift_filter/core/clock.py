@@ -31,10 +31,11 @@ is its delay.
 - While stamps come in bursts a delay means nothing.
 
 Where many samples are lost from the very start on, the period is learned longer by their share.
-Even steps tell it: those between neighbours are all of one length, and the samples missing by it
-are at most half as many more than were found missing. (A bus that is asked every 8 ms for samples
-of every 10 ms has such steps, too, but nothing is missing.) Where delays come near a period as
-well, who knows neither can't tell them apart.
+Even stamps show it: all steps with nothing missing between have the same length then. This length
+is taken for the period if it makes at most half as many more samples missing as were found missing.
+(A bus that is asked every 8 ms for samples of every 10 ms has steps of one length, too, but next to
+nothing was found missing.) Where delays come near a period as well, losses and delays can't be told
+apart.
 
 Every effect of a stamp is counted:
 
@@ -120,6 +121,10 @@ LIMIT_MARGIN = 0.05
 # samples are missing. Their mean is the period if it is another one for sure, by so many deviations
 # of it, and if the samples missing by it are at most so many times those that were found missing.
 EVEN_STEPS, STEP_DEVIATIONS, MISSING_RATIO = 0.1, 3.0, 1.5
+
+# In periods: behind a longer step samples may be missing, even if delays explain it so far; and no
+# more than so many samples.
+LATE_STEP, MOST_POSSIBLE = 1.4, 5
 
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
@@ -266,6 +271,18 @@ def elapsed_seconds(clock: Clock, stamp: int) -> float:
     return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
 
 
+@kernel
+def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
+    """Return how many samples may be missing before one for which `advance_clock` found none.
+
+    There may be some where the step of `elapsed` s is long for the period in s, and where samples
+    have been missing before: delays may hide a loss until later stamps show it.
+    """
+    if clock['missing_samples'] == 0 or elapsed <= LATE_STEP * period:
+        return 0
+    return min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
+
+
 @inlined_kernel
 def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float) -> int:
     """Move the clock to `stamp` (ns) and return the number of samples missing before it.
@@ -320,6 +337,7 @@ def _start_envelope(clock: Clock) -> None:
 
 @kernel
 def _forget_steps(clock: Clock) -> None:
+    """Forget how long the steps of the block were."""
     clock['long_steps'] = clock['single_steps'] = 0
     clock['single_sum'] = clock['single_squares'] = 0.0
 
@@ -357,7 +375,7 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     is_long = elapsed > LONG_STEP * period
     if is_long:
         clock['long_steps'] += 1
-    if abs(elapsed - period) < 0.5 * period:
+    if abs(elapsed - period) < 0.5 * period:  # one period is the nearest number of them
         clock['single_steps'] += 1
         clock['single_sum'] += elapsed
         clock['single_squares'] += elapsed * elapsed
@@ -486,7 +504,6 @@ def _learn_verdict(clock: Clock, missing: bool) -> None:
 def _end_stretch(clock: Clock, sample_rate: float) -> None:
     """Learn from the stretch what there is to learn, and start the next one."""
     starting, period = clock['blocks'] == 0, clock['mean_period']
-    single = _single_step(clock)
     regular, samples = clock['irregularity'] < REGULAR, clock['stretch_samples']
     # Who is found regular so early has next to no jitter, and the period is known.
     if clock['anchored'] or (regular and samples == ANCHOR_SAMPLES):
@@ -495,6 +512,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         clock['steps'] * period + clock['lateness'] >= BLOCK_SECONDS
         and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
     )
+    single = _single_step(clock)
     if single != period:
         _correct_period(clock, single, sample_rate)
         return
@@ -524,7 +542,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
 
 @kernel
 def _learn_delays(clock: Clock) -> None:
-    """Say by the delays of the stretch, and of those before, how long a delay is a gap."""
+    """Learn from the delays of the stretch how long they are, and how long one is a gap."""
     period, samples = clock['mean_period'], clock['stretch_samples']
     if clock['suspicious'] < math.inf:
         longest, mean = clock['longest'], clock['sum'] / samples
@@ -540,6 +558,7 @@ def _learn_delays(clock: Clock) -> None:
 
 @kernel
 def _limit_delays(clock: Clock) -> None:
+    """Say by what is known of the delays how long one is suspicious, and how long it is a gap."""
     period, longest, mean = clock['mean_period'], clock['longest_delay'], clock['mean_delay']
     # Jitter of a timer is even: it ends at twice its mean. What is beyond is a tail, of which one
     # may yet see twice as much; and delays of more than a period are those of a queue, which may

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
-from gyro_drift_filter.core.clock import TIME_JUMP, advance_clock, elapsed_seconds, lengthen_period
+from gyro_drift_filter.core.clock import (
+    TIME_JUMP,
+    advance_clock,
+    elapsed_seconds,
+    lengthen_period,
+    possibly_missing,
+)
 from gyro_drift_filter.core.motion_bias import (
     BIAS,
     lose_direction,
@@ -50,10 +56,6 @@ from gyro_drift_filter.core.sample import (
 from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
 from gyro_drift_filter.core.settings import Settings
 
-# In periods: behind a longer step samples may be missing although delays explain it, as the clock
-# finds out by later stamps only. And how many may be.
-LATE_STEP = 1.4
-MOST_POSSIBLE = 5
 # Of a sample in the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
 
@@ -88,12 +90,9 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
         _take_acceleration_off(sample, state['acceleration'], settings)
-    possible = 0
-    if missing == 0 and elapsed > LATE_STEP * period and clock['missing_samples'] > 0:
-        possible = min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
-    methods.note_gap(filter_, possible)
+    possible = possibly_missing(clock, elapsed, period) if missing == 0 else 0
     _stop_coasting(sample, missing, filter_)
-    _filter_axes(sample, missing, filter_)
+    _filter_axes(sample, missing, possible, filter_)
     _take_bias_off(sample, elapsed, missing, filter_)
     _calibrate(settings, result)
     for axis in range(3):
@@ -199,8 +198,11 @@ def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
 
 
 @kernel
-def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
-    """Predict all axes, then take in what the sample is on all of them."""
+def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRecord) -> None:
+    """Predict all axes, then take in what the sample is on all of them.
+
+    So many samples are `missing` before it, or as many as `possible` may be.
+    """
     rate, result = sample['angular_velocity'], filter_['state']['result']
     filtered = filter_['state']['filtered']
     starting = filter_['workspace']['methods']['starting']
@@ -212,7 +214,7 @@ def _filter_axes(sample: Sample, missing: int, filter_: FilterRecord) -> None:
                 methods.start(filter_, axis, rate[axis])
             else:
                 result['status'] = SampleStatus.REFUSED
-    methods.look_around(filter_, sample)
+    methods.look_around(filter_, sample, possible)
     for axis in range(3):
         if not tracking[axis]:
             continue

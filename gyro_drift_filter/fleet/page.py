@@ -39,7 +39,7 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
         failures: Rows of the table with an error.
         link: Returns the address of the report on a bag, empty where there is none.
     """
-    worse = [sensor for sensor in sensors if sensor.size > 0.0]
+    worse = any(sensor.size > 0.0 for sensor in sensors)
     drawn = sensors[:LARGEST]
     bags = len({bag['source'] for s in sensors for bag in s.bags} | {f['source'] for f in failures})
     robots = len({sensor.robot for sensor in sensors})

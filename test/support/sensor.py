@@ -48,9 +48,14 @@ def by_hand(
     """Return rates and accelerations (n, 3) that smooth motion adds."""
     n = round(seconds * rate)
     window = np.minimum(1.0, np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.3 * rate))[:, None]
-    sections = signal.butter(3, 2.0, fs=rate, output='sos')
-    motion = [signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0) for _ in '12']
+    motion = [motion_below(2.0, random, n, rate) for _ in '12']
     return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
+
+
+def motion_below(hertz: float, random: np.random.Generator, n: int, rate: float) -> Array:
+    """Return rates (n, 3) of random motion up to a frequency in Hz, of any size."""
+    sections = signal.butter(3, hertz, fs=rate, output='sos')
+    return np.asarray(signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0))
 
 
 def fast_turn(n: int, rate: float) -> Array:

@@ -165,10 +165,11 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
 
 
 @kernel
-def look_around(filter_: 'FilterRecord', sample: Sample) -> None:
+def look_around(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
         state, shared = filter_['state'], filter_['workspace']['methods']['adaptive']
+        shared['circumstances']['possibly_missing'] = possibly_missing
         axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
         rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
         calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
@@ -275,10 +276,3 @@ def take_over(filter_: 'FilterRecord', axis: int, rate: float) -> None:
     start(filter_, axis, rate)
     if filter_['settings']['method'] == ADAPTIVE:
         adaptive.make_equally_likely(filter_['state']['methods']['adaptive'][axis])
-
-
-@kernel
-def note_gap(filter_: 'FilterRecord', possibly_missing: int) -> None:
-    """Note that so many samples may be missing before the next one, although none was predicted."""
-    circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
-    circumstances['possibly_missing'] = possibly_missing

@@ -63,6 +63,7 @@ from gyro_drift_filter.core.methods.noise import (
     BLOCK_SECONDS,
     FORGETTING_SECONDS,
     LEAST_BLOCK,
+    LONGEST_WHITE_PERIOD,
     interrupt_block,
     is_begun,
     learn_noise,
@@ -118,10 +119,10 @@ DROPOUT = 3.0
 class AdaptiveCoefficients(TypedDict):
     """What is derived from settings and sample period; for all axes."""
 
-    period: float  # s
     modes: ModeSet
     limits: OutlierLimits
     calm_samples: int
+    is_dense: bool  # samples lie close enough to tell motion from white noise
     block_samples: int
     block_forgetting: float  # b of equation (13), from block to block of noise
 
@@ -151,11 +152,11 @@ def derive(
 
     The forgetting factor is for `FORGETTING_SECONDS`.
     """
-    coefficients['period'] = period
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
     coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
     samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
+    coefficients['is_dense'] = period <= LONGEST_WHITE_PERIOD
     coefficients['block_samples'] = samples
     exponent = BLOCK_SECONDS / FORGETTING_SECONDS
     coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
@@ -399,7 +400,7 @@ def update(
         correct(state, own, sample, steps, coefficients['modes'])
     doubt['last_sample'] = sample
     if doubt['unseen'] == 0:
-        doubt['unseen_before'] = unseen
+        doubt['behind_gap'] = unseen > 0
     held = decision == Decision.HOLD and not dropout
     note_decision(doubt, sample - prediction, sample - accepted, held, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
@@ -410,8 +411,8 @@ def update(
         state['accepted'] = sample
     if decision == Decision.ACCEPT:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
-        at_rest, period = circumstances['at_rest'], coefficients['period']
-        learn_noise(noise, sample, at_rest, period, length, forgetting)
+        at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
+        learn_noise(noise, sample, at_rest, is_dense, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:

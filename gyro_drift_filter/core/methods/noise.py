@@ -191,15 +191,15 @@ def learn_noise(
     noise: Noise,
     sample: float,
     at_rest: bool,
-    period: float,
+    is_dense: bool,
     block_samples: int,
     block_forgetting: float,
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
-    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample,
-    `period` is that of the samples in s,
-    `block_forgetting` is b of equation (13) from one block to the next.
+    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample;
+    `is_dense` whether samples lie close enough to tell motion from white noise; `block_forgetting`
+    is b of equation (13) from one block to the next.
     """
     before, run = noise['before'], noise['run']
     if noise['count'] == 0:
@@ -229,7 +229,7 @@ def learn_noise(
     noise['run'] = run + 1
     full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, at_rest, period, block_forgetting)
+        _judge_block(noise, at_rest, is_dense, block_forgetting)
         _next_block(noise)
 
 
@@ -242,7 +242,7 @@ def _next_block(noise: Noise) -> None:
 
 
 @kernel
-def _judge_block(noise: Noise, at_rest: bool, period: float, block_forgetting: float) -> None:
+def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: float) -> None:
     """Take blocks into the statistics, weighted as in equation (13), in place of (16).
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
@@ -258,11 +258,7 @@ def _judge_block(noise: Noise, at_rest: bool, period: float, block_forgetting: f
         noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
     elif not at_rest:
         variance = noise['waiting_variance']
-        white = (
-            period <= LONGEST_WHITE_PERIOD
-            and rough > WHITE * variance
-            and variance <= LARGEST_NOISE**2
-        )
+        white = is_dense and rough > WHITE * variance and variance <= LARGEST_NOISE**2
         shown = LEAST_SHOWN * rough / WHITE
         if white:
             if noise['bound'] == Bound.OF_MOTION:

@@ -79,8 +79,8 @@ FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 # Of usual changes and innovations: the weight of a sample; more than so many times the usual one
 # counts as this much; and none is less, as processors are slow with denormal numbers.
 USUAL_MEMORY, USUAL_LIMIT, LEAST_USUAL = 0.05, 5.0, 1e-9
-# A motion that turns back and forth changes by up to so many times what it does in the mean.
-LARGEST_CHANGE = 3.0
+# A rate that goes to and fro changes by up to so many times what it does in the mean.
+LARGEST_RATE_CHANGE = 3.0
 
 
 class Decision(IntEnum):
@@ -156,7 +156,7 @@ class Doubt(TypedDict):
 
     held: int  # how many in a row, missing ones among them
     unseen: int  # how many in a row, up to the last one, that were not measured
-    unseen_before: int  # the same before the last one that was measured
+    behind_gap: bool  # the last one that was measured came behind some that were not
     # These mean nothing where none is held.
     agreeing: int  # of them, the last ones that agree
     growing: int  # of them, the last ones that were each further away than the one before
@@ -166,7 +166,7 @@ class Doubt(TypedDict):
     # of every sample
     before_restart: float  # rad/s, the accepted one before all modes last started anew
     usual_innovation: float  # rad/s, of the last samples
-    usual_change: float  # rad/s, from one of those that were accepted to the next
+    usual_rate_change: float  # rad/s, from one of those that were accepted to the next
     last_sample: float  # as it came, rad/s
     repeats: int  # how often it has come before
     share_held: float  # of the last samples, not counting drop-outs
@@ -267,11 +267,12 @@ def _usual_after(usual: float, size: float, largest: float) -> float:
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
     doubt['held'] = 0
-    doubt['unseen'] = doubt['unseen_before'] = 0
+    doubt['unseen'] = 0
+    doubt['behind_gap'] = False
     doubt['agreeing'] = 0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
-    doubt['usual_change'] = LEAST_USUAL
+    doubt['usual_rate_change'] = LEAST_USUAL
     doubt['repeats'] = 0
     doubt['share_held'] = 0.0
     doubt['last_sample'] = sample
@@ -306,18 +307,9 @@ def judge(
     beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - accepted), abs(sample - doubt['before_restart']))
     doubtful = (size > jump and size > least_jump) or apart > beyond
-    if doubt['unseen'] > 0 and not dropout:
-        # An extrapolation says little: what a body can have come to meanwhile is no outlier.
-        reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
-        if abs(sample - accepted) <= reach:
-            return Reason.REACHED if doubtful else Reason.EXPECTED
-    possible = max(circumstances['possibly_missing'], min(doubt['unseen_before'], 1))
-    if possible > 0 and not dropout and not still:
-        # Nor is what it comes to in so many samples by its motion of late, also where that was not
-        # seen to change: the first sample after a gap does not show it yet.
-        usual_change = min(LARGEST_CHANGE * doubt['usual_change'], limits['body_limit'])
-        if abs(sample - accepted) <= usual_change * (possible + 1.0):
-            return Reason.REACHED if doubtful else Reason.EXPECTED
+    reach = _reach(doubt, circumstances, limits)
+    if reach > 0.0 and abs(sample - accepted) <= reach and not dropout:
+        return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
         # one, too.
@@ -364,6 +356,24 @@ def judge(
     if alike and doubt['agreeing'] >= run:
         return Reason.AGREED
     return Reason.HELD_LONGEST if lasted else Reason.FAR
+
+
+@kernel
+def _reach(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) -> float:
+    """Return how far the rate can have come while nothing was measured, in rad/s; 0 where it was.
+
+    An extrapolation says little then: what the body can have come to is no outlier.
+    """
+    reach, possible = 0.0, circumstances['possibly_missing']
+    if doubt['unseen'] > 0:
+        reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
+    if doubt['behind_gap']:
+        # One sample behind a gap does not show yet how the motion has changed meanwhile.
+        possible = max(possible, 1)
+    if possible > 0 and not circumstances['still']:
+        change = min(LARGEST_RATE_CHANGE * doubt['usual_rate_change'], limits['body_limit'])
+        reach = max(reach, change * (possible + 1.0))
+    return reach
 
 
 @kernel
@@ -439,8 +449,9 @@ def note_decision(
     usual = doubt['usual_innovation']
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
     if not held:
-        largest = max(USUAL_LIMIT * doubt['usual_change'], limits['reached'])
-        doubt['usual_change'] = _usual_after(doubt['usual_change'], abs(change), largest)
+        usual = doubt['usual_rate_change']
+        largest = max(USUAL_LIMIT * usual, limits['reached'])
+        doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
 
