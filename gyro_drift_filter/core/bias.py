@@ -14,7 +14,7 @@
 
 """The bias of the gyroscope, tracked at rest: one small Kalman filter per axis.
 
-The measurement is the mean rate of a segment of rest (`rest.py`), its noise what such means scatter
+The measurement is the mean rate of a segment of rest (`rest/`), its noise what such means scatter
 by. Between rests the bias walks at random. A constant slow turn can't be told from a bias by an IMU
 alone, so a segment is accepted only where
 
@@ -45,23 +45,15 @@ from gyro_drift_filter.core.motion_bias import (
     take_direction,
 )
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
-from gyro_drift_filter.core.rest import (
-    BlockOutcome,
-    Halves,
-    Rest,
-    RestLengths,
-    close_block,
-    next_segment,
+from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
+from gyro_drift_filter.core.rest.noise import (
     note_count,
-    note_sample,
-    segment_mean,
-    segment_scatter,
     segment_variance,
-    start_rest,
     unlearn_first_segment,
-    value_variance,
     variance_of_mean,
 )
+from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
+from gyro_drift_filter.core.rest.segment import segment_mean, segment_scatter, value_variance
 from gyro_drift_filter.core.sample import Sample
 from gyro_drift_filter.core.slow_turn import (
     GATE,

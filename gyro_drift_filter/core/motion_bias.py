@@ -49,7 +49,9 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
-from gyro_drift_filter.core.rest import Rest, RestLengths, random_walk_of, segment_mean
+from gyro_drift_filter.core.rest.noise import random_walk_of
+from gyro_drift_filter.core.rest.records import Rest, RestLengths
+from gyro_drift_filter.core.rest.segment import segment_mean
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 from gyro_drift_filter.gravity import GRAVITY
 

@@ -23,7 +23,7 @@ from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, Met
 from gyro_drift_filter.core.motion_bias import MotionWorkspace
 from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.quantisation import Quantisation
-from gyro_drift_filter.core.rest import RestLengths
+from gyro_drift_filter.core.rest.records import RestLengths
 from gyro_drift_filter.core.sample import Result
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 from gyro_drift_filter.core.settings import SETTINGS, Settings

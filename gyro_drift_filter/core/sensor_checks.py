@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
-from gyro_drift_filter.core.rest import Rest, has_noise_of
+from gyro_drift_filter.core.rest.noise import has_noise_of
+from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, is_usable
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.

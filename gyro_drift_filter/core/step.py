@@ -43,7 +43,8 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord, State
-from gyro_drift_filter.core.rest import derive_lengths, forget_noise
+from gyro_drift_filter.core.rest.noise import forget_noise
+from gyro_drift_filter.core.rest.records import derive_lengths
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
     RESULT,

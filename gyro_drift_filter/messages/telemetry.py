@@ -25,7 +25,7 @@ from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias import bias_variance
 from gyro_drift_filter.core.quantisation import known_count
-from gyro_drift_filter.core.rest import least_rest
+from gyro_drift_filter.core.rest.records import least_rest
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]

@@ -92,7 +92,8 @@ from gyro_drift_filter.core.methods.outliers import (
     was_jolted,
 )
 from gyro_drift_filter.core.polling import Polling
-from gyro_drift_filter.core.rest import SEGMENT_BLOCKS, Rest, has_stood_still
+from gyro_drift_filter.core.rest.detection import has_stood_still
+from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.sample import Sample, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
@@ -103,7 +104,7 @@ if TYPE_CHECKING:
 # zeros for slow rates, of one degree a second at most.
 LARGEST_DEAD_ZONE = 0.02
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
-# Blocks of samples in a row that have to be still (`rest.py`) for outliers to be judged by noise.
+# Blocks of samples in a row that have to be still (`rest/`) for outliers to be judged by noise.
 STILL_BLOCKS = 3
 # A body may stand, and all its motion have died away, where all rates are this close to those at
 # rest, in standard deviations of the noise, and the accelerometer has been calm for as long as a

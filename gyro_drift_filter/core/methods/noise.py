@@ -14,7 +14,7 @@
 
 """The sensor's own noise, learned while the robot runs: its variance R and its correlation.
 
-R is learned over blocks of samples at rest (`rest.py` finds it), and never from innovations, so
+R is learned over blocks of samples at rest (`rest/` finds it), and never from innovations, so
 that motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
 Where noise is correlated from sample to sample, half of what the sample before predicts of its
 variance is left out of R, as the modes take noise for independent and would lag behind motion.
@@ -197,7 +197,7 @@ def learn_noise(
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
-    `at_rest` is whether the sensor stands still (`rest.py`), as far as is known before the sample;
+    `at_rest` is whether the sensor stands still (`rest/`), as far as is known before the sample;
     `is_dense` whether samples lie close enough to tell motion from white noise; `block_forgetting`
     is b of equation (13) from one block to the next.
     """

@@ -1,0 +1,42 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where the sensor stands still, judged against its own noise on all axes at once.
+
+Gyroscope and accelerometer give six signals. Each is averaged over hundredths of a second, "values"
+below, so that all sample rates are alike, and cut into blocks of an eighth of a second. Blocks that
+stand still are gathered into segments of up to two seconds. A block stands still where, on every
+signal,
+
+- the values vary about the block's mean no more than the noise does, and
+- the mean lies where those of the segment lie, as far as the noise allows.
+
+The first and the last block of a rest are left out: motion begins and ends gently. Of a segment
+that does not hold together the later half is kept: rest may begin with a turn, or where a hand has
+just let go, and of a thousand segments of plain rest one or two look like that. If the rest is over
+before there is another segment, that half counts, once the noise is known.
+
+What the noise is on each signal, within blocks and from block to block, is learned from segments
+that hold together. The first one may have noise of any spectrum: what tells it is that no mean
+moves from its first half to its second, neither of a rate nor of gravity, by the scatter that this
+sensor's own means have, that the values vary alike in both halves, and that this scatter is one
+that a body at rest can have. Noise that is correlated varies more from block to block, and so may
+blocks and segments of it. A vibration that comes later counts as noise after some minutes. How much
+more the means of segments vary than the blocks within them say, as slow noise makes them, is begun
+with the correlation of one block and the next, and learned from one segment to the next.
+
+`detection.py` takes samples in and says where there is rest, `segment.py` keeps the sums,
+`stationarity.py` judges them, `noise.py` learns the noise from them, and `records.py` declares what
+they share.
+"""

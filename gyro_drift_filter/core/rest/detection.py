@@ -1,0 +1,193 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Samples in, rest out: values make blocks, blocks that stand still make segments."""
+
+import numpy as np
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
+from gyro_drift_filter.core.rest.records import (
+    HALF,
+    SEGMENT_BLOCKS,
+    SIGNALS,
+    BlockOutcome,
+    Halves,
+    Rest,
+    RestLengths,
+)
+from gyro_drift_filter.core.rest.segment import (
+    add_value,
+    add_waiting_block,
+    block_moments,
+    drop_early_half,
+    forget_segment_before,
+    let_block_wait,
+    segment_mean,
+    start_block,
+    start_segment,
+    start_value,
+)
+from gyro_drift_filter.core.rest.stationarity import holds_together, is_steady, is_still, tilts
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
+
+LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
+# Before anything is known a segment may be called steady from so many blocks on.
+LEAST_STEADY_BLOCKS = 6
+# Gravity stands where the means of blocks stay within this, a tilt of a degree, and is that.
+STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0  # m/s^2
+# After so long without rest all that is learned anew, as vibration may have come to stay.
+FORGOTTEN_SECONDS = 300.0
+
+
+@kernel
+def start_rest(rest: Rest) -> None:
+    """Forget the rest under way; what is known of the noise is kept."""
+    rest['at_rest'] = False
+    rest['run'] = 0
+    start_value(rest)
+    start_block(rest)
+    start_segment(rest)
+    forget_segment_before(rest)
+
+
+@kernel
+def note_sample(
+    rest: Rest, sample: Sample, accepted: bool, missing: int, lengths: RestLengths
+) -> bool:
+    """Take a sample in, with `missing` ones before it, which count as time alone.
+
+    An acceleration that is no number or beyond all sensors counts as zero: who has none has none
+    all the time. Returns whether a block is complete, so that `close_block` has to be called.
+    """
+    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
+    rest['samples'] += 1 + missing
+    if accepted:
+        rest['accepted'] += 1
+        for axis in range(3):
+            gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
+            gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
+            force = acceleration[axis]
+            accelerometer['value'] += force if abs(force) <= LARGEST_ACCELERATION else 0.0
+    if rest['samples'] < lengths['value']:
+        return False
+    # Without missing samples it is one: the division is for the others, as it takes its time.
+    rest['index'] += rest['samples'] // lengths['value'] if missing > 0 else 1
+    if 2 * rest['accepted'] >= rest['samples']:
+        add_value(rest)
+    start_value(rest)
+    return bool(rest['index'] >= lengths['block'])
+
+
+@kernel
+def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
+    """Judge a full block.
+
+    Returns:
+        What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
+        has to be called.
+    """
+    length = lengths['block']
+    still = 2 * rest['count'] >= length
+    if still:
+        for i in range(SIGNALS):
+            if not is_still(rest, rest['signals'][i]):
+                still = False
+        _note_gravity(rest, lengths)
+    rest['restless'] += 1
+    if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
+        rest['known'] = False
+    if not still:
+        ready = _lasted(rest) and holds_together(rest, lengths)
+        rest['at_rest'] = False
+        rest['run'] = 0
+        start_block(rest)
+        if ready:
+            return BlockOutcome.END_OF_REST
+        start_segment(rest)
+        forget_segment_before(rest)
+        return BlockOutcome.NOTHING
+    if rest['run'] >= 2:
+        add_waiting_block(rest)
+    rest['run'] += 1
+    let_block_wait(rest)
+    start_block(rest)
+    if rest['blocks'] < SEGMENT_BLOCKS:
+        if rest['known'] or rest['blocks'] < LEAST_STEADY_BLOCKS:
+            return BlockOutcome.NOTHING
+        steady = is_steady(rest) and not tilts(rest, lengths['block_seconds'])
+        return BlockOutcome.STEADY if steady else BlockOutcome.NOTHING
+    if rest['halves'] == Halves.LATER:
+        drop_early_half(rest)
+        rest['halves'] = Halves.LEFT_BEHIND
+        return BlockOutcome.NOTHING
+    rest['halves'] = Halves.WHOLE
+    if not holds_together(rest, lengths):
+        rest['at_rest'] = False
+        forget_segment_before(rest)
+        drop_early_half(rest)
+        rest['halves'] = Halves.LATER if rest['known'] else Halves.WHOLE
+        rest['run'] = 2
+        return BlockOutcome.NOTHING
+    learn_noise(rest, length)
+    return BlockOutcome.SEGMENT
+
+
+@kernel
+def _note_gravity(rest: Rest, lengths: RestLengths) -> None:
+    """Note for how long gravity has stood, whatever the rates do."""
+    gravity, size, moved = rest['gravity'], 0.0, False
+    for axis in range(3):
+        mean, _ = block_moments(rest, rest['signals'][3 + axis])
+        size += mean * mean
+        if abs(mean - gravity[axis]) > STEADY_GRAVITY:
+            moved = True
+    rest['steady_seconds'] += lengths['block_seconds']
+    if moved:
+        for axis in range(3):
+            gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
+    if moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
+        rest['steady_seconds'] = 0.0
+
+
+@kernel
+def _lasted(rest: Rest) -> bool:
+    """Return whether the segment that a motion has ended is long enough to count as rest."""
+    if rest['at_rest']:
+        return bool(rest['blocks'] >= LEAST_SEGMENT)
+    begun = rest['halves'] != Halves.WHOLE and rest['blocks'] >= HALF + LEAST_SEGMENT
+    return bool(rest['known'] and begun)
+
+
+@kernel
+def next_segment(rest: Rest, moved: bool) -> None:
+    """Begin the next segment; `moved` where the rest is over."""
+    if moved:
+        forget_segment_before(rest)
+    else:
+        learn_variance_ratio(rest)
+        rest['at_rest'] = True
+        for i in range(SIGNALS):
+            rest['signals'][i]['before'] = segment_mean(rest, i)
+            rest['signals'][i]['before_blocks'] = rest['blocks']
+    start_segment(rest)
+
+
+@kernel
+def has_stood_still(rest: Rest, blocks: int) -> bool:
+    """Return whether this is rest, or has been still for so many blocks in a row.
+
+    A steady turn that is no bias is still, too: what is noise shows as well in it.
+    """
+    return bool(rest['at_rest'] or (rest['known'] and rest['run'] >= blocks))

@@ -1,0 +1,138 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is known of the noise at rest, learned from the segments that hold together."""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, scatter_of_means, segment_mean
+
+# The variance of a value that lies anywhere within a count, in counts squared.
+COUNT_VARIANCE = 1.0 / 12.0
+STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
+# The noise is learned with this weight per segment.
+LEARNING = 0.1
+# The ratio of variances is learned slower, as a segment says less of it. It starts at one, as if
+# the first segments and so many more had said so, and one step counts for so large a ratio at most.
+RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
+# Of the variance of an acceleration at rest: with less, what has made the noise has stopped.
+QUIETER = 0.25
+
+
+@kernel
+def note_count(rest: Rest, axis: int, count: float) -> None:
+    """Note what a count of an axis of the gyroscope is worth in rad/s, 0 where it is not known."""
+    rest['signals'][axis]['least_variance'] = COUNT_VARIANCE * count * count
+
+
+@kernel
+def learn_noise(rest: Rest, length: int) -> None:
+    """Learn the noise from a segment that holds together."""
+    blocks = 1.0 * rest['blocks']
+    rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
+    share = max(LEARNING, 1.0 / rest['learned'])
+    if rest['learned'] == 1:
+        rest['variance_ratio'] = _correlated_ratio(rest)
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        variance = signal['variances'] / blocks
+        scatter = max(scatter_of_means(rest, signal), variance / length)
+        if rest['learned'] == 1:
+            signal['variance'] = variance
+            signal['scatter'] = scatter
+        else:
+            signal['variance'] += share * (variance - signal['variance'])
+            signal['scatter'] += share * (scatter - signal['scatter'])
+    rest['known'] = True
+    rest['restless'] = 0
+    rest['steady_seconds'] = 0.0
+
+
+@kernel
+def _correlated_ratio(rest: Rest) -> float:
+    """Return how much more the mean of a segment varies than if its blocks were independent.
+
+    From the correlation of one block and the next on the axes of the gyroscope, as if it fell off
+    exponentially.
+    """
+    correlation = 0.0
+    for i in range(3):
+        signal = rest['signals'][i]
+        # Von Neumann's ratio, 2 for independent ones and for a coarse sensor that shows none.
+        steps = signal['steps'] / (rest['blocks'] - 1.0) + 2.0 * LEAST_VARIANCE
+        correlation += (1.0 - 0.5 * steps / (scatter_of_means(rest, signal) + LEAST_VARIANCE)) / 3.0
+    correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
+    return (1.0 + correlation) / (1.0 - correlation)
+
+
+@kernel
+def learn_variance_ratio(rest: Rest) -> None:
+    """Learn from how far the means of the segment and the one before lie apart."""
+    ratio = 0.0
+    for i in range(3):
+        signal = rest['signals'][i]
+        if signal['before_blocks'] == 0:
+            return
+        step = segment_mean(rest, i) - signal['before']
+        spread = signal['scatter'] * (1.0 / rest['blocks'] + 1.0 / signal['before_blocks'])
+        ratio += step * step / spread / 3.0
+    share = max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
+    change = min(ratio, LARGEST_RATIO) - rest['variance_ratio']
+    rest['variance_ratio'] = max(rest['variance_ratio'] + share * change, 1.0)
+
+
+@kernel
+def forget_noise(rest: Rest) -> None:
+    """Forget the noise: from now on a value is a mean of fewer samples."""
+    rest['known'] = False
+
+
+@kernel
+def unlearn_first_segment(rest: Rest) -> None:
+    """Forget the noise, if it is that of one segment alone, which was no rest."""
+    if rest['learned'] == 1:
+        rest['known'] = False
+
+
+@kernel
+def random_walk_of(rest: Rest, axis: int, lengths: RestLengths) -> float:
+    """Return the variance in rad^2/s by which noise at rest turns an axis; 0 while not known."""
+    return rest['signals'][axis]['scatter'] * lengths['block_seconds'] if rest['known'] else 0.0
+
+
+@kernel
+def segment_variance(rest: Rest, axis: int) -> float:
+    """Return the variance of `segment_mean` of an axis of the gyroscope."""
+    return variance_of_mean(rest, axis, rest['blocks'])
+
+
+@kernel
+def variance_of_mean(rest: Rest, axis: int, blocks: float) -> float:
+    """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
+    return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
+
+
+@kernel
+def has_noise_of(rest: Rest, axis: int, deviation: float) -> bool:
+    """Return whether an axis of the gyroscope has noise of more than a deviation in rad/s at rest.
+
+    Where a motor has stopped it may have none any more, and then the accelerometer has less, too.
+    """
+    if not rest['known'] or rest['signals'][axis]['variance'] <= deviation * deviation:
+        return False
+    for i in range(3, SIGNALS):
+        signal = rest['signals'][i]
+        if signal['waiting_variance'] > QUIETER * signal['variance']:
+            return True
+    return False

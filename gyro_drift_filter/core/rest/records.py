@@ -1,0 +1,130 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The rest under way, the noise that is known, and the lengths of values and blocks."""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Annotated, TypedDict
+
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
+
+VALUE_SECONDS = 0.01
+BLOCK_SECONDS = 0.125
+LEAST_BLOCK = 8  # values
+SEGMENT_BLOCKS = 16
+HALF = 8  # blocks
+
+SIGNALS = 6
+
+
+class Signal(TypedDict):
+    """One of the six signals: what is known of its noise, and the sums under way."""
+
+    least_variance: float
+    variance: float  # of values about their block's mean
+    scatter: float  # variance of the means of blocks
+    value: float  # sum over the value under way
+    # the block under way, and the one before, which waits for the verdict on this one
+    origin: float
+    sum: float
+    squares: float
+    waiting_mean: float
+    waiting_variance: float
+    # the segment
+    means: float  # sum of means less the first one
+    mean_squares: float
+    variances: float
+    largest_variance: float  # of the half under way; read only where the noise is not known yet
+    steps: float  # sum of squared differences of one mean and the next
+    last: float  # mean of the last block
+    first: float  # mean of the first block
+    # of the first `HALF` blocks of the segment
+    early_means: float
+    early_mean_squares: float
+    early_variances: float
+    early_largest_variance: float
+    early_steps: float
+    # the segment before in the same rest
+    before: float
+    before_blocks: int
+
+
+SIGNAL = record(Signal)
+
+
+class Halves(IntEnum):
+    """What became of the halves of a segment that did not hold together."""
+
+    WHOLE = 0  # there was no such segment
+    LATER = 1  # this segment begins with the later half of it
+    LEFT_BEHIND = 2  # that half has been left behind, up to the end of this segment
+
+
+class BlockOutcome(IntEnum):
+    """What a block brought."""
+
+    NOTHING = 0
+    SEGMENT = 1  # a segment is ready
+    END_OF_REST = 2  # the block ended the rest, and what there is of the segment is ready
+    STEADY = 3  # the segment under way is steady, if not known as rest yet
+
+
+class Rest(TypedDict):
+    """The rest under way, and what is known of the noise."""
+
+    signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
+    known: bool  # what the noise is
+    learned: int  # segments that it was learned from
+    # of the means of the gyroscope's segments, to what the scatter of their blocks says
+    variance_ratio: float
+    restless: int  # blocks since the last rest
+    steady_seconds: float  # since then, for which gravity has stood
+    gravity: PerAxis  # m/s^2, when it began to
+    at_rest: bool
+    samples: int  # since the start of the value, missing ones among them
+    accepted: int  # of them
+    index: int  # values since the start of the block, missing ones among them
+    count: int  # values in it
+    run: int  # still blocks in a row
+    blocks: int  # in the segment
+    halves: int  # a member of Halves
+
+
+class RestLengths(TypedDict):
+    """Lengths for one sample period."""
+
+    value: int  # samples that are averaged to a value
+    block: int  # values in a block
+    block_seconds: float
+
+
+REST = record(Rest)
+REST_LENGTHS = record(RestLengths)
+
+
+@kernel
+def derive_lengths(period: float, lengths: RestLengths) -> None:
+    """Fill the lengths for a sample period in s."""
+    lengths['value'] = max(1, int(VALUE_SECONDS / period + 0.5))
+    seconds = lengths['value'] * period
+    lengths['block'] = max(LEAST_BLOCK, int(BLOCK_SECONDS / seconds + 0.5))
+    lengths['block_seconds'] = lengths['block'] * seconds
+
+
+@kernel
+def least_rest(lengths: RestLengths) -> float:
+    """Return for how long in s a sensor stands still until it is found at rest the first time."""
+    # A block before the segment and one after it are left out.
+    return (SEGMENT_BLOCKS + 2) * lengths['block_seconds']

@@ -1,0 +1,184 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The sums over a value, a block and a segment, and the means and variances that follow."""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Halves, Rest, Signal
+
+# Of a signal in its unit squared: a coarse sensor shows none at rest.
+LEAST_VARIANCE = 1e-10
+
+
+@kernel
+def start_value(rest: Rest) -> None:
+    """Start the next value."""
+    rest['samples'] = 0
+    rest['accepted'] = 0
+    for i in range(SIGNALS):
+        rest['signals'][i]['value'] = 0.0
+
+
+@kernel
+def add_value(rest: Rest) -> None:
+    """Take the mean of the samples as a value of the block."""
+    rest['count'] += 1
+    share = 1.0 / rest['accepted']
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        value = signal['value'] * share
+        if rest['count'] == 1:
+            signal['origin'] = value
+        deviation = value - signal['origin']
+        signal['sum'] += deviation
+        signal['squares'] += deviation * deviation
+
+
+@kernel
+def start_block(rest: Rest) -> None:
+    """Start the next block."""
+    rest['index'] = 0
+    rest['count'] = 0
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['sum'] = 0.0
+        signal['squares'] = 0.0
+
+
+@kernel
+def block_moments(rest: Rest, signal: Signal) -> tuple[float, float]:
+    """Return mean and variance of the block."""
+    count = 1.0 * rest['count']
+    mean = signal['sum'] / count
+    variance = (signal['squares'] - mean * signal['sum']) / (count - 1.0)
+    return signal['origin'] + mean, max(variance, signal['least_variance'], LEAST_VARIANCE)
+
+
+@kernel
+def let_block_wait(rest: Rest) -> None:
+    """Keep the block that is complete until the next one has been judged."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        mean, variance = block_moments(rest, signal)
+        signal['waiting_mean'] = mean
+        signal['waiting_variance'] = variance
+
+
+@kernel
+def start_segment(rest: Rest) -> None:
+    """Start a segment without any block."""
+    rest['blocks'] = 0
+    rest['halves'] = Halves.WHOLE
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['means'] = 0.0
+        signal['mean_squares'] = 0.0
+        signal['variances'] = 0.0
+        signal['largest_variance'] = 0.0
+        signal['early_largest_variance'] = 0.0
+        signal['steps'] = 0.0
+
+
+@kernel
+def add_waiting_block(rest: Rest) -> None:
+    """Take the waiting block into the segment."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        mean, variance = signal['waiting_mean'], signal['waiting_variance']
+        if rest['blocks'] == 0:
+            signal['first'] = mean
+        else:
+            step = mean - signal['last']
+            signal['steps'] += step * step
+        signal['last'] = mean
+        deviation = mean - signal['first']
+        signal['means'] += deviation
+        signal['mean_squares'] += deviation * deviation
+        signal['variances'] += variance
+        signal['largest_variance'] = max(signal['largest_variance'], variance)
+    rest['blocks'] += 1
+    if rest['blocks'] == HALF:
+        _note_half(rest)
+
+
+@kernel
+def _note_half(rest: Rest) -> None:
+    """Keep the sums of the segment, which has its first half."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['early_means'] = signal['means']
+        signal['early_mean_squares'] = signal['mean_squares']
+        signal['early_variances'] = signal['variances']
+        signal['early_largest_variance'] = signal['largest_variance']
+        signal['largest_variance'] = 0.0
+        signal['early_steps'] = signal['steps']
+
+
+@kernel
+def drop_early_half(rest: Rest) -> None:
+    """Make the later half of the segment the first one of the next."""
+    rest['blocks'] -= HALF
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        signal['means'] -= signal['early_means']
+        signal['mean_squares'] -= signal['early_mean_squares']
+        signal['variances'] -= signal['early_variances']
+        signal['steps'] -= signal['early_steps']
+    _note_half(rest)
+
+
+@kernel
+def segment_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the segment."""
+    signal = rest['signals'][index]
+    return float(signal['first'] + signal['means'] / rest['blocks'])
+
+
+@kernel
+def first_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the first block of the segment."""
+    return float(rest['signals'][index]['first'])
+
+
+@kernel
+def last_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the last block of the segment."""
+    return float(rest['signals'][index]['last'])
+
+
+@kernel
+def value_variance(rest: Rest, index: int) -> float:
+    """Return the variance of values about the mean of their block, of signal `index`."""
+    return float(rest['signals'][index]['variances'] / rest['blocks'])
+
+
+@kernel
+def scatter_of_means(rest: Rest, signal: Signal) -> float:
+    """Return the variance of the means in the segment."""
+    blocks = 1.0 * rest['blocks']
+    squares = signal['mean_squares'] - signal['means'] * signal['means'] / blocks
+    return float(max(squares, 0.0) / (blocks - 1.0))
+
+
+@kernel
+def segment_scatter(rest: Rest, index: int) -> float:
+    """Return the variance of the mean of signal `index`, by the scatter of the segment's blocks."""
+    return float(scatter_of_means(rest, rest['signals'][index]) / rest['blocks'])
+
+
+@kernel
+def forget_segment_before(rest: Rest) -> None:
+    """Forget the segment before: the next one is of another rest."""
+    for i in range(SIGNALS):
+        rest['signals'][i]['before_blocks'] = 0

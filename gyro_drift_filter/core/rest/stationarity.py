@@ -1,0 +1,209 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether a block, and a segment of them, can be those of a body at rest."""
+
+import math
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.records import (
+    BLOCK_SECONDS,
+    HALF,
+    SIGNALS,
+    Rest,
+    RestLengths,
+    Signal,
+)
+from gyro_drift_filter.core.rest.segment import (
+    LEAST_VARIANCE,
+    block_moments,
+    scatter_of_means,
+    segment_mean,
+)
+
+# A block varies as noise does up to 1 + so many deviations of a variance of n values.
+# With 8, one of some 100,000 blocks of plain noise is none, and a short rest lost.
+VARIANCE_DEVIATIONS = 10.0
+# So does the scatter of the means of a segment.
+SCATTER_DEVIATIONS = 8.0
+# A mean lies with the others within so many deviations of the scatter of means.
+MEAN_DEVIATIONS = 5.0
+# Of the means of a segment's halves, which differ where a slow turn begins or ends.
+HALVES_DEVIATIONS = 4.0
+# The means of a slow turn scatter more than white values say, and differ little from one to the
+# next.
+LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.16
+FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
+# Of two segments' means of gravity, one after the other.
+GRAVITY_DEVIATIONS = 6.0
+# While the noise is not known, the values of one half may vary by so much more than those of the
+# other: a hand that comes to rest trembles a hundred times as much before as after.
+LARGEST_RATIO_OF_HALVES = 9.0
+# While the noise is not known, the means may scatter as the noisiest sensors and a running motor
+# make them: by less than this where they are averages over a second, and by the root of the time
+# more where they are of less. It is an angle random walk of 34 deg/sqrt(h), some 25 times that of a
+# cheap gyroscope; a body in motion has five times as much. The same for gravity. Noise that is
+# correlated over a part of BLOCK_SECONDS has passed a low-pass, and so is less: a hand that holds
+# the sensor sways like that.
+LARGEST_RANDOM_WALK = 0.01  # rad/s^(1/2)
+LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
+# Of means that alternate, the share of their scatter that counts at least: a body that is swung to
+# and fro has a thousand times as much.
+LEAST_SLOW_SHARE = 0.25
+# Before anything is known a segment is steady, as of a drone that idles, where its mean has so
+# small a deviation (rad/s), by the scatter of its blocks, and gravity scatters by less (m/s^2). In
+# a hand rates are ten times as unsteady.
+STEADY_DEVIATION, STEADY_GRAVITY_SCATTER = 3e-3, 0.15
+# Its rate is no turn where gravity moves by less than this share of what the turn would move it, or
+# by less than this in m/s^2, or by less than so many deviations of its own noise.
+TURN_SHARE, LEAST_TURN, TURN_DEVIATIONS = 0.25, 0.05, 2.0
+
+
+@kernel
+def is_still(rest: Rest, signal: Signal) -> bool:
+    """Return whether the block is noise, as far as the noise is known."""
+    if not rest['known']:
+        return True
+    count = rest['count']
+    mean, variance = block_moments(rest, signal)
+    alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
+    if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
+        return False
+    blocks = rest['blocks']
+    if blocks == 0:
+        return True
+    distance = mean - (signal['first'] + signal['means'] / blocks)
+    spread = signal['scatter'] * (1.0 + 1.0 / blocks)
+    return bool(distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread)
+
+
+@kernel
+def holds_together(rest: Rest, lengths: RestLengths) -> bool:
+    """Return whether the means of the segment scatter as noise does, and gravity stands."""
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        if rest['known']:
+            limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
+            if scatter_of_means(rest, signal) > limit * signal['scatter']:
+                return False
+            scatter = signal['scatter'] * rest['variance_ratio']
+            if i < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
+                return False
+        elif not _is_stationary(rest, i, lengths):
+            return False
+        if i >= 3 and signal['before_blocks'] > 0:
+            blocks = 1.0 * rest['blocks']
+            step = signal['first'] + signal['means'] / blocks - signal['before']
+            spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
+            if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
+                return False
+    return True
+
+
+@kernel
+def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
+    """Return whether signal `index` can be that of a body at rest, with noise of any spectrum."""
+    signal, length = rest['signals'][index], 1.0 * lengths['block']
+    scatter = scatter_of_means(rest, signal)
+    walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
+    variance = signal['variances'] / rest['blocks']
+    alike = _alike_values(scatter, variance, length)
+    limit = _variance_limit(alike, length)
+    # By the differences of means that follow each other, which a slow turn leaves as they are.
+    steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
+    deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
+    smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
+    # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
+    # blocks each scatter less than by half.
+    slow_scatter = max(min(scatter, 2.0 * scatter - steps), LEAST_SLOW_SHARE * scatter)
+    correlated = max(min(alike, length * BLOCK_SECONDS / lengths['block_seconds']), 1.0)
+    return (
+        not smooth
+        and slow_scatter * correlated <= walk * walk / lengths['block_seconds']
+        and max(signal['largest_variance'], signal['early_largest_variance']) <= limit * variance
+        and not _has_unlike_halves(rest, signal)
+        and not _has_halves(rest, signal, max(steps, variance / length), deviations)
+    )
+
+
+@kernel
+def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -> bool:
+    """Return whether the mean of the segment moves from its first half to its second."""
+    late = rest['blocks'] - HALF
+    if late <= 0:
+        return False
+    step = (signal['means'] - signal['early_means']) / late - signal['early_means'] / HALF
+    spread = scatter * (1.0 / HALF + 1.0 / late)
+    return bool(step * step > deviations * deviations * spread)
+
+
+@kernel
+def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
+    """Return whether the values vary far less in one half of the segment than in the other."""
+    early = signal['early_variances'] / HALF
+    late = (signal['variances'] - signal['early_variances']) / (rest['blocks'] - HALF)
+    return bool(max(early, late) > LARGEST_RATIO_OF_HALVES * min(early, late))
+
+
+@kernel
+def _is_smooth(rest: Rest, signal: Signal, scatter: float) -> bool:
+    """Return whether means that scatter differ little from one to the next, as in a slow turn."""
+    return bool(0.5 * signal['steps'] / (rest['blocks'] - 1.0) < LEAST_STEPS * scatter)
+
+
+@kernel
+def _alike_values(scatter: float, variance: float, count: float) -> float:
+    """Return how many values of a block of `count` are alike, by how much its mean varies."""
+    return min(max(0.5 * scatter * count / variance, 1.0), count)
+
+
+@kernel
+def _variance_limit(alike: float, count: float) -> float:
+    """Return how much more a block of `count` values may vary than the noise does."""
+    return 1.0 + VARIANCE_DEVIATIONS * math.sqrt(2.0 * alike / (count - 1.0))
+
+
+@kernel
+def is_steady(rest: Rest) -> bool:
+    """Return whether the means of the segment scatter about one value, and little."""
+    blocks = 1.0 * rest['blocks']
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        scatter = scatter_of_means(rest, signal)
+        limit = STEADY_DEVIATION * STEADY_DEVIATION * blocks
+        if i >= 3:
+            limit = STEADY_GRAVITY_SCATTER * STEADY_GRAVITY_SCATTER
+        if scatter > limit or (scatter > LEAST_VARIANCE and _is_smooth(rest, signal, scatter)):
+            return False
+    return True
+
+
+@kernel
+def tilts(rest: Rest, block_seconds: float) -> bool:
+    """Return whether gravity moves with the mean rate of the segment, which is a turn then."""
+    seconds = (rest['blocks'] - 1.0) * block_seconds
+    moved = unexplained = noise = 0.0
+    for axis in range(3):
+        after, behind = (axis + 1) % 3, (axis + 2) % 3
+        signal = rest['signals'][3 + axis]
+        change = signal['last'] - signal['first']
+        # g' = g x w, for a turn at the rate w
+        turned = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
+        turned -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
+        moved += change * change
+        unexplained += (change - turned * seconds) * (change - turned * seconds)
+        noise += signal['steps'] / (rest['blocks'] - 1.0)
+    largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
+    largest = max(largest, LEAST_TURN)
+    return bool(math.sqrt(moved) > largest)
