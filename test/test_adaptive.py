@@ -24,7 +24,7 @@ from benchmark.quality import make_world
 from benchmark.scenarios import stamps
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.clock import LONGEST_PERIOD
+from gyro_drift_filter.core.clock.periods import LONGEST_PERIOD
 from gyro_drift_filter.core.methods.missed_turns import (
     COMPENSATION_SECONDS,
     COMPENSATION_SHARE,

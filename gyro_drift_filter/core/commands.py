@@ -29,7 +29,7 @@ from gyro_drift_filter.core.bias import (
     warm_bias,
     widen,
 )
-from gyro_drift_filter.core.clock import give_rate, start_clock
+from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.motion_bias import (
     lose_direction,
     set_shift,

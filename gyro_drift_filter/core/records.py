@@ -18,7 +18,7 @@ from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
 from gyro_drift_filter.core.bias import Bias
-from gyro_drift_filter.core.clock import Clock
+from gyro_drift_filter.core.clock.records import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
 from gyro_drift_filter.core.motion_bias import MotionWorkspace
 from gyro_drift_filter.core.polling import Polling

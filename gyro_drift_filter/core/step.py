@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
-from gyro_drift_filter.core.clock import (
+from gyro_drift_filter.core.clock.envelope import (
     TIME_JUMP,
     advance_clock,
     elapsed_seconds,
     lengthen_period,
-    possibly_missing,
 )
+from gyro_drift_filter.core.clock.losses import possibly_missing
 from gyro_drift_filter.core.motion_bias import (
     BIAS,
     lose_direction,

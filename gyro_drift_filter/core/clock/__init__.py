@@ -1,0 +1,59 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Time: the sample period learned from the stamps, and how many samples a gap has swallowed.
+
+A filter step stands for one sample period, whatever the stamps say: drivers stamp on arrival, late
+by any delay, and deliver in bursts. Samples are taken at even steps, so what the stamps say of them
+is their lower envelope: the line of even steps that no stamp lies below. What a stamp lies above it
+is its delay.
+
+- A stretch is a hundred stamps or half a second. Its least late stamp is a point of the envelope.
+- The period is the slope of the envelope between two such points that are two seconds apart, over
+  the last five of these blocks. The filter works with it as it was until it is off by 1 %, as its
+  coefficients depend on it.
+- A delay of a period is suspicious. If it is far beyond the delays of late, or most suspicions of
+  late were right, samples are missing and are predicted through. If those after it come early by as
+  much, none was missing, and the count is taken back.
+- Any other suspicion waits. If all samples after it stay late by a period, some were missing; they
+  are counted, but not predicted through, as the filter has followed the samples since.
+- While stamps come in bursts a delay means nothing.
+
+Where many samples are lost from the very start on, the period is learned longer by their share.
+Even stamps show it: all steps with nothing missing between have the same length then. This length
+is taken for the period if it makes at most half as many more samples missing as were found missing.
+(A bus that is asked every 8 ms for samples of every 10 ms has steps of one length, too, but next to
+nothing was found missing.) Where delays come near a period as well, losses and delays can't be told
+apart.
+
+Every effect of a stamp is counted:
+
+==================  ==========================================================================
+stamp               effect
+==================  ==========================================================================
+zero                one step; the clock is left alone (the driver does not stamp)
+same, same rates    a repeat: no step, the result of the sample before once more
+same, new rates     one step (a coarse clock)
+backward            one step, and the clock goes on from there; beyond `gap_limit` a restart
+forward             one step, after a prediction for each sample that is missing for sure; beyond
+                    `gap_limit` a restart
+==================  ==========================================================================
+
+The envelope as a causal fit to delayed stamps: E. Olson, "A Passive Solution to the Sensor
+Synchronization Problem", IROS 2010; L. Zhang, Z. Liu, C. H. Xia, "Clock Synchronization Algorithms
+for Network Measurements", INFOCOM 2002.
+
+`envelope.py` follows the stamps, `periods.py` learns the period, `delays.py` what delays are usual,
+and `losses.py` how many samples are missing; `records.py` declares what they share.
+"""

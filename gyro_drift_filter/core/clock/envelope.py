@@ -1,0 +1,253 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One stamp after the other: steps, stretches and blocks of the envelope."""
+
+import math
+
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
+from gyro_drift_filter.core.clock.delays import (
+    BURSTS,
+    LONG_STEP,
+    REGULAR,
+    forget_delays,
+    learn_delays,
+    learn_regularity,
+    limit_delays,
+)
+from gyro_drift_filter.core.clock.losses import drop_suspicion, judge, suspect
+from gyro_drift_filter.core.clock.periods import (
+    BLOCK_SAMPLES,
+    LONGEST_PERIOD,
+    OTHER_PERIOD,
+    given_or_learned,
+    learn_period,
+    period_of,
+    set_mean_period,
+    single_step,
+    take_period,
+)
+from gyro_drift_filter.core.clock.records import BLOCKS, Clock
+
+BLOCK_SECONDS = 2.0
+# A stretch ends after so many samples, or after that time where it has enough of them: long enough
+# for one stamp to come with next to no delay, and short enough for the period to be known by then.
+STRETCH_SAMPLES = 100
+STRETCH_SECONDS = 0.5
+LEAST_STRETCH_SAMPLES = 20
+# The first sample has a delay of its own: after a stretch that long the envelope starts anew.
+ANCHOR_SAMPLES = 16
+# The bias walks no further than in this time, whatever the stamps say, in s.
+LONGEST_ABSENCE = 86_400.0
+# In place of a number of missing samples: time has jumped.
+TIME_JUMP = -1
+
+
+@kernel
+def start_clock(clock: Clock, sample_rate: float) -> None:
+    """Set a zeroed clock up; `sample_rate` in Hz, 0 where it is to be learned."""
+    clock['period'] = period_of(sample_rate)
+    set_mean_period(clock, clock['period'])
+    forget_delays(clock)
+
+
+@kernel
+def give_rate(clock: Clock, sample_rate: float) -> None:
+    """Take another rate in Hz between two samples; a period that stamps have told stands."""
+    if sample_rate <= 0.0:
+        return
+    if clock['blocks'] > 0:
+        clock['period'] = given_or_learned(clock['mean_period'], sample_rate)
+        return
+    clock['period'] = period_of(sample_rate)
+    set_mean_period(clock, clock['period'])
+    forget_delays(clock)
+    _start_envelope(clock)
+
+
+@kernel
+def lengthen_period(clock: Clock, times: float, sample_rate: float) -> None:
+    """Start anew, at the last stamp, with samples that are so many times as far apart."""
+    if sample_rate > 0.0 and not clock['started']:
+        return  # nothing but this rate says how far they are
+    take_period(clock, min(times * clock['mean_period'], LONGEST_PERIOD), sample_rate)
+    clock['blocks'] = 0
+    forget_delays(clock)
+    _start_envelope(clock)
+
+
+@kernel
+def elapsed_seconds(clock: Clock, stamp: int) -> float:
+    """Return the time in s from the last sample to a stamp (ns), as far as the stamps say."""
+    if stamp == 0 or not clock['started']:
+        return float(clock['period'])
+    return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+
+
+@inlined_kernel
+def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float) -> int:
+    """Move the clock to `stamp` (ns) and return the number of samples missing before it.
+
+    Returns `TIME_JUMP` where the time jumped by more than `gap_limit` (s) in either direction.
+    """
+    if stamp == 0:
+        clock['zero_stamps'] += 1
+        return 0
+    if not clock['started']:
+        clock['started'] = True
+        clock['stamp'] = stamp
+        _start_envelope(clock)
+        return 0
+    elapsed = (stamp - clock['stamp']) * 1e-9
+    clock['stamp'] = stamp
+    if elapsed == 0.0:
+        clock['same_stamps'] += 1
+    elif elapsed < 0.0:
+        clock['backward_stamps'] += 1
+    if elapsed > gap_limit:
+        clock['gaps'] += 1
+    if abs(elapsed) > gap_limit:
+        clock['restarts'] += 1
+        _start_envelope(clock)
+        return TIME_JUMP
+    # Backward, but not before its time: it is the one before that was late.
+    if elapsed < 0.0 and clock['lateness'] + elapsed - clock['mean_period'] < clock['earliest']:
+        _start_envelope(clock)
+        return 0
+    missing = _follow_envelope(clock, elapsed)
+    samples = clock['stretch_samples']
+    if samples >= clock['stretch_length'] and (
+        samples >= STRETCH_SAMPLES or stamp >= clock['stretch_end']
+    ):
+        _end_stretch(clock, sample_rate)
+    return missing
+
+
+@kernel
+def _start_envelope(clock: Clock) -> None:
+    """Start block and stretch at the last stamp."""
+    clock['lateness'] = clock['earliest'] = 0.0
+    clock['anchored'] = False
+    clock['steps'] = clock['missing'] = 0
+    clock['gap_steps'] = 0.0
+    _forget_steps(clock)
+    drop_suspicion(clock)
+    clock['stretch_samples'] = 0
+    _start_stretch(clock)
+
+
+@kernel
+def _forget_steps(clock: Clock) -> None:
+    """Forget how long the steps of the block were."""
+    clock['long_steps'] = clock['single_steps'] = 0
+    clock['single_sum'] = clock['single_squares'] = 0.0
+
+
+@kernel
+def _start_stretch(clock: Clock) -> None:
+    """Start a stretch; the first ones double in length."""
+    before = clock['stretch_samples']
+    if clock['blocks'] == 0 and before < LEAST_STRETCH_SAMPLES:
+        clock['stretch_length'], clock['stretch_end'] = max(2 * before, 1), 0
+    else:
+        clock['stretch_length'] = LEAST_STRETCH_SAMPLES
+        clock['stretch_end'] = clock['stamp'] + int(STRETCH_SECONDS * 1e9)
+    clock['stretch_samples'] = 0
+    clock['least'], clock['longest'], clock['sum'] = math.inf, 0.0, 0.0
+
+
+@kernel
+def _follow_envelope(clock: Clock, elapsed: float) -> int:
+    """Take a stamp in that is `elapsed` s behind the last one; return the samples missing."""
+    period = clock['mean_period']
+    lateness = clock['lateness'] + elapsed - period
+    delay = lateness - clock['earliest']
+    clock['steps'] += 1
+    missing = 0
+    is_long = elapsed > LONG_STEP * period
+    if is_long:
+        clock['long_steps'] += 1
+    if abs(elapsed - period) < 0.5 * period:  # one period is the nearest number of them
+        clock['single_steps'] += 1
+        clock['single_sum'] += elapsed
+        clock['single_squares'] += elapsed * elapsed
+    if delay <= clock['suspicious']:
+        clock['sum'] += delay
+        clock['longest'] = max(clock['longest'], delay)
+    elif is_long and clock['irregularity'] < BURSTS:
+        missing = suspect(clock, elapsed, delay)
+        lateness -= missing * period
+    learn_regularity(clock, elapsed * clock['mean_rate'] - 1.0 - missing)
+    if clock['verdict_samples'] > 0:
+        lateness -= judge(clock, lateness - clock['earliest']) * period
+    clock['lateness'] = lateness
+    clock['earliest'] = min(clock['earliest'], lateness)
+    clock['stretch_samples'] += 1
+    if lateness < clock['least']:
+        clock['least'] = lateness
+        clock['least_steps'], clock['least_missing'] = clock['steps'], clock['missing']
+        clock['least_gap_steps'] = clock['gap_steps']
+    return missing
+
+
+@kernel
+def _end_stretch(clock: Clock, sample_rate: float) -> None:
+    """Learn from the stretch what there is to learn, and start the next one."""
+    starting, period = clock['blocks'] == 0, clock['mean_period']
+    regular, samples = clock['irregularity'] < REGULAR, clock['stretch_samples']
+    # Who is found regular so early has next to no jitter, and the period is known.
+    if clock['anchored'] or (regular and samples == ANCHOR_SAMPLES):
+        learn_delays(clock)
+    full = (
+        clock['steps'] * period + clock['lateness'] >= BLOCK_SECONDS
+        and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
+    )
+    single = single_step(clock)
+    if single != period:
+        _correct_period(clock, single, sample_rate)
+        return
+    if full or starting:
+        learn_period(clock, sample_rate, full)
+    change = clock['mean_period'] - period
+    clock['lateness'] -= change * clock['steps']
+    clock['least'] -= change * clock['least_steps']
+    if full or (regular and not clock['anchored'] and samples >= ANCHOR_SAMPLES):
+        # The block starts at the point of the envelope that ends the last one.
+        clock['anchored'] = True
+        clock['lateness'] -= clock['least']
+        clock['least'] = 0.0
+        clock['steps'] -= clock['least_steps']
+        clock['missing'] -= clock['least_missing']
+        clock['gap_steps'] -= clock['least_gap_steps']
+        _forget_steps(clock)
+    clock['earliest'] = clock['least']
+    if abs(change) > OTHER_PERIOD * period:
+        forget_delays(clock)
+        drop_suspicion(clock)
+        if not starting:
+            _start_envelope(clock)
+            return
+    _start_stretch(clock)
+
+
+@kernel
+def _correct_period(clock: Clock, period: float, sample_rate: float) -> None:
+    """Take the period (s) in place of what was learned, and start anew at the last stamp."""
+    for i in range(BLOCKS):
+        clock['block_periods'][i] = period
+    clock['blocks'] += 1
+    take_period(clock, period, sample_rate)
+    if clock['suspicious'] < math.inf:
+        limit_delays(clock)
+    _start_envelope(clock)

@@ -1,0 +1,137 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Suspicions that samples are missing, and the verdicts on them."""
+
+import numpy as np
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.clock.delays import REGULAR
+from gyro_drift_filter.core.clock.records import Clock
+
+# Late by so little, in periods, a sample shows that none is missing before it.
+MADE_UP = 0.6
+# Samples until the verdict, and as many more for each period of delay: what was only held up comes
+# in at once, or at twice the pace at least.
+VERDICT_SAMPLES = 16
+VERDICT_PACE = 2.0
+SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
+# In periods: behind a longer step samples may be missing, even if delays explain it so far; and no
+# more than so many samples.
+LATE_STEP, MOST_POSSIBLE = 1.4, 5
+
+
+@kernel
+def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
+    """Return how many samples may be missing before one for which `advance_clock` found none.
+
+    There may be some where the step of `elapsed` s is long for the period in s, and where samples
+    have been missing before: delays may hide a loss until later stamps show it.
+    """
+    if clock['missing_samples'] == 0 or elapsed <= LATE_STEP * period:
+        return 0
+    return min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
+
+
+@kernel
+def suspect(clock: Clock, elapsed: float, delay: float) -> int:
+    """Start a suspicion that samples are missing; return how many if it is taken for sure."""
+    period, missing = clock['mean_period'], 0
+    if clock['irregularity'] < REGULAR:
+        sure = delay > clock['delay_limit'] or clock['lost_share'] > 0.5
+    else:
+        sure = delay > clock['delay_limit'] and clock['longest_delay'] > period
+    if sure:
+        missing = max(int(np.rint((delay - clock['mean_delay']) / period)), 1)
+        _count_missing(clock, missing, elapsed - period)
+    elif clock['verdict_samples'] > 0 and elapsed - period < clock['suspect_step']:
+        return 0
+    clock['suspect_delay'] = delay + clock['suspect_missing'] * period
+    clock['suspect_step'] = elapsed - period
+    clock['suspect_least'] = delay
+    if missing > 0:
+        clock['suspect_missing'] += missing
+        clock['suspect_gaps'] += 1
+    longest = max(clock['suspect_delay'], clock['longest_delay'])
+    clock['verdict_samples'] = VERDICT_SAMPLES + int(VERDICT_PACE * longest / period)
+    return missing
+
+
+@kernel
+def judge(clock: Clock, delay: float) -> int:
+    """Judge the suspicion by the sample's delay (s); return how many more samples were missing.
+
+    The number is below zero where some that were counted were not.
+    """
+    period, counted = clock['mean_period'], clock['suspect_missing']
+    clock['verdict_samples'] -= 1
+    if counted > 0:
+        if delay < (MADE_UP - 1.0) * period:
+            return -_take_back(clock, -delay)
+        if clock['verdict_samples'] == 0:
+            _learn_verdict(clock, True)
+            drop_suspicion(clock)
+        return 0
+    clock['suspect_least'] = min(clock['suspect_least'], delay)
+    if clock['suspect_least'] < MADE_UP * period:
+        clock['longest'] = max(clock['longest'], clock['suspect_delay'])
+        _learn_verdict(clock, False)
+        drop_suspicion(clock)
+    elif clock['verdict_samples'] == 0:
+        _learn_verdict(clock, True)
+        drop_suspicion(clock)
+        missing = int(np.rint(clock['suspect_least'] / period))
+        _count_missing(clock, missing, clock['suspect_step'])
+        return missing
+    return 0
+
+
+@kernel
+def _take_back(clock: Clock, early: float) -> int:
+    """Return how many samples were not missing, as those after a gap come so early (s)."""
+    period = clock['mean_period']
+    found = min(max(int(np.rint(early / period)), 1), clock['suspect_missing'])
+    clock['steps'] -= found
+    clock['missing'] -= found
+    clock['gap_steps'] -= found * period
+    clock['missing_samples'] -= found
+    clock['suspect_missing'] -= found
+    made_up = clock['suspect_delay'] - clock['suspect_missing'] * period
+    clock['longest'] = max(clock['longest'], made_up)
+    _learn_verdict(clock, False)
+    if clock['suspect_missing'] == 0:
+        clock['gaps'] -= clock['suspect_gaps']
+        drop_suspicion(clock)
+    return found
+
+
+@kernel
+def _count_missing(clock: Clock, missing: int, step: float) -> None:
+    """Count missing samples, over which the step was by `step` s longer than the period."""
+    clock['steps'] += missing
+    clock['missing'] += missing
+    clock['gap_steps'] += step
+    clock['missing_samples'] += missing
+    clock['gaps'] += 1
+
+
+@kernel
+def _learn_verdict(clock: Clock, missing: bool) -> None:
+    clock['lost_share'] += SHARE_WEIGHT * (missing - clock['lost_share'])
+
+
+@kernel
+def drop_suspicion(clock: Clock) -> None:
+    """Suspect nothing any more."""
+    clock['verdict_samples'] = clock['suspect_missing'] = clock['suspect_gaps'] = 0
