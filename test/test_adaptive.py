@@ -745,3 +745,18 @@ def test_a_spike_before_a_motion_turns_nothing(random):
     assert results['outlier'][2000, 2]
     lost = 0.01 * np.sum(results['angular_velocity'] - clean, axis=0)
     assert np.abs(lost).max() < 0.01
+
+
+@pytest.mark.parametrize('rate', [25.0, 100.0])
+def test_a_quiet_sensor_that_never_rests_is_not_said_to_be_noisy(rate, random):
+    """R is at its floor from the start, but how noisy the sensor may be falls from sample on."""
+    time = np.arange(int(60 * rate)) / rate
+    truth = np.column_stack(
+        [0.6 * np.sin(2 * time), 0.5 * np.sin(1.7 * time + 1), 0.4 * np.sin(time)]
+    )
+    rates = truth + 2e-4 * random.standard_normal(truth.shape)
+    accelerations = [0.0, 0.0, 9.8] + 0.3 * random.standard_normal(truth.shape)
+    results = Filter(Parameters(bias_enabled=False)).run(
+        stamps(len(rates), rate), rates, accelerations
+    )
+    assert np.sqrt(results['angular_velocity_variance'][-1000:].mean()) < 0.005

@@ -71,7 +71,7 @@ class State(TypedDict):
 
 
 class Workspace(TypedDict):
-    """What is needed within one step; no later step reads it, and no snapshot keeps it."""
+    """What is needed within one step, or can be had anew from the state; not in a snapshot."""
 
     methods: MethodWorkspace
     motion: MotionWorkspace

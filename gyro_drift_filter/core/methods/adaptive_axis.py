@@ -24,7 +24,7 @@ from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
 from gyro_drift_filter.core.methods.noise import Noise
 from gyro_drift_filter.core.methods.outliers import Doubt, Jolt
 
-Three = Annotated[NDArray[np.float64], np.float64, (3,)]
+NoiseKey = Annotated[NDArray[np.float64], np.float64, (4,)]
 
 
 class Bridge(TypedDict):
@@ -79,7 +79,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     half_precision: PerMode
     density: PerMode
     error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
-    of_noise: Three  # variance, roughness and correlation that these four belong to
+    of_noise: NoiseKey  # the noise that these four belong to, see `_predict_mixed`
     # What the mixing moves: probability, and by it rate, acceleration and jerk. What each mode
     # holds before, and what arrives in it.
     held: Terms

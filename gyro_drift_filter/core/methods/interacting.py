@@ -228,13 +228,18 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
     prior, noise = workspace['prior'], state['noise']
     lag_ratio, logarithm = modes['lag_ratio'], modes['innovation_logarithm']
     correlation = noise['correlation'] if state['sample_accepted'] else 0.0
-    of_noise = workspace['of_noise']
+    largest, of_noise = largest_variance(noise), workspace['of_noise']
     if (
         of_noise[0] != noise['variance']
         or of_noise[1] != noise['roughness']
         or of_noise[2] != correlation
+        or of_noise[3] != largest
     ):
-        _predict_variances(noise, correlation, workspace, modes)
+        of_noise[0] = noise['variance']
+        of_noise[1] = noise['roughness']
+        of_noise[2] = correlation
+        of_noise[3] = largest
+        _predict_variances(noise, correlation, largest, workspace, modes)
     sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
     origin = rate[MODES - 1]
@@ -257,7 +262,11 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
 
 @kernel
 def _predict_variances(
-    noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+    noise: Noise,
+    correlation: float,
+    largest: float,
+    workspace: AdaptiveAxisWorkspace,
+    modes: ModeSet,
 ) -> None:
     """Write the variance of each mode's innovation, and of the error that noise leaves in its rate.
 
@@ -268,14 +277,10 @@ def _predict_variances(
     Averages of correlated noise err more: by what AR(1) noise leaves in an exponential average of
     the same gain, relative to white noise, within 5 % for the modes.
     """
-    variance, of_noise = workspace['variance'], workspace['of_noise']
+    variance, error = workspace['variance'], workspace['error']
     half_precision, density = workspace['half_precision'], workspace['density']
-    gain, ratio = modes['gain_rate'], modes['innovation_ratio']
-    of_noise[0] = noise['variance']
-    of_noise[1] = noise['roughness']
-    of_noise[2] = correlation
-    error, noise_ratio = workspace['error'], modes['noise_ratio']
-    whole, alike = largest_variance(noise), noise['correlation']
+    gain, ratio, noise_ratio = modes['gain_rate'], modes['innovation_ratio'], modes['noise_ratio']
+    alike = noise['correlation']
     for j in range(MODES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
@@ -283,7 +288,7 @@ def _predict_variances(
         variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
         half_precision[j] = 0.5 / variance[j]
         density[j] = math.sqrt(half_precision[j])
-        error[j] = whole * noise_ratio[j] * (1.0 + alike * left) / (1.0 - alike * left)
+        error[j] = largest * noise_ratio[j] * (1.0 + alike * left) / (1.0 - alike * left)
 
 
 @kernel
