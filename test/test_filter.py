@@ -14,6 +14,7 @@
 
 """The step and the class around it: live against batch, snapshots, unusable rates."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from hypothesis import strategies as st
 
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
+from gyro_drift_filter.core.bias import Hint
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHOD_STATES, METHODS
 from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
@@ -59,9 +61,13 @@ def test_batch_is_the_live_step_bit_for_bit(method):
 @given(
     cuts=st.lists(st.integers(0, 2000), min_size=1, max_size=5),
     method=st.sampled_from(METHOD_NAMES),
+    share_of_noise=st.sampled_from([1.0, 1e-3]),
 )
-def test_restore_continues_bit_for_bit(cuts, method):
+def test_restore_continues_bit_for_bit(cuts, method, share_of_noise):
+    """Also of a sensor with less noise than R is ever taken for."""
     data = recording()
+    noise = data.angular_velocity - data.truth
+    data = replace(data, angular_velocity=data.truth + share_of_noise * noise)
     whole = Filter(Parameters(method=method)).run(
         data.stamps, data.angular_velocity, data.linear_acceleration
     )
@@ -96,17 +102,42 @@ def test_a_sample_of_another_shape_is_refused(wrong):
             Filter().step(1, rate, acceleration)
 
 
-def test_reset_starts_afresh_but_for_the_bias():
+@pytest.mark.parametrize('method', METHOD_NAMES)
+def test_reset_starts_afresh_but_for_the_bias(method):
     data = recording()
-    filter_ = Filter()
-    first = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+    filter_ = Filter(Parameters(method=method))
+    filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
     learned = filter_.state['bias']['bias'].copy()
     assert (learned != 0.0).all()
     filter_.reset()
     assert (filter_.state['bias']['bias'] == learned).all()
+    fresh = Filter(Parameters(method=method))
+    fresh.record['state']['bias'] = filter_.record['state']['bias']
+    again, first = (
+        one.run(data.stamps, data.angular_velocity, data.linear_acceleration)
+        for one in (filter_, fresh)
+    )
+    assert same(again, first)
+
+
+def test_a_new_bias_does_not_end_what_the_robot_says_of_its_motion():
     filter_ = Filter()
-    again = filter_.run(data.stamps, data.angular_velocity, data.linear_acceleration)
-    assert same(first, again)
+    filter_.hint(moves=True)
+    filter_.configure(Parameters(bias_turn_on_deviation=0.05))
+    assert filter_.state['bias']['hint'] == Hint.MOVES
+
+
+def test_an_axis_without_a_result_keeps_its_last_rate():
+    """And does not grow by the bias with each sample, out of which the bias in motion is told."""
+    data = recording(3000)
+    rates = data.angular_velocity.copy()
+    rates[2000:, 1] = np.nan
+    results = Filter().run(data.stamps, rates, data.linear_acceleration)
+    refused = results['status'] == SampleStatus.REFUSED
+    assert refused.any()
+    kept = results['angular_velocity'][refused][:, 1]
+    assert (kept == kept[0]).all()
+    assert np.abs(kept).max() < 2.0 * np.abs(data.angular_velocity).max()
 
 
 def test_configure_keeps_the_state():

@@ -35,6 +35,7 @@ from gyro_drift_filter.core.motion_bias import (
     shift_of,
     shift_variance,
 )
+from gyro_drift_filter.core.sample import SampleStatus
 from support.messages import START
 from support.paths import FLIGHTS
 from support.sensor import DEGREE, at_rest, by_hand
@@ -348,6 +349,18 @@ def test_a_direction_that_is_lost_is_not_found_by_a_sample_without_a_rate(random
     lose_direction(filter_.state['bias']['motion'])
     filter_.step(stamp + 10_000_000, (np.nan, 0.0, 0.0), (9.81, 0.0, 0.0))
     assert not filter_.state['bias']['motion']['directed']
+
+
+def test_an_axis_that_has_no_rate_for_a_minute_teaches_nothing(random):
+    """Nobody knows how the body turns meanwhile."""
+    bias = np.array([0.03, -0.02, 0.01])
+    rates, accelerations = flown(random, 120.0, bias, (0.0, 0.0, 0.0))
+    rates[4000:10_000, 1] = np.nan
+    results = run(Filter(), rates, accelerations)
+    assert (results['status'][4500:10_000] == SampleStatus.REFUSED).all()
+    before = np.abs(results['bias'][2000:4000] - bias).max()
+    after = np.abs(results['bias'][4000:] - bias).max()
+    assert after < before + 2e-4
 
 
 def test_what_turned_while_the_bias_in_motion_was_off_is_not_known(random):

@@ -21,6 +21,7 @@ import pytest
 
 from benchmark.scenarios import motion, stamps
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.quantisation import CERTAIN_VOTES
 from gyro_drift_filter.rotations import (
     from_vectors,
     inverse,
@@ -140,6 +141,39 @@ def test_spikes_at_rest_are_no_evidence(random):
     filter_ = Filter(Parameters())
     filter_.run(stamps(n, RATE), rates, accelerations)
     assert not quantisation(filter_)['truncated']
+
+
+def test_a_bias_that_was_learned_before_the_count_was_known_is_as_unsure_as_half_a_count():
+    """With little noise a rest shows one count or two, and motion later what they are worth."""
+    stamps, rates, accelerations, _ = recording(60.0, 0, 'trunc', noise=0.1)
+    filter_ = Filter(Parameters(input_quantisation='truncate'))
+    deviations, known = [], []
+    for i in range(0, len(stamps), 10):
+        part = slice(i, i + 10)
+        filter_.run(stamps[part], rates[part], accelerations[part])
+        deviations.append(filter_.bias_deviation)
+        known.append(np.sum(quantisation(filter_)['votes'] >= CERTAIN_VOTES))
+    newly = [k for k in np.flatnonzero(np.diff(known)) if (deviations[k] < COUNT).all()]
+    assert newly
+    for k in newly:
+        expected = np.hypot(deviations[k], 0.5 * COUNT)
+        np.testing.assert_allclose(deviations[k + 1], expected, rtol=0.05)
+
+
+def test_a_truncation_that_is_taken_back_makes_the_bias_as_unsure_as_half_a_count():
+    stamps, rates, accelerations, _ = recording(60.0, 0, 'trunc')
+    filter_ = Filter()
+    filter_.run(stamps, rates, accelerations)
+    state = quantisation(filter_)
+    state['truncated'], state['wide_zero'] = True, 0.1
+    before = filter_.bias_deviation
+    # On the way through zero, one lands beside it.
+    stamp = stamps[-1]
+    for counts in (40, 20, 1):
+        stamp += int(1e9 / RATE)
+        filter_.run(np.array([stamp]), np.full((1, 3), counts * COUNT), accelerations[-1:])
+    assert not state['truncated']
+    np.testing.assert_allclose(filter_.bias_deviation, np.hypot(before, 0.5 * COUNT), rtol=0.05)
 
 
 def test_a_bias_that_was_learned_the_other_way_is_as_unsure_as_half_a_count():

@@ -353,6 +353,12 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
 
 
 @kernel
+def is_learned(state: Bias) -> bool:
+    """Return whether a bias is known, or a provisional one."""
+    return bool(state['known'] or state['provisional'][0] > 0.0)
+
+
+@kernel
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
     state['growth'] += variance

@@ -24,6 +24,7 @@ from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias import (
     HINT_SECONDS,
     calibrate_bias,
+    is_learned,
     leave_rest,
     start_bias,
     warm_bias,
@@ -61,7 +62,7 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     bias = state['bias']
     if after['bias_in_motion'] and not before['bias_in_motion']:
         lose_direction(bias['motion'])  # nobody knows how the body has turned meanwhile
-    if bias['known'] or bias['provisional'][0] > 0.0:
+    if is_learned(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']
         was_undone = is_undone(quantisation, before['input_quantisation'])

@@ -77,8 +77,12 @@ QUANTISATION = record(Quantisation)
 
 @kernel
 def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
-    """Take rates (3,) in rad/s in, and those before; return whether they are newly known as cut."""
-    landed = False
+    """Take rates (3,) in rad/s in, and those before.
+
+    Returns:
+        Whether `known_count` of an axis, or `truncated`, is another one now.
+    """
+    landed = known = False
     if state['absent']:
         return False
     for axis in range(3):
@@ -86,17 +90,18 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
         if state['votes'][axis] < CERTAIN_VOTES:
             if LEAST_COUNT < abs(change) < math.inf and state['changes'][axis] < LONGEST_SEARCH:
                 _look_for_count(state, axis, abs(change))
+                known = known or state['votes'][axis] >= CERTAIN_VOTES
         elif abs(change) > AFAR * count and abs(rate[axis]) < (NEAR + PART) * count:
             landed = _note_landing(state, axis, change, rate) or landed
         state['change'][axis] = change
     if not landed:
-        return False
+        return known
     truncated = state['truncated']
     if state['wide_zero'] < 0.0:
         state['truncated'] = False
     elif state['wide_zero'] > SURE and state['whole_neighbours'] > SURE:
         state['truncated'] = True
-    return bool(state['truncated'] and not truncated)
+    return known or bool(state['truncated'] != truncated)
 
 
 @kernel

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias import bias_variance, leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias import bias_variance, is_learned, leave_rest, track_bias, widen
 from gyro_drift_filter.core.clock.envelope import (
     TIME_JUMP,
     advance_clock,
@@ -36,7 +36,6 @@ from gyro_drift_filter.core.motion_bias import (
 )
 from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
-    Mode,
     add_half_counts,
     is_undone,
     note_counts,
@@ -137,8 +136,10 @@ def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
     state, mode = filter_['state'], filter_['settings']['input_quantisation']
     quantisation, rate = state['quantisation'], sample['angular_velocity']
     if missing == 0:
-        newly = note_counts(quantisation, rate, state['checks']['measured'])
-        if newly and mode == Mode.AUTO:
+        was_undone = is_undone(quantisation, mode)
+        is_new = note_counts(quantisation, rate, state['checks']['measured'])
+        # What was learned of the bias had another part of a count in it.
+        if is_new and (was_undone or is_undone(quantisation, mode)) and is_learned(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
     return is_undone(quantisation, mode)
 
@@ -272,6 +273,8 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
                 mean = bias['motion']['values'][BIAS + axis]
                 variance = motion_variance(bias['motion'], axis)
             result['bias'][axis] = mean
+            if not state['methods']['tracking'][axis]:
+                continue  # there is no result to take it off
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
 
@@ -284,6 +287,9 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     force = sample['linear_acceleration']
     if not motion['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
+    if result['status'] == SampleStatus.REFUSED:
+        lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
+        return
     if says_nothing(state['checks']):
         lose_direction(motion)
     workspace['sound'] = True
