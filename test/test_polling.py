@@ -135,6 +135,21 @@ def test_a_bus_that_hangs_is_no_driver_that_polls(random):
     assert filter_.state['polling']['samples_per_message'] == 1.0
 
 
+def test_a_gyroscope_that_hangs_has_changed_no_less_than_never(random):
+    """Beside a live accelerometer its changes are counted anew, after the longest run."""
+    rates, accelerations = measured(random)
+    rates, accelerations = polled(rates[:300], 10), polled(accelerations[:300], 10)
+    rates[1500:1600] = rates[1500]
+    accelerations[1500:1600] += 0.02 * random.standard_normal((100, 3))
+    filter_ = Filter(Parameters())
+    for k in range(1500, 1620):
+        start = 0 if k == 1500 else k - 1
+        filter_.run(stamps(k, RATE)[start:], rates[start:k], accelerations[start:k])
+        stays = filter_.state['checks']['rates']
+        assert stays['same'] + stays['first'] <= k, k
+        assert (stays['stayed'] >= stays['same']).all()
+
+
 def test_a_driver_that_no_longer_polls_is_followed(random):
     rates, accelerations = measured(random)
     filter_ = Filter(Parameters())

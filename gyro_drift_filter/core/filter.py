@@ -104,7 +104,7 @@ class Filter:
         self.record['coefficients']['period'] = 0.0
 
     def reset(self) -> None:
-        """Forget all samples, counts and what was learned of noise and time; not the bias."""
+        """Forget all samples, counts and what was learned of them, but for bias and rest."""
         bias = self.record['state']['bias'].copy()
         self.record['state'] = np.zeros(1, STATE)
         self.record['state']['bias'] = bias
@@ -125,7 +125,10 @@ class Filter:
             shift: Of the bias in motion from that at rest.
         """
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
-        self.record['state']['bias'] = np.zeros(1, BIAS)
+        fresh, before = np.zeros(1, BIAS), self.record['state']['bias']
+        for name in ('hint', 'hint_seconds'):
+            fresh[name] = before[name]
+        self.record['state']['bias'] = fresh
         values = bias, variance, shift.shift, np.square(shift.deviation)
         commands.set_bias(self.record, *(np.array(value, np.float64) for value in values))
 

@@ -90,7 +90,7 @@ def start_polling(polling: Polling) -> None:
 
 @kernel
 def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> Message:
-    """Say what a message is, the how manyth it is, before `checks` take it in."""
+    """Say what a message of this number is, before `checks` take it in."""
     rate, before = sample['angular_velocity'], checks['measured']
     same = rate[0] == before[0] and rate[1] == before[1] and rate[2] == before[2]
     if same and not polling['faster'] and rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0:
@@ -160,7 +160,7 @@ def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: i
     same = x == before[0] and y == before[1] and z == before[2]
     if is_measured and not same and polling['repeats'] >= LONGEST_RUN:
         # How they changed in motion says nothing of rest.
-        rates['first'], rates['same'] = number, 0
+        rates['first'], rates['same'] = number - 1, 0
         for axis in range(3):
             rates['stayed'][axis] = 0
         return False
