@@ -29,6 +29,8 @@ from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.doctor.repeats import judge_repeats
+from gyro_drift_filter.doctor.vibration import judge_vibration
+from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -220,6 +222,38 @@ def test_a_driver_that_polls_repeats_samples(found):
     assert faults(found(again(simulation, index))) == {'repeated samples'}
 
 
+@pytest.mark.parametrize('stamped', [True, False])
+def test_a_driver_that_polls_five_times_as_fast_has_no_other_fault(found, stamped):
+    """Its stamps, the turns of gravity and the rests are judged by the time between messages."""
+    simulation = handled()
+    n = len(simulation.stamps)
+    simulation = again(simulation, np.repeat(np.arange(n), 5))
+    even = simulation.stamps[0] + 2_000_000 * np.arange(5 * n)
+    simulation = replace(simulation, stamps=even)
+    late = np.random.default_rng(0).exponential(4e5, 5 * n).astype(np.int64)
+    if not stamped:
+        simulation = replace(simulation, stamps=np.zeros(5 * n, np.int64))
+    findings = found(simulation, log_times=np.maximum.accumulate(even + late))
+    named = {finding.name: finding for finding in findings}
+    assert faults(findings) == {'repeated samples'} | (set() if stamped else {'zero stamps'})
+    assert named['axes'].verdict == Verdict.SOUND
+    assert named['rests'].values['seconds'] < 0.01 * n
+    assert ('clock' in named) == stamped
+
+
+def test_a_slow_sensor_has_to_stand_still_for_longer(found):
+    simulation = handled(motions=1)
+    tenth = slice(None, 1000, 10)
+    slow = replace(
+        simulation,
+        stamps=simulation.stamps[tenth],
+        angular_velocity=simulation.angular_velocity[tenth],
+        linear_acceleration=simulation.linear_acceleration[tenth],
+    )
+    (rests,) = (finding for finding in found(slow) if finding.name == 'rests')
+    assert 'too short for a rest of 15 s' in rests.text
+
+
 def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
     simulation = handled()
     index = np.arange(len(simulation.stamps))
@@ -312,6 +346,17 @@ def test_vibration_has_its_frequency(found):
     strongest = findings[0].values['lines'][0]
     assert strongest.frequency == pytest.approx(37.0, abs=0.1)
     assert strongest.amplitude == pytest.approx(0.01, rel=0.1)
+
+
+def test_vibration_is_found_wherever_it_begins(random):
+    """Of more samples than are looked at at once."""
+    seconds = np.arange(LARGEST_PART + 200_000) * 1e-3
+    rates = tuple(3e-3 * random.standard_normal(len(seconds)) for _ in range(3))
+    rates[1][-150_000:] += 0.1 * np.sin(2.0 * np.pi * 117.0 * seconds[-150_000:])
+    finding = judge_vibration(rates, 1e-3)
+    assert finding.verdict == Verdict.FAULT
+    (line,) = finding.values['lines']
+    assert (line.axis, line.frequency) == ('y', pytest.approx(117.0, abs=0.1))
 
 
 @pytest.mark.parametrize(
@@ -565,7 +610,7 @@ def test_a_recording_too_short_for_a_rest_is_not_said_to_move(tmp_path, capsys):
     bag = write(tmp_path / 'bag', handled(motions=1))
     assert main(['doctor', str(bag), '--end', '0.05']) == 3
     text = ' '.join(capsys.readouterr().out.split())
-    assert 's is too short for a rest of some three: its bias is not known' in text
+    assert 's is too short for a rest of 3 s: its bias is not known' in text
 
 
 def test_a_time_without_messages_is_told(tmp_path, capsys):

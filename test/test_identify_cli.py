@@ -42,8 +42,11 @@ pytestmark = pytest.mark.slow
 START = 10**18
 
 
-def bag(path, seconds=90.0, change=None, gap=0.0, burst=1):
-    """Write a motionless recording at 100 Hz; `gap` in s in its middle."""
+def bag(path, seconds=90.0, change=None, gap=0.0, burst=1, polled=1):
+    """Write a motionless recording at 100 Hz; `gap` in s in its middle.
+
+    The driver stamps `burst` samples at once, or sends each one `polled` times.
+    """
     data = simulate(
         SimulationSettings(static_seconds=seconds, dynamic_seconds=0, white_deviation=1e-4)
     )
@@ -51,13 +54,17 @@ def bag(path, seconds=90.0, change=None, gap=0.0, burst=1):
     stamps = data.stamps.copy()
     stamps[len(stamps) // 2 :] += round(gap * 1e9)
     stamps = stamps[np.minimum(np.arange(len(stamps)) // burst * burst, len(stamps) - 1)]
+    accelerations = data.linear_acceleration
+    if polled > 1:
+        rates, accelerations = (np.repeat(v, polled, axis=0) for v in (rates, accelerations))
+        stamps = stamps[0] + 10_000_000 // polled * np.arange(len(rates))
     return write(
         path,
         {
             (TOPIC, IMU_TYPE): [
                 (stamp, imu_message(stamp, rate, acceleration))
                 for stamp, rate, acceleration in zip(
-                    stamps.tolist(), rates, data.linear_acceleration, strict=True
+                    stamps.tolist(), rates, accelerations, strict=True
                 )
             ]
         },
@@ -150,6 +157,16 @@ def test_noise_as_the_paper_takes_it(tmp_path):
 def test_a_short_rest_draws_a_warning(tmp_path, capsys):
     assert identify(tmp_path, bag(tmp_path / 'in'), '--end', '40') == 0
     assert 's of rest: the figures are rough below 60 s' in capsys.readouterr().err
+
+
+def test_a_driver_that_polls_faster_than_the_sensor_measures_draws_a_warning(tmp_path, capsys):
+    """White noise that is sent five times has a correlation of 0.8."""
+    assert identify(tmp_path, bag(tmp_path / 'in', polled=5)) == 0
+    said = ' '.join(capsys.readouterr().err.split())
+    assert '80 % of the samples are sent twice or more, so that the noise looks correlated' in said
+    (tmp_path / 'model.yaml').unlink()
+    assert identify(tmp_path, bag(tmp_path / 'once')) == 0
+    assert 'twice or more' not in capsys.readouterr().err
 
 
 def moving(rates):

@@ -38,7 +38,9 @@ from gyro_drift_filter.doctor.rests import (
     look_at_rests,
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
+from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Values, parts
+from gyro_drift_filter.identify.timing import learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted
 
@@ -82,7 +84,6 @@ class Examined:
     not_cut: bool
 
 
-_SHORTEST_REST = 3.0  # s, that the filter takes to know one from a slow turn
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
@@ -98,9 +99,9 @@ _FOLLOWS = {
 
 def examine(seen: Examined) -> list[Finding]:
     """Return a line for each question: faults first, then what is open, then what is sound."""
-    state, period = seen.telemetry, seen.telemetry.period
+    state, period = seen.telemetry, _message_period(seen)
     rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
-    has_stamps = state.zero_stamps < state.samples
+    has_stamps = state.has_stamps
     stamps = seen.stamps if has_stamps else seen.log_times
     findings = [
         judge_axes(carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)),
@@ -129,6 +130,17 @@ def examine(seen: Examined) -> list[Finding]:
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
     findings.append(_judge_rests(state, rests, period))
     return _sorted(findings)
+
+
+def _message_period(seen: Examined) -> float:
+    """Return the time in s from one message to the next, by the log without stamps."""
+    state = seen.telemetry
+    if state.has_stamps:
+        return state.message_period
+    try:
+        return learn_timing(seen.log_times).period
+    except IdentificationError:  # they do not advance either
+        return state.message_period
 
 
 def _is_constant(values: Values) -> bool:
@@ -169,11 +181,11 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     advice = 'let it stand still for ten seconds at the start of a recording, and at its end'
     seconds = state.samples * period
     if not state.segments:
-        too_short = not seconds >= _SHORTEST_REST
+        too_short = not seconds >= state.least_rest_seconds
         what = (
-            f'the recording of {seconds:.2g} s is too short for a rest of some three'
+            f'the recording of {seconds:.2g} s is too short for a rest of {state.first_rest} s'
             if too_short
-            else 'the sensor never stood still for some three seconds'
+            else f'the sensor never stood still for {state.first_rest} s'
         )
         return Finding('rests', Verdict.FAULT, f'{what}: its bias is not known', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))

@@ -19,41 +19,26 @@ values, over the whole recording, beside how often they meet by chance: as often
 before they then meet with the one before that.
 """
 
-import math
-from typing import Any
-
-import numpy as np
-
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
-
-# Chance gives a count its root; beyond so many of them, and so many, it was not chance.
-_DEVIATIONS, _LEAST = 5.0, 5.0
+from gyro_drift_filter.identify.repeats import count_repeats
+from gyro_drift_filter.identify.series import Values
 
 
 def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Finding:
     """Say whether samples of rates and accelerations, three columns (n,) each, are repeated."""
-    n, repeated, runs, chance = len(rates[0]), 0, 0, 0
-    for first in range(0, n, LARGEST_PART):
-        ahead = min(first, 2)
-        part = slice(first - ahead, first + LARGEST_PART)
-        values = np.column_stack([column[part] for column in (*rates, *accelerations)])
-        values = np.nan_to_num(values)
-        same, before, between = np.zeros((3, len(values)), np.bool_)
-        same[1:] = (values[1:] == values[:-1]).all(axis=1)
-        before[1:] = same[:-1]
-        between[2:] = (values[2:] == values[:-2]).all(axis=1)
-        repeated += int(same[ahead:].sum())
-        runs += int((same & ~before)[ahead:].sum())
-        chance += int((between & ~same & ~before)[ahead:].sum())
-    found: dict[str, Any] = {'repeated': repeated, 'times': runs, 'by_chance': chance}
-    if repeated <= chance + _LEAST + _DEVIATIONS * math.sqrt(chance):
+    repeats = count_repeats(rates, accelerations)
+    found = {
+        'repeated': repeats.repeated,
+        'times': repeats.runs,
+        'by_chance': repeats.by_chance,
+    }
+    if not repeats.are_repeats:
         return Finding('repeats', Verdict.SOUND, 'no sample is repeated', values=found)
     return Finding(
         'repeats',
         Verdict.FAULT,
-        f'all six values are those of the sample before in {repeated} samples '
-        f'({100.0 * repeated / n:.3g} %), {runs} times',
+        f'all six values are those of the sample before in {repeats.repeated} samples '
+        f'({100.0 * repeats.share:.3g} %), {repeats.runs} times',
         'the bus or the driver hangs, or polls faster than the sensor measures: poll on its '
         'data-ready signal, and do not publish the same sample twice',
         found,

@@ -15,6 +15,7 @@
 """Vibration: lines in the spectrum of the whole recording, at rest and in motion."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from scipy import signal
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.tones import find_tones
 
 # Neither hands nor legs move faster, in Hz: what is above is vibration or noise.
@@ -32,6 +33,8 @@ _FASTEST_MOTION = 20.0
 _LARGEST_CUT = 0.6
 # Spectra of a second or two are averaged; fewer of them in s tell no line.
 _SHORTEST = 15.0
+# A motor keeps its speed, as a share of it.
+_SAME_FREQUENCY = 0.02
 
 Floats = NDArray[np.float64]
 
@@ -62,16 +65,17 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
             f'{1.0 / period:.3g} Hz are too few to tell vibration from motion',
         )
     sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
+    found = [
+        line
+        for axis, column in zip(AXES, rates, strict=True)
+        for part in parts(column)
+        for line in _lines(axis, _filled(np.asarray(part, float)), sections, period)
+    ]
+    found.sort(key=lambda line: -line.amplitude)
     lines: list[Line] = []
-    for axis, column in zip(AXES, rates, strict=True):
-        values = _filled(np.asarray(column[:LARGEST_PART], float))
-        fast = signal.sosfilt(sections, values - values[0])
-        power = float(np.mean(fast**2))
-        for tone in find_tones([fast], period):
-            if tone.frequency > _FASTEST_MOTION:  # not on the edge of the high-pass
-                is_strong = tone.amplitude**2 > power  # its own power is half of that
-                lines.append(Line(axis, tone.frequency, tone.amplitude, is_strong))
-    lines.sort(key=lambda line: -line.amplitude)
+    for line in found:
+        if not any(_are_one(line, other) for other in lines):
+            lines.append(line)
     strong = [line for line in lines if line.strong]
     if strong:
         return Finding(
@@ -87,6 +91,22 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     if lines:
         text += f' (weak ones: {_listed(lines)})'
     return Finding(name, Verdict.SOUND, text, values={'lines': lines})
+
+
+def _lines(axis: str, values: Floats, sections: Floats, period: float) -> Iterator[Line]:
+    """Yield the lines of a part of the rates (n,) of an axis, in rad/s, above the motion."""
+    fast = signal.sosfilt(sections, values - values[0])
+    power = float(np.mean(fast**2))
+    for tone in find_tones([fast], period):
+        if tone.frequency > _FASTEST_MOTION:  # not on the edge of the high-pass
+            is_strong = tone.amplitude**2 > power  # its own power is half of that
+            yield Line(axis, tone.frequency, tone.amplitude, is_strong)
+
+
+def _are_one(line: Line, other: Line) -> bool:
+    """Return whether two lines, of two parts of the recording, are of the same vibration."""
+    near = abs(line.frequency - other.frequency) < _SAME_FREQUENCY * other.frequency
+    return line.axis == other.axis and near
 
 
 def _filled(values: Floats) -> Floats:

@@ -269,8 +269,7 @@ def _rows_of_topic(
         error = f'topic {summary.topic} has no message with an angular velocity'
         return [common | {'error': error}]
     findings, state = examine(examined), report.telemetry
-    has_stamps = state.zero_stamps < state.samples
-    stamps = np.asarray(examined.stamps if has_stamps else examined.log_times)
+    stamps = np.asarray(examined.stamps if state.has_stamps else examined.log_times)
     noises = identify_noise(stamps, examined.rates, examined.accelerations)
     common |= {
         'sample_rate': 1.0 / summary.period,

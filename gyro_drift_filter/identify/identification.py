@@ -53,6 +53,7 @@ from gyro_drift_filter.identify.quiet import (
     Span,
     find_quiet,
 )
+from gyro_drift_filter.identify.repeats import Repeats, count_repeats
 from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square, parts
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
@@ -64,6 +65,8 @@ SHORT_QUIET = 60.0  # s: below that a warning
 _SHORTEST_FITTED = 500
 # Losses below this are left unsaid: they change a filtered deviation by half of it.
 _MATERIAL_LOSS = 0.01
+# White noise of which this share is repeated seems to have a correlation of as much.
+_MATERIAL_REPEATS = 0.02
 
 
 @dataclass(frozen=True)
@@ -146,8 +149,8 @@ def identify(
         IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
             though it is not dead, or all are dead.
     """
-    timing, rates = learn_timing(stamps), columns(rates)
-    quiet = find_quiet(timing, rates, columns(accelerations))
+    timing, rates, accelerations = learn_timing(stamps), columns(rates), columns(accelerations)
+    quiet = find_quiet(timing, rates, accelerations)
     begins = tuple(_seconds(stamps, span.first) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, rates, timing.period)
     dead = [dead_value(rate) for rate in rates]
@@ -162,7 +165,11 @@ def identify(
         else DeadAxis(value)
         for axis, value in enumerate(dead)
     )
-    return Identification(timing, quiet, begins, seconds, axes, _warnings(seconds, axes))
+    warnings = [
+        *_about_recording(seconds, count_repeats(rates, accelerations)),
+        *_about_axes(axes),
+    ]
+    return Identification(timing, quiet, begins, seconds, axes, tuple(warnings))
 
 
 def _seconds(stamps: NDArray[np.int64] | Stored, index: int) -> float:
@@ -207,7 +214,23 @@ def _require_rest(
     raise IdentificationError(f'only {seconds:.1f} s of rest, the longest {longest}; {needed}')
 
 
-def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str, ...]:
+def _about_recording(seconds: float, repeats: Repeats) -> list[str]:
+    """Return one sentence for each reason why all of the figures are less than they seem."""
+    warnings = []
+    if seconds < SHORT_QUIET:
+        warnings.append(
+            f'only {seconds:.0f} s of rest: the figures are rough below {SHORT_QUIET:g} s'
+        )
+    if repeats.are_repeats and repeats.share > _MATERIAL_REPEATS:
+        warnings.append(
+            f'{100.0 * repeats.share:.2g} % of the samples are sent twice or more, so that the '
+            'noise looks correlated, and phi, Q, R and tones are those of the repeats: let the '
+            'driver publish each measurement once, and record again'
+        )
+    return warnings
+
+
+def _about_axes(axes: Sequence[AxisModel | DeadAxis]) -> list[str]:
     """Return one sentence each, with the axes that it is about."""
     about: dict[str, list[str]] = {}
     for name, axis in zip(AXES, axes, strict=True):
@@ -231,15 +254,10 @@ def _warnings(seconds: float, axes: Sequence[AxisModel | DeadAxis]) -> tuple[str
         ]
         for sentence in sentences:
             about.setdefault(sentence, []).append(name)
-    warnings = [
+    return [
         f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}: {sentence}'
         for sentence, names in about.items()
     ]
-    if seconds < SHORT_QUIET:
-        warnings.insert(
-            0, f'only {seconds:.0f} s of rest: the figures are rough below {SHORT_QUIET:g} s'
-        )
-    return tuple(warnings)
 
 
 def _identify_axis(

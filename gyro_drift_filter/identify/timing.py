@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.series import LARGEST_PART, Stored
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,7 +54,7 @@ class Timing:
     uneven: float
 
 
-def learn_timing(stamps: Integers | Stored) -> Timing:
+def learn_timing(stamps: Integers | Values) -> Timing:
     """Learn the sample period from blocks of two seconds, and find the gaps.
 
     Args:
@@ -81,7 +81,7 @@ def learn_timing(stamps: Integers | Stored) -> Timing:
     return Timing(period, np.concatenate(breaks), uneven / even if even else 0.0)
 
 
-def _steps(stamps: Integers | Stored) -> Iterator[tuple[int, Floats]]:
+def _steps(stamps: Integers | Values) -> Iterator[tuple[int, Floats]]:
     """Yield the steps between stamps in s, part by part, each with the index of its first."""
     n = len(stamps)
     for first in range(0, n - 1, LARGEST_PART):

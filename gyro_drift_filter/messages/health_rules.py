@@ -249,8 +249,8 @@ def _stamps_go_backward(span: Span) -> bool:
 def _stamps_are_zero(span: Span) -> bool:
     now, first = span.now.telemetry, span.first.telemetry
     zero = now.zero_stamps - first.zero_stamps
-    # The stamps of what was not measured anew are not looked at.
-    none = span.recent == zero + now.not_measured - first.not_measured
+    # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
+    none = zero >= span.recent - (now.not_measured - first.not_measured)
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
 
 
@@ -310,8 +310,7 @@ def _has_no_bias_for_long(span: Span) -> bool:
 
 
 def _no_bias(span: Span) -> str:
-    seconds = math.ceil(span.now.telemetry.least_rest_seconds)
-    return f'no bias known yet: stand still for {seconds} seconds'
+    return f'no bias known yet: stand still for {span.now.telemetry.first_rest} seconds'
 
 
 def _is_noise_unsure(span: Span) -> bool:

@@ -84,6 +84,21 @@ class Telemetry(NamedTuple):
     beyond_max: int
     turning: int
 
+    @property
+    def message_period(self) -> float:
+        """The time in s from one message to the next, which may repeat a measurement."""
+        return self.period * self.samples_per_message
+
+    @property
+    def has_stamps(self) -> bool:
+        """Whether the driver stamps: of what is not measured anew no stamp is looked at."""
+        return self.zero_stamps < max(self.samples - self.not_measured, 1)
+
+    @property
+    def first_rest(self) -> int:
+        """For how long in whole s the sensor has to stand still until it is found at rest."""
+        return math.ceil(self.least_rest_seconds)
+
 
 TELEMETRY = record(Telemetry)
 

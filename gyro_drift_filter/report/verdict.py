@@ -14,6 +14,7 @@
 
 """The verdict on a run of the filter over a recording: what it found, and whether it helped."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.rest.records import least_rest
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
@@ -74,6 +76,7 @@ class Rests:
     Attributes:
         count: Rests.
         seconds: All of them together.
+        needed: For how long in s it had to stand still for the first one to be found.
         samples: At rest that the deviations are of: without the last second of each.
         raw_deviation: Standard deviation of the rates as they came, each rest about its own mean,
             (3,) in rad/s; NaN where it is not known, as in
@@ -83,6 +86,7 @@ class Rests:
 
     count: int
     seconds: float
+    needed: int
     samples: int
     raw_deviation: Floats
     filtered_deviation: Floats
@@ -249,7 +253,7 @@ class RunWatch:
         sums = self._sums.copy()
         end_run(sums)
         filter_, total = self._filter, sums[0]
-        rests = _rests(total)
+        rests = _rests(total, filter_)
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
         held_back = _held_back(total['outliers'], run)
@@ -324,7 +328,7 @@ class RunWatch:
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
 
 
-def _rests(total: Any) -> Rests:
+def _rests(total: Any, filter_: Filter) -> Rests:
     noise, unknown = total['noise'], np.full(3, np.nan)
     raw, filtered = unknown, unknown
     if noise['count'] >= _FEWEST:
@@ -335,6 +339,7 @@ def _rests(total: Any) -> Rests:
     return Rests(
         int(total['rests']),
         float(total['rest_seconds']),
+        math.ceil(least_rest(filter_.record['coefficients']['rest'][0])),
         int(noise['count']),
         raw,
         filtered,

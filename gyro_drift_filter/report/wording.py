@@ -76,7 +76,7 @@ def statements(verdict: Verdict) -> list[Statement]:
     else:
         found = [
             Statement('rest', _about_rest(verdict)),
-            Statement('bias', _about_bias(verdict.bias)),
+            Statement('bias', _about_bias(verdict.bias, verdict.rests.needed)),
             Statement('heading', _about_heading(verdict)),
             Statement('outliers', _about_outliers(verdict)),
         ]
@@ -142,7 +142,7 @@ def _is_beyond(verdict: Verdict) -> bool:
 def _why_no_rest(verdict: Verdict) -> str:
     if _is_beyond(verdict):
         return 'while the sensor was steady, its rate was beyond bias.max'
-    return 'the sensor never stood still for some three seconds'
+    return f'the sensor never stood still for {verdict.rests.needed} s'
 
 
 def _why_silent(verdict: Verdict) -> str:
@@ -167,12 +167,12 @@ def _about_rest(verdict: Verdict) -> str:
     return f'{text}; the noise falls to {shares} there'
 
 
-def _about_bias(bias: Bias) -> str:
+def _about_bias(bias: Bias, needed: int) -> str:
     rates = by_axis(f'{np.degrees(rate):.3f}' for rate in bias.rates)
     sure = f'{np.degrees(float(bias.deviations.max())):.2g}'
     left_in = '' if bias.taken_off else '; it is left in, as bias.enabled is false'
     if bias.source == BiasSource.UNKNOWN:
-        return f'not known: it needs three seconds of rest; it may be anything up to {sure} deg/s'
+        return f'not known: it needs {needed} s of rest; it may be anything up to {sure} deg/s'
     if bias.source == BiasSource.PROVISIONAL:
         return (
             f'provisional: {rates} deg/s, from the first seconds, which were steady but not quite '

@@ -1,0 +1,72 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Samples that a driver sends twice: all six values are those of the sample before."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gyro_drift_filter.identify.series import LARGEST_PART, Values
+
+# Chance gives a count its root; beyond so many of them, and so many, it was not chance.
+_DEVIATIONS, _LEAST = 5.0, 5.0
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How often samples are repeated.
+
+    Attributes:
+        samples: All of them.
+        repeated: Those whose values are those of the one before.
+        runs: How often one or more came in a row.
+        by_chance: Those that are repeated in a coarse sensor, by how often a sample is that before
+            the last one.
+    """
+
+    samples: int
+    repeated: int
+    runs: int
+    by_chance: int
+
+    @property
+    def are_repeats(self) -> bool:
+        """Whether they are more than chance has."""
+        chance = self.by_chance
+        return self.repeated > chance + _LEAST + _DEVIATIONS * math.sqrt(chance)
+
+    @property
+    def share(self) -> float:
+        """The share of the samples that is repeated."""
+        return self.repeated / self.samples if self.samples else 0.0
+
+
+def count_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Repeats:
+    """Count the repeated samples of rates and accelerations, three columns (n,) each."""
+    n, repeated, runs, chance = len(rates[0]), 0, 0, 0
+    for first in range(0, n, LARGEST_PART):
+        ahead = min(first, 2)
+        part = slice(first - ahead, first + LARGEST_PART)
+        values = np.column_stack([column[part] for column in (*rates, *accelerations)])
+        values = np.nan_to_num(values)
+        same, before, between = np.zeros((3, len(values)), np.bool_)
+        same[1:] = (values[1:] == values[:-1]).all(axis=1)
+        before[1:] = same[:-1]
+        between[2:] = (values[2:] == values[:-2]).all(axis=1)
+        repeated += int(same[ahead:].sum())
+        runs += int((same & ~before)[ahead:].sum())
+        chance += int((between & ~same & ~before)[ahead:].sum())
+    return Repeats(n, repeated, runs, chance)
