@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate.rests import find_rests, make_track
 from gyro_drift_filter.calibrate.turning import Leg, rotations, turn, turn_alone
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 from support.paths import RECORDINGS
@@ -206,6 +207,20 @@ def test_gaps_and_the_end_of_the_range_break_a_turn(random):
         found = calibrate([recording])
         assert any(message in text for text in found.warnings)
         assert np.abs(found.matrix - faults.matrix).max() < 5e-3
+
+
+def test_a_pause_of_the_recorder_is_no_part_of_the_sample_period(random):
+    """Else blocks hold fewer samples, and what is short of a rest is one."""
+    _, turns = laid_down(random)
+    found = []
+    for pause in (0, 600 * 10**9):
+        stamps = turns.stamps + pause * (np.arange(len(turns.stamps)) > len(turns.stamps) // 2)
+        track = make_track(stamps, turns.rates, turns.accelerations)
+        found.append((track, find_rests(track)))
+    (track, before), (paused, after) = found
+    assert paused.period == pytest.approx(track.period)
+    np.testing.assert_allclose(after.rate_density, before.rate_density, rtol=0.05)
+    assert len(before.rests) <= len(after.rests) <= len(before.rests) + 1
 
 
 @pytest.mark.parametrize(

@@ -117,10 +117,13 @@ def test_the_oldest_go_where_there_are_too_many(node, tmp_path, monkeypatch):
     executable(tmp_path, monkeypatch, 'exit 0')
     monkeypatch.setattr(cold_start, 'LARGEST_QUEUE', 10)
     start, taken = ColdStart(node), []
+    start.take(taken.append, 'set', is_command=True)
     for k in range(15):
         start.take(taken.append, k)
+    start.take(taken.append, 'reset', is_command=True)
     node.turn(lambda: start.waiting is None)
-    assert taken == [*range(5, 15)]
+    # Whoever gives a command is told that it was taken.
+    assert taken == ['set', *range(5, 15), 'reset']
     assert 'compiled; 10 messages kept, 5 too many' in node.log
 
 

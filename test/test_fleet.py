@@ -233,6 +233,17 @@ def test_a_store_that_fails_is_asked_again_the_next_time(small, client, tmp_path
     assert 'the store is gone' in result.rows[0]['error']
 
 
+def test_a_disk_that_is_full_is_asked_again_the_next_time(small, tmp_path):
+    (bag,) = find_bags([str(small / 'robot_00' / 'day_01')], None)
+    (tmp_path / 'file').touch()
+    taken = tmp_path / 'bags'
+    (written_path(taken, bag) / 'other').mkdir(parents=True)
+    for folder, why in ((tmp_path / 'file' / 'bags', 'can not be written'), (taken, 'replaced')):
+        result = measure(bag, Job(Parameters(), bags=folder))
+        assert why in result.rows[0]['error']
+        assert not result.lasting
+
+
 def test_a_streamed_path_is_one_to_all_who_read_it():
     files = fsspec.filesystem('memory')
     files.pipe('/here/a.mcap', b'0123456789')

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
@@ -36,6 +36,7 @@ from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.message_kernels import rows_of
 from gyro_drift_filter.mcap.reader import read_layout
+from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import mixed, read, write, write_mcap
@@ -324,13 +325,31 @@ def test_an_index_that_lies_is_no_plain_file(tmp_path, random):
     assert read_layout(Path(tmp_path)) is None
 
 
+MESSAGE_RECORDS = st.builds(
+    lambda length, rest: PREFIX.pack(MESSAGE, max(length + len(rest), 0)) + rest,
+    st.sampled_from([0] * 20 + [-3, 1, 2**63]),
+    st.one_of(st.binary(min_size=22, max_size=80), st.binary(max_size=24)),
+)
+
+
 @settings(max_examples=300, deadline=None)
-@given(st.binary(max_size=600))
-def test_any_bytes_as_a_chunk(data):
+@given(st.lists(MESSAGE_RECORDS, max_size=4), st.binary(max_size=12))
+def test_any_bytes_as_a_chunk(records, rest):
     """No record is found outside of the chunk."""
+    data = b''.join(records) + rest
     rows = rows_of(np.frombuffer(bytearray(data), np.uint8), EACH_CHANNEL)
+    event('no sound chunk' if rows is None else f'{min(len(rows), 2)} messages or more')
     for row in [] if rows is None else rows:
         assert 0 <= row['start'] <= row['start'] + row['size'] <= len(data)
+
+
+def test_messages_of_a_chunk_are_found_among_other_records():
+    body = bytes(22) + b'content'
+    message = PREFIX.pack(MESSAGE, len(body)) + body
+    data = message + PREFIX.pack(0x7F, 5) + b'other' + message
+    rows = rows_of(np.frombuffer(bytearray(data), np.uint8), EACH_CHANNEL)
+    found = [data[row['start'] : row['start'] + row['size']] for row in rows]
+    assert found == [b'content', b'content']
 
 
 def test_arrays_are_those_of_the_good_messages(tmp_path, monkeypatch, random):

@@ -14,6 +14,7 @@
 
 """Bags that were cut off in mid-write, at any byte, and bags that are replaced."""
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.reader import read_layout
-from gyro_drift_filter.mcap.records import MAGIC, PREFIX
+from gyro_drift_filter.mcap.records import CHUNK, CHUNK_HEAD, MAGIC, MESSAGE, PREFIX
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
@@ -116,6 +117,26 @@ def test_a_cut_in_the_head_of_a_chunk(form, tmp_path, random):
     for cut in range(first.start, first.start + 60):
         path.write_bytes(whole[:cut])
         assert recover(path, copy) == 0
+        copy.unlink()
+
+
+def test_what_a_power_cut_leaves_behind_the_last_chunk_costs_no_message(tmp_path, random):
+    """Disks keep the length of a file, and what is there of it may be anything."""
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), chunk_size=30_000)
+    whole = path.read_bytes()
+    *_, last = read_layout(path).chunks()
+    copy = tmp_path / 'copy.mcap'
+    path.write_bytes(whole[: last.start])
+    count = recover(path, copy)
+    assert count > 100
+    copy.unlink()
+    short = PREFIX.pack(MESSAGE, 4) + bytes(4)
+    head = CHUNK_HEAD.pack(0, 0, len(short), 0, 0) + struct.pack('<Q', len(short))
+    chunk = PREFIX.pack(CHUNK, len(head + short)) + head + short
+    wild = PREFIX.pack(CHUNK, 2**64 - 1) + random.bytes(4000)
+    for tail in (b'', bytes(5000), random.bytes(5000), wild, short, chunk):
+        path.write_bytes(whole[: last.start] + tail)
+        assert recover(path, copy) == count
         copy.unlink()
 
 

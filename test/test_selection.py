@@ -19,11 +19,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags.opening import open_bag
-from gyro_drift_filter.bags.recording import BagError, Piece
+from gyro_drift_filter.bags.recording import BagError, Piece, messages
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import Topics
@@ -195,8 +196,24 @@ def test_a_part_of_the_time_is_as_a_shorter_recording(tmp_path):
         run(source, tmp_path / 'none', start=100.0)
 
 
+def test_the_files_of_a_folder_are_read_in_the_order_of_time(tmp_path):
+    """And not in that in which metadata.yaml lists them."""
+    first = write(tmp_path / 'a', {(TOPIC, IMU_TYPE): simulated(300)[:150]})
+    second = write(tmp_path / 'b', {(TOPIC, IMU_TYPE): simulated(300)[150:]})
+    with open_bag(first) as one, open_bag(second) as other:
+        expected = [time for bag in (one, other) for _, time, _ in messages(bag)]
+    (second / 'b.mcap').rename(first / 'b.mcap')
+    metadata = yaml.safe_load((first / 'metadata.yaml').read_text())
+    information = metadata['rosbag2_bagfile_information']
+    information['relative_file_paths'] = ['b.mcap', 'a.mcap']
+    information['message_count'] = 2 * information['message_count']
+    (first / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
+    with open_bag(first) as bag:
+        assert [time for _, time, _ in messages(bag)] == expected
+
+
 def test_files_in_another_order_than_that_of_time_lose_nothing():
-    """As where metadata.yaml lists them so, or where the files of one bag overlap in time."""
+    """As where the files of one bag overlap in time."""
     pieces = []
     for begin in (2, 0):
         rows = np.zeros(20, ROW)

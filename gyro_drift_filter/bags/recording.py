@@ -31,6 +31,10 @@ class BagError(GyroDriftFilterError):
     """A bag can't be read or written; the text says which and why."""
 
 
+class OutputError(BagError):
+    """A bag can't be written, whatever it was to hold: the disk is full, the name is taken."""
+
+
 class Piece(NamedTuple):
     """Messages that follow each other in a recording.
 

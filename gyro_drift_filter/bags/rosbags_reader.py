@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gyro_drift_filter.bags.library import AnyReader, Connection
+from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader
 from gyro_drift_filter.bags.recording import BagError, Piece
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.message_kernels import ROW
@@ -40,6 +40,10 @@ class RosbagsReader:
         self.message_count = library.message_count
         self.typestore = library.typestore
         self._library = library
+        # rosbags reads the files of a folder in the order of its metadata.yaml.
+        for reader in library.readers:
+            if isinstance(storage := getattr(reader, 'storage', None), DirectoryReader):
+                storage.storages.sort(key=lambda file: file.metadata.start_time)
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, see `Recording`."""

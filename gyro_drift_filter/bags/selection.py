@@ -122,7 +122,7 @@ class Selection:
             if self.is_whole:
                 yield piece
             else:
-                # Not by bisection: files of one bag may overlap in time, or stand in another order.
+                # Not by bisection: files of one bag may overlap in time.
                 seconds = 1e-9 * (times - begin)
                 if (seconds > self.end).all():
                     return

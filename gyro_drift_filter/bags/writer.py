@@ -46,7 +46,7 @@ from gyro_drift_filter.bags.library import (
 )
 from gyro_drift_filter.bags.mcap_storage import McapStorage
 from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import BagError, Kind, Recording, kind
+from gyro_drift_filter.bags.recording import Kind, OutputError, Recording, kind
 from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
@@ -90,11 +90,11 @@ class BagWriter:
         Where the path is a symbolic link, it is what that leads to.
 
         Raises:
-            BagError: The path exists already, can't be written, or is that of a file.
+            OutputError: The path exists already, can't be written, or is that of a file.
         """
         self._path = Path(os.path.realpath(path)) if path.is_symlink() else path.absolute()
         if path.suffix in _BAG_FILES:
-            raise BagError(f'{path}: what is written is a folder: name it without {path.suffix}')
+            raise OutputError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace
         self._copies: dict[Kind, Connection] = {}
         with self._reporting():
@@ -145,13 +145,13 @@ class BagWriter:
 
     def _check_replacement(self) -> None:
         if not self._replace:
-            raise BagError(f'{self._path} exists already: remove it or choose another name')
+            raise OutputError(f'{self._path} exists already: remove it or choose another name')
         names = {file.name for file in self._path.iterdir()} if self._path.is_dir() else set()
         others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
         if 'metadata.yaml' not in names:
-            raise BagError(f'{self._path} is no rosbag2 folder, and is not replaced')
+            raise OutputError(f'{self._path} is no rosbag2 folder, and is not replaced')
         if others:
-            raise BagError(
+            raise OutputError(
                 f'{self._path} holds more than a bag, and is not replaced: {min(others)}'
             )
 
@@ -171,7 +171,7 @@ class BagWriter:
         try:
             yield
         except (OSError, WriterError) as error:
-            raise BagError(f'{self._path} can not be written: {reason(error)}') from error
+            raise OutputError(f'{self._path} can not be written: {reason(error)}') from error
 
     def copy_connection(self, connection: Connection, source: Recording) -> Connection:
         """Add a topic as it is in a recording, with its QoS and message definition.
@@ -211,7 +211,7 @@ class BagWriter:
         """Write a serialized message with its log time in ns.
 
         Raises:
-            BagError: The disk is full or the like.
+            OutputError: The disk is full or the like.
         """
         with self._reporting():
             self._writer.write(connection, log_time, data)
@@ -220,7 +220,7 @@ class BagWriter:
         """Write MCAP message records that lie behind each other: see `McapWriter`.
 
         Raises:
-            BagError: The disk is full or the like.
+            OutputError: The disk is full or the like.
         """
         storage = self._writer.storage
         assert isinstance(storage, McapStorage)

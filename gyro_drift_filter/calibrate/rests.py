@@ -65,6 +65,7 @@ class Track:
         broken: (n - 1,) True where between two samples there is a gap, or the range has ended.
         clipped: (n - 1,) True where it is for the range.
         even: Whether the time is that of evenly spaced samples, in place of stamps of arrival.
+        period: From one sample to the next in s, gaps apart.
     """
 
     start: int
@@ -74,6 +75,7 @@ class Track:
     broken: Bools
     clipped: Bools
     even: bool
+    period: float
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,7 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
         gaps | clipped,
         clipped,
         even,
+        float(np.median(np.diff(seconds))),
     )
 
 
@@ -177,7 +180,7 @@ def _at_the_end_of_the_range(rates: Floats) -> Bools:
 
 def find_rests(track: Track) -> Rests:
     """Return the rests of a track, and its noise: without any, that of its quietest blocks."""
-    period = (track.seconds[-1] - track.seconds[0]) / (len(track.seconds) - 1)
+    period = track.period
     size = max(LEAST_BLOCK, round(BLOCK_SECONDS / period))
     values = track.rates
     if track.accelerations is not None:

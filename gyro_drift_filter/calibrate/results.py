@@ -207,12 +207,11 @@ def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) ->
     rate = np.mean([session.rests.rate_density for session in sessions], axis=0).max()
     acceleration = np.mean([session.rests.acceleration_density for session in sessions], axis=0)
     walks = [part.bias_walk for part in parts if part.legs]
-    track = sessions[0].track
     return Noise(
         float(rate**0.5),
         float(np.mean(walks)) ** 0.5 if walks else None,
         float(acceleration.max() ** 0.5) if np.isfinite(acceleration).all() else None,
-        (len(track.seconds) - 1) / float(np.ptp(track.seconds)),
+        1.0 / sessions[0].track.period,
     )
 
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import Piece, is_cdr
+from gyro_drift_filter.bags.recording import OutputError, Piece, is_cdr
 from gyro_drift_filter.bags.recording import Recording as OpenRecording
 from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
@@ -79,7 +79,8 @@ class Result:
     Attributes:
         content: Hash of what it holds; empty where that could not be read.
         rows: Of the table, without the columns of `PLACE`.
-        lasting: Whether the same content gives the same rows: not where the store failed.
+        lasting: Whether the same content gives the same rows: not where the store failed, or the
+            disk that is written to.
     """
 
     content: str
@@ -106,7 +107,7 @@ def measure(bag: Bag, job: Job) -> Result:
         try:
             measured = _measured(path, bag, job)
         except (GyroDriftFilterError, OSError) as failure:
-            error = str(failure)
+            error, lasting = str(failure), not _is_of_the_machine(failure)
         except Exception as failure:  # a file that lies may bring about nearly anything
             error, lasting = f'{type(failure).__name__}: {failure}', False
         try:
@@ -122,6 +123,13 @@ def measure(bag: Bag, job: Job) -> Result:
         row['content'] = content or None
         row['notes'] = [_nameless(note) for note in notes]
     return Result(content, rows, lasting)
+
+
+def _is_of_the_machine(failure: BaseException | None) -> bool:
+    """Return whether an error is that of a disk, say a full one, and not of what a bag holds."""
+    while failure is not None and not isinstance(failure, (OSError, OutputError)):
+        failure = failure.__cause__
+    return failure is not None
 
 
 def _failed(error: object) -> Row:

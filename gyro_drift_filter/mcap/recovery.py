@@ -65,24 +65,22 @@ def recover(source: Openable, destination: Path) -> int:
         Their number.
 
     Raises:
-        McapError: The first chunk is damaged.
+        McapError: The file is damaged before its first channel.
         OSError: A file can't be read or written.
     """
     writer = McapWriter(destination, '')
     try:
         with source.open('rb') as file:
-            for opcode, content, whole in _records(file):
-                if opcode != CHUNK:
-                    _take_records(writer, PREFIX.pack(opcode, len(content)) + content)
-                    continue
-                try:
-                    data = unpack_chunk(content).data
-                except McapError:
-                    # After a power cut the end may be there without having been written.
-                    if whole and not writer.counts:
-                        raise
-                    break
-                _take_records(writer, data)
+            try:
+                for opcode, content, whole in _records(file):
+                    if opcode == CHUNK:
+                        _take_records(writer, _unpacked(content, whole))
+                    else:
+                        _take_records(writer, PREFIX.pack(opcode, len(content)) + content)
+            except McapError:
+                # After a power cut the end may be there without having been written.
+                if not writer.counts:
+                    raise
         writer.finish()
     except BaseException:
         writer.abort()
@@ -109,6 +107,16 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
             return
         else:
             file.seek(length, 1)
+
+
+def _unpacked(content: bytes, whole: bool) -> bytes:
+    """Return the records of a chunk; none where it was cut off too early."""
+    try:
+        return unpack_chunk(content).data
+    except McapError:
+        if whole:
+            raise
+        return b''
 
 
 def _take_records(writer: McapWriter, data: bytes) -> None:

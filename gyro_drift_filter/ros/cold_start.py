@@ -50,14 +50,16 @@ class ColdStart:
     """Take what arrives at once, or keep it while the kernels are compiled.
 
     Attributes:
-        waiting: What is kept: functions with their arguments; None where the filter is ready.
-        dropped: How many were too many.
+        waiting: What is kept: functions with their arguments, and whether that is a command; None
+            where the filter is ready.
+        messages: How many of them are no commands.
+        dropped: How many messages were too many.
     """
 
     def __init__(self, node: Node) -> None:
         """Begin to compile if kernels are not in the cache; `stop` has to be called then."""
-        self.waiting: deque[tuple[Callable[[Any], None], Any]] | None = None
-        self.dropped = 0
+        self.waiting: deque[tuple[Callable[[Any], None], Any, bool]] | None = None
+        self.messages = self.dropped = 0
         self._node = node
         self._compiler: subprocess.Popen[bytes] | None = None
         self._keeping = False
@@ -78,20 +80,31 @@ class ColdStart:
         self._timer = self._repeat(_POLL_SECONDS, self._poll)
         if not cold:
             return
-        self.waiting = deque(maxlen=LARGEST_QUEUE)
+        self.waiting = deque()
         self._keeping = True
         node.get_logger().warning(
             'first start: compiling the filter, for one to three minutes. Messages are kept until '
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
-    def take(self, function: Callable[[Any], None], argument: Any) -> None:
-        """Call a function with an argument: now, or after all that came before."""
+    def take(
+        self, function: Callable[[Any], None], argument: Any, *, is_command: bool = False
+    ) -> None:
+        """Call a function with an argument: now, or after all that came before.
+
+        Where there is no room any more the oldest message goes, but no command: whoever gave it
+        has been told that it was taken.
+        """
         if self.waiting is None:
             function(argument)
             return
-        self.dropped += len(self.waiting) == LARGEST_QUEUE
-        self.waiting.append((function, argument))
+        self.waiting.append((function, argument, is_command))
+        self.messages += not is_command
+        if self.messages > LARGEST_QUEUE:
+            oldest = next(k for k, entry in enumerate(self.waiting) if not entry[2])
+            del self.waiting[oldest]
+            self.messages -= 1
+            self.dropped += 1
 
     def _repeat(self, seconds: float, function: Callable[[], None]) -> Timer:
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -115,9 +128,7 @@ class ColdStart:
         assert self.waiting is not None
         log = self._node.get_logger()
         if status == 0:
-            log.info(
-                f'compiled; {counted(len(self.waiting), "message")} kept, {self.dropped} too many'
-            )
+            log.info(f'compiled; {counted(self.messages, "message")} kept, {self.dropped} too many')
             return
         self._errors.seek(0)
         lines = self._errors.read().decode(errors='replace').split('\n')
@@ -132,7 +143,8 @@ class ColdStart:
         assert self.waiting is not None
         end = time.monotonic() + _SLICE_SECONDS
         while self.waiting:
-            function, argument = self.waiting.popleft()
+            function, argument, is_command = self.waiting.popleft()
+            self.messages -= not is_command
             function(argument)
             if time.monotonic() > end:
                 return

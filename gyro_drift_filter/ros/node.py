@@ -187,7 +187,7 @@ class GyroDriftFilterNode(Node):
         )
 
     def _configure(self, parameters: Parameters) -> None:
-        self._cold_start.take(self._messages.filter.configure, parameters)
+        self._cold_start.take(self._messages.filter.configure, parameters, is_command=True)
         self._hint.listen(parameters.motion_hint)
 
     def _take(self, data: bytes) -> None:
@@ -215,7 +215,7 @@ class GyroDriftFilterNode(Node):
             output.publish(messages.sample_message(name))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._cold_start.take(lambda _: self._messages.filter.reset(), None)
+        self._cold_start.take(lambda _: self._messages.filter.reset(), None, is_command=True)
         response.success = True
         response.message = 'the filter starts from the next sample; parameters are kept'
         return response
@@ -288,9 +288,9 @@ class GyroDriftFilterNode(Node):
         self, status: diagnostics.DiagnosticStatus
     ) -> diagnostics.DiagnosticStatus:
         """Add what the messages don't show: a first start, and who else is on the topics."""
-        waiting = self._cold_start.waiting
-        if waiting is not None:
-            message = f'compiling for the first start: {counted(len(waiting), "message")} kept'
+        if self._cold_start.waiting is not None:
+            kept = counted(self._cold_start.messages, 'message')
+            message = f'compiling for the first start: {kept} kept'
             return status._replace(level=Level.WARN, message=message)
         if not status.name.endswith(INPUT) or status.level not in (Level.OK, Level.STALE):
             return status
