@@ -223,6 +223,28 @@ def test_a_driver_that_hangs_in_motion_does_not_let_the_rate_run_away(random):
     assert np.abs(out['angular_velocity'][1700:] - truth[1700:]).max() < 0.1
 
 
+@pytest.mark.parametrize('whole', [True, False])
+@pytest.mark.parametrize('seconds', [0.1, 0.3, 0.5, 1.0, 1.5, 3.0])
+def test_the_samples_after_a_bus_has_hung_are_no_outliers(seconds, whole, random):
+    """However fast the body turned meanwhile; and what came meanwhile is no noise of none."""
+    truth = np.concatenate([np.zeros((800, 3)), fast_turn(3000, 100.0), np.zeros((800, 3))])
+    given = truth + 0.006 * random.standard_normal(truth.shape)
+    accelerations = upright(random, len(given))
+    hung, n = np.zeros(len(given), bool), round(100 * seconds)
+    for k in (350, 1400, 2030, 2710, 3333):
+        given[k : k + n] = given[k - 1]
+        if whole:
+            accelerations[k : k + n] = accelerations[k - 1]
+        hung[k : k + n] = True
+    results = Filter(Parameters()).run(stamps(len(given), 100.0), given, accelerations)
+    error = np.abs(results['angular_velocity'] - truth)
+    moving = ~hung & (np.arange(len(given)) > 850)
+    assert not results['outlier'][moving].any()
+    assert error[moving].max() < 0.1
+    assert error[3900:4500].mean() < 0.35 * np.abs(given - truth)[3900:4500].mean()
+    assert np.sqrt(results['measurement_noise'][4500:]).min() > 0.004
+
+
 # The same examples each time: the limit is measured, not proven.
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(

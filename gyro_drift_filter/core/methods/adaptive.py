@@ -103,6 +103,9 @@ if TYPE_CHECKING:
 # Zeros on all axes are no drop-out where no axis was faster than this, in rad/s: some drivers give
 # zeros for slow rates, of one degree a second at most.
 LARGEST_DEAD_ZONE = 0.02
+# Where noise is of more than a step the same rate comes four times in a row once in 50 times at the
+# most: it is that of a bus that hangs.
+LEAST_HANG = 3  # repeats
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Blocks of samples in a row that have to be still (`rest/`) for outliers to be judged by noise.
 STILL_BLOCKS = 3
@@ -309,6 +312,7 @@ def compare_axes(
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
+        own['hangs'] = _hangs(state, checks, axis)
         if not tracking[axis]:
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
@@ -323,6 +327,15 @@ def compare_axes(
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
+
+
+@kernel
+def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int) -> bool:
+    """Return whether the rate of an axis has come more often in a row than noise lets it."""
+    if checks['equal'][axis] < LEAST_HANG or checks['at_limit'][axis]:
+        return False
+    step = state['noise']['resolution']
+    return bool(0.0 < step * step < state['noise']['variance'])
 
 
 @kernel
@@ -370,7 +383,7 @@ def update(
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:
         reason = Reason.CONSTANT
-    elif circumstances['repeated'] and doubt['unseen'] < limits['longest_hold']:
+    elif (circumstances['repeated'] or own['hangs']) and doubt['unseen'] < limits['longest_hold']:
         reason = Reason.REPEATED
     elif own['at_limit'] and _is_behind(sample, prediction, typical):
         reason = Reason.AT_LIMIT
@@ -399,6 +412,9 @@ def update(
         doubt['held'] = 0
         doubt['unseen'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
+    if own['hangs'] and decision != Decision.BRIDGE:
+        note_missing(doubt, typical)
+        doubt['unseen'] = unseen + 1  # it does not end with a value that is taken meanwhile
     doubt['last_sample'] = sample
     if doubt['unseen'] == 0:
         doubt['behind_gap'] = unseen > 0
@@ -410,7 +426,7 @@ def update(
     state['sample_accepted'] = taken
     if taken or decision == Decision.PASS:
         state['accepted'] = sample
-    if decision == Decision.ACCEPT:
+    if decision == Decision.ACCEPT and not own['hangs']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
         at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
         learn_noise(noise, sample, at_rest, is_dense, length, forgetting)

@@ -96,6 +96,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     accepted: float  # the sample that was accepted before it, rad/s
     returned: bool  # it lies there again, after one that was held back
     at_limit: bool  # the rate is at the end of the range
+    hangs: bool  # it has come so often in a row that it was not measured anew
 
 
 ADAPTIVE_AXIS = record(AdaptiveAxis, in_cache_lines=True)

@@ -153,6 +153,10 @@ def _cross_bridge(
     """
     decision, accepted = decision_of(workspace['reason']), workspace['accepted']
     repeated, turned = decision == Decision.BRIDGE, 0.0
+    if workspace['hangs'] and not repeated:
+        # The bridge ends with a rate that was not measured: how the body turned nobody knows.
+        bridge['samples'], bridge['behind'] = 0, False
+        return 0.0
     if bridge['behind']:
         slope = predictable(bridge) * (sample - accepted)
         slope = bridge['slope_before'] if repeated else slope
