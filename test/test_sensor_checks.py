@@ -129,3 +129,28 @@ def test_gravity_that_stands_without_a_rest_is_noted(random):
     filter_ = Filter()
     run(filter_, *at_rest(random, 100.0))
     assert filter_.state['bias']['rest']['steady_seconds'] < 5.0
+
+
+@pytest.mark.parametrize('axes', [[0, 1, 2], [0]])
+@pytest.mark.parametrize('value', [0.0, 0.01])
+@pytest.mark.parametrize('moves', [False, True])
+def test_what_a_device_sends_before_it_is_ready_is_no_rest(axes, value, moves, random):
+    """The driver gives the same rates for some seconds, and the accelerometer is alive."""
+    bias = np.array([0.02, -0.01, 0.03])
+    rates, accelerations = at_rest(random, 60.0, bias)
+    if moves:
+        turn, push = by_hand(random, 20.0)
+        rates[800:2800] += turn
+        accelerations[800:2800] += push
+    rates[:500, axes] = value
+    filter_ = Filter()
+    results = filter_.run(10**18 + 10_000_000 * np.arange(6000), rates, accelerations)
+    assert np.abs(results['bias'][-1] - bias).max() < 1e-3
+    assert results['at_rest'][3500:].mean() > 0.9
+    still = slice(4000, 6000)
+    noise = (results['angular_velocity'][still]).std(axis=0)
+    assert (noise < 0.4 * rates[still].std(axis=0)).all()
+    # Until the first rest of a living sensor the bias is no better known than at power-on.
+    if axes == [0, 1, 2]:
+        first = results[600]
+        assert (np.sqrt(first['angular_velocity_variance']) > 0.02).all()

@@ -41,6 +41,7 @@ from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.quantisation import is_undone, variance_of_cut
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.sensor_checks import start_checks
 from gyro_drift_filter.core.settings import SETTINGS, Settings
 from gyro_drift_filter.core.step import derive
 from gyro_drift_filter.gravity import GRAVITY
@@ -112,6 +113,7 @@ def start_state(filter_: NDArray[np.void]) -> None:
     """Set a state up that is zero but for the bias."""
     state = filter_[0]['state']
     leave_rest(state['bias'])
+    start_checks(state['checks'])
     start_polling(state['polling'])
     start_clock(state['clock'], filter_[0]['settings']['sample_rate'])
 

@@ -67,13 +67,14 @@ STAYS = record(Stays)
 class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
 
-    measured: PerAxis  # angular velocity of the last sample, rad/s
+    measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
     acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
     largest: PerAxis  # |rate| of those that were stopped at, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # last change of the rate, rad/s
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
+    living: CountPerAxis  # 1 where it has changed at all, else 0
     rates: Stays
     accelerations: Stays
     equal_all: int  # how often all rates and accelerations have come before in a row
@@ -93,6 +94,13 @@ class SensorChecks(TypedDict):
 
 
 SENSOR_CHECKS = record(SensorChecks)
+
+
+@kernel
+def start_checks(checks: SensorChecks) -> None:
+    """Set a zeroed record up."""
+    for axis in range(3):
+        checks['measured'][axis] = np.nan
 
 
 @inlined_kernel
@@ -130,6 +138,13 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
 
 
 @kernel
+def living_axes(checks: SensorChecks) -> int:
+    """Return how many axes have ever changed."""
+    living = checks['living']
+    return int(living[0] + living[1] + living[2])
+
+
+@kernel
 def says_nothing(checks: SensorChecks) -> bool:
     """Return whether the last values may be those of a sensor, or of an axis, that hangs."""
     fault = checks['fault']
@@ -164,7 +179,7 @@ def _fault_of(
         return AxisFault.FROZEN
     if checks['turned'][axis] == 0:
         return AxisFault.NONE
-    return AxisFault.FROZEN if resolution[axis] > 0.0 else AxisFault.DEAD
+    return AxisFault.FROZEN if checks['living'][axis] else AxisFault.DEAD
 
 
 @kernel
@@ -213,6 +228,11 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool
     """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
     size, change = abs(rate), abs(rate - checks['measured'][axis])
     entered, resolution, largest = checks['entered'], checks['resolution'], checks['largest']
+    if checks['living'][axis] == 0:
+        if change > 0.0:
+            checks['living'][axis] = 1
+        else:
+            change = size  # a rate is a number of steps, too
     if change > 0.0:
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:

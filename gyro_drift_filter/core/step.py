@@ -53,7 +53,7 @@ from gyro_drift_filter.core.sample import (
     SampleStatus,
     is_usable,
 )
-from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
+from gyro_drift_filter.core.sensor_checks import living_axes, note_values, says_nothing
 from gyro_drift_filter.core.settings import Settings
 
 # Of a sample in the sum: a start of motion may be any number.
@@ -82,7 +82,10 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
         result['status'] = SampleStatus.FILTERED
         undone = _is_truncated(sample, missing, filter_)
+    living = living_axes(state['checks'])
     note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
+    if living_axes(state['checks']) != living:
+        _doubt_rest(filter_)
     if message == Message.REPEAT:
         _repeat_result(result)
         return
@@ -128,6 +131,19 @@ def _start_over(filter_: FilterRecord) -> None:
     methods.start_over(filter_)
     leave_rest(state['bias'])
     forget_noise(state['bias']['rest'])
+
+
+@kernel
+def _doubt_rest(filter_: FilterRecord) -> None:
+    """Doubt what was learned at rest: an axis that has not changed so far may not have measured.
+
+    So it is with a device that is not ready when its driver is.
+    """
+    bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
+    if is_learned(bias):
+        methods.start_over(filter_)
+        forget_noise(bias['rest'])
+        widen(bias, deviation * deviation)
 
 
 @kernel
