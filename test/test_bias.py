@@ -222,6 +222,76 @@ def test_a_turn_about_an_axis_that_leans_moves_gravity_and_is_no_bias(speed, ran
     assert np.abs(results['bias']).max() < 0.1 * DEGREE
 
 
+@pytest.mark.parametrize('speed', [1.0, 3.0, 9.0])
+def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, random):
+    """After a minute and a half nothing tells the one from the other; the end of it does."""
+    bias = np.array([0.01, -0.02, 0.015])
+    filter_, turn = Filter(), np.array([0.0, 0.0, speed * DEGREE])
+    run(filter_, *at_rest(random, 20, bias))
+    results = run(filter_, *at_rest(random, 150, bias + turn), start=START + 20 * 10**9)
+    np.testing.assert_allclose(results['bias'][-1], bias + turn, atol=1e-3)
+    results = run(filter_, *at_rest(random, 10, bias), start=START + 170 * 10**9)
+    np.testing.assert_allclose(results['bias'][-1], bias, atol=1e-3)
+    # And a bias that has jumped indeed is one from then on.
+    results = run(filter_, *at_rest(random, 150, bias + turn), start=START + 180 * 10**9)
+    results = run(filter_, *at_rest(random, 60, bias + 2.0 * turn), start=START + 330 * 10**9)
+    np.testing.assert_allclose(results['bias'][-1], bias + turn, atol=1e-3)
+
+
+def humming(random, seconds):
+    """Return rates and accelerations (n, 3) that a motor adds at 37 Hz."""
+    time = np.arange(round(100 * seconds)) / 100.0
+    tone = np.sin(2 * np.pi * 37.3 * time)[:, None]
+    return 0.03 * tone * [1.0, 0.5, 0.7], 0.6 * tone * [0.3, 1.0, 0.4]
+
+
+def noisier(random, seconds):
+    """Return what makes a sensor three times as noisy, and its accelerometer twice."""
+    n = round(100 * seconds)
+    return 0.017 * random.standard_normal((n, 3)), 0.035 * random.standard_normal((n, 3))
+
+
+def shaken(random, seconds):
+    """Return what makes the accelerometer alone five times as noisy."""
+    n = round(100 * seconds)
+    return np.zeros((n, 3)), 0.1 * random.standard_normal((n, 3))
+
+
+@pytest.mark.parametrize('machine', [humming, noisier, shaken])
+def test_a_machine_that_is_switched_on_after_the_first_rest_hides_no_rest(machine, random):
+    """A robot that stands for five seconds now and then, as its bias warms up by a degree a second.
+
+    It does so within ten minutes.
+    """
+    rates, accelerations = at_rest(random, 190)
+    bias = np.linspace(0.0, 190 * DEGREE / 600, len(rates))[:, None] * [1.0, -1.0, 0.5]
+    more, shake = machine(random, 180)
+    rates[1000:] += more
+    accelerations[1000:] += shake
+    stands = np.ones(len(rates), bool)
+    for begin in range(1500, 18_500, 1000):
+        part = slice(begin, begin + 500)
+        turn, push = by_hand(random, 5.0)
+        rates[part] += turn
+        accelerations[part] += push
+        stands[part] = False
+    results = run(Filter(), rates + bias, accelerations)
+    late = np.arange(len(rates)) > 6000
+    assert results['at_rest'][late & stands].mean() > 0.4
+    assert results['at_rest'][late & ~stands].mean() < 0.05
+    assert np.abs(results['bias'] - bias)[late].max() < 2.5e-3
+
+
+def test_a_machine_that_runs_now_and_then_hides_no_rest(random):
+    rates, accelerations = at_rest(random, 120)
+    runs = (np.arange(len(rates)) % 2000 < 600) & (np.arange(len(rates)) > 1000)
+    more, shake = humming(random, 120)
+    rates[runs] += more[runs]
+    accelerations[runs] += shake[runs]
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][6000:].mean() > 0.7
+
+
 def test_after_a_slow_turn_short_rests_are_believed_again(random):
     """Each of them is one segment long."""
     filter_ = Filter()

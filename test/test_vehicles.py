@@ -21,6 +21,7 @@ pytest.importorskip('scipy', reason='scipy is not installed')
 
 from benchmark import vehicles as benchmark
 from benchmark.vehicles import Judged, judge, misses
+from gyro_drift_filter.core import Filter
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import (
     from_vectors,
@@ -66,6 +67,14 @@ def test_gravity_shows_the_bias_of_a_drone():
     judged = [judge(ride(VEHICLES['drone'], seed, 300.0)) for seed in range(3)]
     off, on = (np.mean([getattr(one, which)[2] for one in judged]) for which in ('off', 'on'))
     assert on < 0.8 * off
+
+
+def test_a_car_on_a_straight_road_does_not_stand():
+    """Its vibration is that of a machine, but for how it sways."""
+    for seed in range(3):
+        of = ride(VEHICLES['car'], seed, 300.0, warm_up=0.0)
+        results = Filter().run(of.stamps, of.rates, of.accelerations)
+        assert results['at_rest'][of.moving].mean() < 0.02
 
 
 def test_a_car_that_keeps_its_speed_is_not_taken_for_one_that_tilts():

@@ -52,14 +52,18 @@ from gyro_drift_filter.core.rest.noise import (
     unlearn_first_segment,
     variance_of_mean,
 )
+from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import segment_mean, segment_scatter, value_variance
 from gyro_drift_filter.core.sample import Sample
 from gyro_drift_filter.core.slow_turn import (
     GATE,
+    LONGEST_TURN,
     SlowTurn,
     forget_slow_turn,
+    give_up_bias,
     interrupt_slow_turn,
+    is_back,
     is_slow_turn,
 )
 
@@ -123,6 +127,7 @@ class Bias(TypedDict):
     """The bias, and what the last segments of rest say of it."""
 
     rest: Rest
+    other_rest: Rest  # by another noise than the one that is known
     known: bool
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
@@ -182,6 +187,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
 def leave_rest(state: Bias) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])
+    start_rest(state['other_rest'])
     lose_direction(state['motion'])
     _forget_stillness(state)
 
@@ -235,7 +241,9 @@ def track_bias(
     for axis in range(3):
         note_count(rest, axis, likely_count(quantisation, axis))
     run = rest['run']
+    hand_on_block(rest, state['other_rest'])
     found = close_block(rest, lengths)
+    look_for_other_noise(rest, state['other_rest'], lengths)
     if found == BlockOutcome.STEADY:
         _take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
@@ -499,8 +507,15 @@ def _is_bias_after_all(state: Bias, seconds: float) -> bool:
     largest = 0.0
     for axis in range(3):
         largest = max(largest, state['variance'][axis] + state['reach'])
-    if is_slow_turn(state['turn'], state['rest'], seconds, state['bias'], largest):
+    turn = state['turn']
+    if is_back(turn, state['rest'], state['bias']):
+        turn['gave_up'] = False
+    elif is_slow_turn(turn, state['rest'], seconds, state['bias'], largest):
         return False
+    elif turn['seconds'] >= LONGEST_TURN:
+        for axis in range(3):
+            variance = state['variance'][axis] + state['reach']
+            give_up_bias(turn, axis, state['bias'][axis], variance)
     state['known'] = False
     state['doubt'] = 0
     state['recent_count'] = 0

@@ -37,6 +37,8 @@ SAME = 4.0
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
 LEAST_ANGLE, LEAST_SHARE = 0.06, 0.5  # rad
+# The bias that was given up is back where the rate is so near it, as a share of the way from there.
+BACK = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.
 GATE = 3.5
 
@@ -50,6 +52,10 @@ class SlowTurn(TypedDict):
     standing_seconds: float
     angle: PerAxis  # rad, by which the body would have turned
     gravity: PerAxis  # m/s^2, at its beginning
+    # the bias that was given up for a rate that has lasted, and may yet have been right
+    gave_up: bool
+    given_up: PerAxis  # rad/s
+    given_up_variance: PerAxis  # (rad/s)^2
 
 
 SLOW_TURN = record(SlowTurn)
@@ -101,7 +107,38 @@ def is_slow_turn(
         noise = max(noise, segment_variance(rest, axis))
     standing = turn['standing_seconds']
     uncertain = standing * (standing * variance + seconds * noise)
-    return bool(turn['seconds'] < LONGEST_TURN and not _is_denied(turn, rest, uncertain))
+    if _is_denied(turn, rest, uncertain):
+        turn['gave_up'] = False
+        return False
+    return bool(turn['seconds'] < LONGEST_TURN)
+
+
+@kernel
+def give_up_bias(turn: SlowTurn, axis: int, bias: float, variance: float) -> None:
+    """Keep the bias of an axis (rad/s) and its variance, which a rate that lasts replaces."""
+    turn['gave_up'] = True
+    turn['given_up'][axis] = bias
+    turn['given_up_variance'][axis] = variance
+
+
+@kernel
+def is_back(turn: SlowTurn, rest: Rest, bias: PerAxis) -> bool:
+    """Return whether the segment has the bias that was given up: the rate that lasted was a turn.
+
+    `bias` (3,) in rad/s is the one that has replaced it.
+    """
+    if not turn['gave_up']:
+        return False
+    jump = 0.0
+    for axis in range(3):
+        change = bias[axis] - turn['given_up'][axis]
+        jump += change * change
+    for axis in range(3):
+        distance = segment_mean(rest, axis) - turn['given_up'][axis]
+        spread = turn['given_up_variance'][axis] + segment_variance(rest, axis)
+        if distance * distance > max(GATE * GATE * spread, BACK * BACK * jump):
+            return False
+    return True
 
 
 @kernel

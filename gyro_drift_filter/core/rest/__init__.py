@@ -32,11 +32,12 @@ that hold together. The first one may have noise of any spectrum: what tells it 
 moves from its first half to its second, neither of a rate nor of gravity, by the scatter that this
 sensor's own means have, that the values vary alike in both halves, and that this scatter is one
 that a body at rest can have. Noise that is correlated varies more from block to block, and so may
-blocks and segments of it. A vibration that comes later counts as noise after some minutes. How much
-more the means of segments vary than the blocks within them say, as slow noise makes them, is begun
-with the correlation of one block and the next, and learned from one segment to the next.
+blocks and segments of it. A machine that is switched on later makes another noise, which is looked
+for beside the one that is known. How much more the means of segments vary than the blocks within
+them say, as slow noise makes them, is begun with the correlation of one block and the next, and
+learned from one segment to the next.
 
 `detection.py` takes samples in and says where there is rest, `segment.py` keeps the sums,
-`stationarity.py` judges them, `noise.py` learns the noise from them, and `records.py` declares what
-they share.
+`stationarity.py` judges them, `noise.py` learns the noise from them, `other_noise.py` finds that it
+is another one by now, and `records.py` declares what they share.
 """

@@ -1,0 +1,97 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Noise at rest that is another one by now: a fan was switched on, or a motor idles.
+
+Where the noise has risen for good nothing is still any more, by what is known of it. So what is not
+known as rest is looked at a second time, by a detector that knows no noise, as before the first
+rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
+the noise at rest from now on. Where the noise falls again it is learned as always.
+"""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.detection import close_block, next_segment, start_rest
+from gyro_drift_filter.core.rest.records import (
+    SEGMENT_BLOCKS,
+    SIGNALS,
+    BlockOutcome,
+    Rest,
+    RestLengths,
+)
+
+# A motion may pass for noise once.
+CONFIRMING = 3  # segments
+# Times the variance of values: with less of it the noise that is known finds the rest.
+NOISIER = 2.0
+# Means of an eighth of a second, of vibration that is faster, vary by no more than the values say,
+# as far as segments tell. Of a vehicle on the road they vary by eight times that and more.
+LARGEST_EXCESS = 3.0
+# What has been neither rest nor of that noise for so long was motion.
+FORGOTTEN_SECONDS = 10.0
+
+
+@kernel
+def hand_on_block(rest: Rest, other: Rest) -> None:
+    """Give the other detector the block that is complete, before it is closed."""
+    other['count'] = rest['count']
+    for i in range(SIGNALS):
+        given, taken = rest['signals'][i], other['signals'][i]
+        taken['least_variance'] = given['least_variance']
+        taken['origin'] = given['origin']
+        taken['sum'] = given['sum']
+        taken['squares'] = given['squares']
+
+
+@kernel
+def look_for_other_noise(rest: Rest, other: Rest, lengths: RestLengths) -> None:
+    """Close the block that was handed on, and take another noise over where it is confirmed."""
+    if rest['at_rest'] or not rest['known']:
+        start_rest(other)
+        return
+    if other['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
+        other['known'] = False
+    found = close_block(other, lengths)
+    if found == BlockOutcome.END_OF_REST:
+        next_segment(other, True)
+    elif found == BlockOutcome.SEGMENT:
+        next_segment(other, False)
+        stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
+        if stands and other['learned'] >= CONFIRMING and _is_of_a_machine(rest, other):
+            _take_noise(rest, other)
+
+
+@kernel
+def _is_of_a_machine(rest: Rest, other: Rest) -> bool:
+    """Return whether values vary more, and their means by no more than follows from that.
+
+    In a slow turn the means alone vary more, and in a vehicle far more than its vibration says.
+    """
+    noisier = False
+    for i in range(SIGNALS):
+        before, now = rest['signals'][i], other['signals'][i]
+        if now['variance'] > NOISIER * before['variance']:
+            noisier = True
+        risen = max(now['variance'] / before['variance'], 1.0)
+        if now['scatter'] > LARGEST_EXCESS * risen * before['scatter']:
+            return False
+    return noisier
+
+
+@kernel
+def _take_noise(rest: Rest, other: Rest) -> None:
+    rest['variance_ratio'] = other['variance_ratio']
+    rest['restless'] = 0
+    for i in range(SIGNALS):
+        rest['signals'][i]['variance'] = other['signals'][i]['variance']
+        rest['signals'][i]['scatter'] = other['signals'][i]['scatter']
