@@ -27,9 +27,9 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.memory_file import file_of, recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
-from gyro_drift_filter.simulation.bag import FRAME
+from gyro_drift_filter.simulation.bag import FRAME, imu_message
 from harness.live_node import LOSSLESS, LiveNode
-from support.messages import doubles_of, imu_fields
+from support.messages import START, doubles_of, imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
 from support.sensor import DEGREE, at_rest, by_hand
 
@@ -95,6 +95,20 @@ def test_an_end_by_interrupt_saves_what_came_since_the_last_time(home, random):
         live.play(serialized(*at_rest(random, 10, TRUTH), start=10))
     assert live.returncode == 0
     assert file_of(NODE, FRAME).read_text() != before
+
+
+def test_the_bias_of_another_frame_is_not_kept_as_that_of_this_one(home, random):
+    """The driver restarts with another sensor while the node runs on."""
+    with LiveNode(home=home) as live:
+        live.play(serialized(*at_rest(random, 10, TRUTH)))
+        live.wait(file_of(NODE, FRAME).exists, 'the file of the bias')
+        before = file_of(NODE, FRAME).read_text()
+        rates, accelerations = at_rest(random, 10, (-0.05, 0.05, 0.05))
+        stamps = START + 10_000_000 * (1100 + np.arange(len(rates)))
+        other = zip(stamps.tolist(), rates, accelerations, strict=True)
+        live.play([imu_message(*row, frame='other_imu') for row in other])
+    assert file_of(NODE, FRAME).read_text() == before
+    assert len(list(file_of(NODE, FRAME).parent.iterdir())) == 1
 
 
 def test_without_memory_nothing_is_kept(home, random):

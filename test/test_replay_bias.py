@@ -184,6 +184,24 @@ def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplo
     assert not (tmp_path / 'other').exists()
 
 
+def test_the_bias_of_another_frame_is_not_kept(tmp_path, random, caplog):
+    first = imus(*at_rest(random, 10, (0.01, 0.02, 0.03)))
+    rates, accelerations = at_rest(random, 10, (-0.05, 0.05, 0.05))
+    later = [
+        (time, imu_message(time, rate, acceleration, frame='other_imu'))
+        for time, rate, acceleration in zip(
+            (START + 10_000_000 * (1100 + np.arange(1000))).tolist(),
+            rates,
+            accelerations,
+            strict=True,
+        )
+    ]
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): first + later})
+    replay(bag, tmp_path / 'out', parameters=Parameters(), memory=tmp_path / 'bias.json')
+    assert not (tmp_path / 'bias.json').exists()
+    assert f'frame_id is no longer {FRAME}' in caplog.text
+
+
 def test_no_other_file_is_replaced_by_the_bias(tmp_path, random):
     """Least of all a bag, named there by mistake."""
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20))})

@@ -154,3 +154,10 @@ def test_what_a_device_sends_before_it_is_ready_is_no_rest(axes, value, moves, r
     if axes == [0, 1, 2]:
         first = results[600]
         assert (np.sqrt(first['angular_velocity_variance']) > 0.02).all()
+
+
+def test_a_bias_of_the_last_run_is_no_less_sure_for_the_first_samples(random):
+    filter_ = Filter()
+    filter_.set_bias((0.01, -0.02, 0.03), (1e-3, 1e-3, 1e-3))
+    run(filter_, *at_rest(random, 1.0, (0.01, -0.02, 0.03)))
+    assert (filter_.bias_deviation < 1.1e-3).all()

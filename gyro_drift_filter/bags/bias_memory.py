@@ -55,6 +55,7 @@ class BiasMemory:
     def __init__(self, path: Path, node: str, filter_: Filter) -> None:
         self._path, self._node, self._filter = path, node, filter_
         self._frame: str | None = None
+        self._changed = False
         self._time = 0.0
 
     def note(self, piece: Piece, imus: Any) -> None:
@@ -69,6 +70,10 @@ class BiasMemory:
             self._recall(int(piece.rows[row]['log_time']) * 1e-9)
             break
         if rows:
+            data = piece.message(rows[-1])
+            imu = read_message(data)
+            if imu['kind'] != ImuKind.MALFORMED and frame_id(data, imu) != self._frame:
+                self._changed = True
             self._time = int(piece.rows[rows[-1]]['log_time']) * 1e-9
 
     def _recall(self, now: float) -> None:
@@ -88,6 +93,12 @@ class BiasMemory:
             MemoryFileError: The disk does not take it.
         """
         if self._frame is None or self._filter.state['bias']['segments'] == 0:
+            return
+        if self._changed:
+            _log.warning(
+                'the bias is not kept: frame_id is no longer %s, so the sensor may be another one',
+                self._frame,
+            )
             return
         bias = RememberedBias.of(self._filter)
         remember(self._path, self._node, self._frame, bias, self._time)

@@ -140,7 +140,8 @@ def _doubt_rest(filter_: FilterRecord) -> None:
     So it is with a device that is not ready when its driver is.
     """
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
-    if is_learned(bias):
+    # A bias of the last run is no worse for it.
+    if bias['segments'] > 0 or bias['provisional'][0] > 0.0:
         methods.start_over(filter_)
         forget_noise(bias['rest'])
         widen(bias, deviation * deviation)

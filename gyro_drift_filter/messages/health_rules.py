@@ -254,6 +254,12 @@ def _stamps_are_zero(span: Span) -> bool:
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
 
 
+def _frame_text(span: Span) -> str:
+    if span.now.frame_changes - span.before.frame_changes == 1:
+        return 'frame_id has changed: another driver now, or two sensors on one topic?'
+    return 'frame_id changes from message to message: two sensors on one topic?'
+
+
 def _gaps_in_window(span: Span) -> float:
     """Return how many gaps there were."""
     return float(span.now.telemetry.gaps - span.first.telemetry.gaps)
@@ -380,7 +386,7 @@ INPUT_RULES = (
         'changing frame',
         Level.WARN,
         lambda span: span.now.frame_changes > span.before.frame_changes,
-        'frame_id changes from message to message: two sensors on one topic?',
+        _frame_text,
     ),
     Rule(
         'not reported',

@@ -19,7 +19,6 @@ import time
 import numpy as np
 from rclpy.node import Node
 
-from gyro_drift_filter.core import Filter
 from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
@@ -28,6 +27,7 @@ from gyro_drift_filter.messages.memory_file import (
     recall,
     remember,
 )
+from gyro_drift_filter.messages.message_filter import MessageFilter
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
 _SAVE_SECONDS = 60.0
@@ -40,10 +40,11 @@ class BiasMemory:
         recalled: True once the first good message has been seen.
     """
 
-    def __init__(self, node: Node, filter_: Filter) -> None:
+    def __init__(self, node: Node, messages: MessageFilter) -> None:
         self.recalled = False
         self._node = node
-        self._filter = filter_
+        self._messages = messages
+        self._filter = messages.filter
         self._frame = ''
         self._saved_segments = 0
         self._saved_at = -np.inf
@@ -83,15 +84,19 @@ class BiasMemory:
         segments = int(self._filter.state['bias']['segments'])
         if not self._filter.parameters.bias_memory or segments in (0, self._saved_segments):
             return
+        if self._messages.report().frame_changes:
+            self._warn(f'frame_id is no longer {self._frame}, so the sensor may be another one')
+            return
         self._saved_segments, self._saved_at = segments, time.monotonic()
         try:
             name = self._node.get_fully_qualified_name()
             path = file_of(name, self._frame)
             remember(path, name, self._frame, RememberedBias.of(self._filter))
         except (MemoryFileError, RuntimeError) as error:
-            if not self._warned:
-                self._node.get_logger().warning(
-                    f'the bias will not be remembered: {error}; set bias.memory to false if that '
-                    'is intended'
-                )
-            self._warned = True
+            self._warn(f'{error}; set bias.memory to false if that is intended')
+
+    def _warn(self, why: str) -> None:
+        """Tell once why the bias is not saved."""
+        if not self._warned:
+            self._node.get_logger().warning(f'the bias will not be remembered: {why}')
+        self._warned = True

@@ -111,7 +111,7 @@ class GyroDriftFilterNode(Node):
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).take(EXAMPLE)
         self._health = Health(self.get_fully_qualified_name())
-        self._memory = BiasMemory(self, self._messages.filter)
+        self._memory = BiasMemory(self, self._messages)
         self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
