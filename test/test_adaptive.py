@@ -599,6 +599,22 @@ def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
     assert not results['outlier'].any()
 
 
+@pytest.mark.parametrize('limit', [0.7, 0.9, 1.1, 1.5])
+def test_zeros_of_a_driver_that_takes_more_than_the_noise_for_none_are_no_drop_out(limit, random):
+    """At rest one axis now and then has a rate between zeros, and none is led away by it."""
+    rates = 0.006 * random.standard_normal((9000, 3))
+    turn, push = by_hand(random, 30)
+    rates[3000:6000] += turn
+    given = np.where(np.abs(rates) < np.radians(limit), 0.0, rates)
+    accelerations = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal(rates.shape)
+    accelerations[3000:6000] += push
+    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), given, accelerations)
+    still = np.r_[1000:2900, 6600:9000]
+    assert results['outlier'][still].mean() < 0.001
+    led_away = np.abs(results['angular_velocity'])[still].max()
+    assert led_away < 1.5 * max(np.abs(given[still]).max(), 0.03)
+
+
 @pytest.mark.parametrize('deviation', [1e-4, 5e-3])
 @pytest.mark.parametrize('rate', [20.0, 25.0, 30.0])
 def test_a_hand_is_followed_at_a_low_rate(rate, deviation, random):

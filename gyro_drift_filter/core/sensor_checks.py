@@ -45,6 +45,10 @@ CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
 
 
+# Zeros on all axes so many times in a row are no drop-out of a sample or two.
+LONG_ZEROS = 20
+
+
 class AxisFault(IntEnum):
     """What is wrong with one axis beside others that live."""
 
@@ -77,6 +81,7 @@ class SensorChecks(TypedDict):
     living: CountPerAxis  # 1 where it has changed at all, else 0
     rates: Stays
     accelerations: Stays
+    gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
     equal_all: int  # how often all rates and accelerations have come before in a row
     stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
     # while a rate stays the same: all rates when it began to, rad/s, and whether there was motion
@@ -210,6 +215,10 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
     stays = checks['rates']
     if same:
         stays['same'] += 1
+        none = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
+        lasts = min(equal[0], equal[1], equal[2]) >= LONG_ZEROS
+        if none and lasts and living_axes(checks) == 3:
+            checks['gives_zeros'] = True
     for axis in range(3):
         if rate[axis] == measured[axis]:
             equal[axis] += 1

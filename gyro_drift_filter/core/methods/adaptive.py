@@ -323,7 +323,8 @@ def compare_axes(
             turned = True
     measured = checks['measured']
     all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
-    circumstances['dropout'] = all_zero and fast and surprised and settings['outlier_enabled']
+    dropout = all_zero and fast and surprised and not checks['gives_zeros']
+    circumstances['dropout'] = dropout and settings['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
