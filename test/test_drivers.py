@@ -201,6 +201,19 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     assert results['outlier'].mean() < 0.002
 
 
+@pytest.mark.parametrize('limit', np.radians([75.0, 100.0, 125.0, 250.0]))
+def test_a_hand_that_is_faster_than_the_range_is_followed_as_soon_as_it_is_within(limit, random):
+    """Gyroscopes have ranges from 75 deg/s on."""
+    hand = motion_below(4.0, random, 6000, 100.0)
+    truth = np.concatenate([np.zeros((800, 3)), 4.0 * hand / hand.std()])
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    given = np.clip(z, -limit, limit)
+    results = Filter(Parameters()).run(stamps(len(z), 100.0), given, upright(random, len(z)))
+    measured = (np.abs(truth) < 0.96 * limit).all(axis=1) & (np.arange(len(z)) > 1000)
+    error = (results['angular_velocity'] - truth)[measured]
+    assert np.sqrt(np.mean(error**2)) < 0.0055
+
+
 def test_all_axes_at_the_end_of_the_range_are_no_repeat(random):
     """Their rates stay the same to the last bit, as those of a sensor that was polled twice."""
     time = np.arange(3000) / 100.0

@@ -39,8 +39,8 @@ CROSS_STEPS = 100.0
 LEAST_PUSH = 1.0
 # A rate that is the same so many times is the end of the range, where the one before was so many
 # steps of the resolution off, as at the top of a turn it is not, and where no rate that was stopped
-# at like this was faster. The smallest range is above this, in rad/s.
-CLIPPED_RATE = 2.0
+# at like this was faster. The smallest range, 75 deg/s, is above this, in rad/s.
+CLIPPED_RATE = 1.25
 CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
 
