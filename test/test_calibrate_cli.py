@@ -98,6 +98,26 @@ def test_errors_are_one_line(tmp_path, capsys, random):
         assert not (tmp_path / 'found.yaml').exists()
 
 
+def test_a_recording_does_not_count_twice(tmp_path, capsys, random):
+    """Twice the same turns would seem to be known better than they are."""
+    turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)
+    source = bag(tmp_path / 'in', turns)
+    (file,) = source.glob('*.mcap')
+    (tmp_path / 'link').symlink_to(source)
+    (tmp_path / 'loop').symlink_to('loop')
+    for bags, message in (
+        ([source, source], 'in is named twice: name it once'),
+        ([source, tmp_path / 'link'], 'link is named twice: name it once'),
+        ([source, file], f'{file} is part of {source}, which is named, too: name one of them'),
+        ([file, source], f'{file} is part of {source}, which is named, too: name one of them'),
+        ([tmp_path / 'loop', tmp_path / 'none'], 'no such bag: '),
+    ):
+        assert calibrate(tmp_path, *bags) == 1
+        told = capsys.readouterr().err
+        assert message in told
+        assert told.count('\n') == 1
+
+
 NOISE = Noise(1e-4, 1e-6, 2e-3, 200.0)
 
 

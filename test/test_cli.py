@@ -342,6 +342,16 @@ def test_a_known_error_is_one_line_and_status_1(arguments, message, tmp_path, mo
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.parametrize('command', ['report', 'doctor', 'identify', 'calibrate', 'tune'])
+def test_one_topic_is_named_once(command, capsys):
+    """The last one was taken without a word."""
+    with pytest.raises(SystemExit) as exit_:
+        main([command, 'bag', '--topic', '/a', '--topic', '/b'])
+    assert exit_.value.code == 2
+    said = '--topic is given twice, and this command takes one topic: name it once'
+    assert said in ' '.join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize('arguments', [[], ['replay'], ['replay', 'bag'], ['frobnicate']])
 def test_bad_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as error:

@@ -184,6 +184,12 @@ def test_bags_have_the_shortest_names_that_tell_them_apart(tmp_path):
         shortest_names([tmp_path / 'run', tmp_path / 'a' / '..' / 'run'])
 
 
+def test_a_link_to_itself_is_no_bag(tmp_path, capsys):
+    (tmp_path / 'loop').symlink_to('loop')
+    assert main(['report', str(tmp_path / 'loop'), '-o', str(tmp_path / 'page.html')]) == 1
+    assert 'no such bag: ' in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_figures_as_pictures(source, tmp_path):
     report(source, tmp_path, '--png', tmp_path / 'png', '--start', 15, '--end', 25)

@@ -19,6 +19,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
@@ -72,7 +73,7 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--kalibr', type=Path, metavar='FILE', help='write it for Kalibr and OpenVINS, too'
     )
-    command.add_argument('--topic', help='Imu topic, needed where a bag has several')
+    add_topic_option(command, 'a bag')
     add_time_options(command)
     command.add_argument(
         '--turns',
@@ -104,6 +105,7 @@ def run(options: argparse.Namespace) -> int:
     if options.bags[0].suffix in ('.yaml', '.yml', '.calib') and options.bags[0].is_file():
         _convert(options)
         return 0
+    distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
     texts, written = [report(result)], [options.output]

@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gyro_drift_filter.cli.bag_options import add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
@@ -54,7 +55,7 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--kalibr', type=Path, metavar='FILE', help='write the noise for Kalibr and OpenVINS, too'
     )
-    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    add_topic_option(command)
     add_time_options(command)
     command.add_argument(
         '--sample-rate',

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
@@ -28,9 +29,8 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
-from gyro_drift_filter.core import GyroDriftFilterError, Parameters
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def add_parser(subcommands: Any) -> None:
         metavar='METHOD',
         help=f'compare these, of {", ".join(METHOD_NAMES)}; the first one is shown in full',
     )
-    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    add_topic_option(command)
     add_time_options(command)
     command.add_argument(
         '--json', type=Path, metavar='FILE', help='write the figures of the verdicts, for programs'
@@ -126,10 +126,7 @@ def shortest_names(bags: list[Path]) -> list[str]:
     Raises:
         GyroDriftFilterError: A bag is named twice.
     """
-    paths = [bag.resolve() for bag in bags]
-    for k, path in enumerate(paths):
-        if path in paths[:k]:
-            raise GyroDriftFilterError(f'{printable(str(bags[k]))} is named twice')
+    paths = distinct_paths(bags)
     parts = 1
     while len({path.parts[-parts:] for path in paths}) < len(paths):
         parts += 1

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.cli.bag_options import add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import say, tell
@@ -66,7 +67,7 @@ def add_parser(subcommands: Any) -> None:
         'on another Imu topic of the bag; without a SOURCE it is the file that simulate has '
         'written beside the bag',
     )
-    command.add_argument('--topic', help='Imu topic, needed where the bag has several')
+    add_topic_option(command)
     add_time_options(command)
     command.add_argument(
         '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
