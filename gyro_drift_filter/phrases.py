@@ -14,7 +14,8 @@
 
 """Pieces of sentences that are alike in all commands."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 
 
 def counted(count: int, what: str) -> str:
@@ -25,3 +26,24 @@ def counted(count: int, what: str) -> str:
 def by_axis(values: Iterable[object]) -> str:
     """Return three values, each behind the name of its axis."""
     return ', '.join(f'{axis} {value}' for axis, value in zip('xyz', values, strict=True))
+
+
+def without_rate(known: Sequence[bool], largest: float) -> str:
+    """Return which axes had no rate, from whether each had one; empty where all had.
+
+    Args:
+        known: For x, y and z.
+        largest: Rate in rad/s beyond which it is none.
+    """
+    silent = [axis for axis, is_known in zip('xyz', known, strict=True) if not is_known]
+    if not silent:
+        return ''
+    about = '' if len(silent) == len(known) else f' about {" and ".join(silent)}'
+    return f'no rate{about} is a number of at most {largest:.0f} rad/s'
+
+
+def rounded_down(value: float, decimals: int) -> str:
+    """Return a number as text that is rounded down, so that it does not seem to reach a limit."""
+    scale = 10**decimals
+    # Less than a millionth of the last digit is an error of rounding.
+    return f'{math.floor(value * scale + 1e-6) / scale:.{decimals}f}'

@@ -237,6 +237,7 @@ def test_a_pause_of_the_recorder_is_no_part_of_the_sample_period(random):
         ),
         (lambda s, w, a: s.fill(0), 'are the stamps zero'),
         (lambda s, w, a: w.fill(np.nan), 'samples can be used: no rate is a number'),
+        (lambda s, w, a: w[:, 1].fill(np.nan), 'samples can be used: no rate about y is a number'),
     ],
 )
 def test_other_faults_than_scale_are_no_calibration(change, message, random):
@@ -255,6 +256,30 @@ def test_stamps_of_arrival_are_not_taken_for_the_time_of_samples(random):
     found = calibrate([samples(turns, burst)])
     assert 'the stamps are those of arrival: samples are taken as evenly spaced' in found.warnings
     assert np.abs(found.matrix - faults.matrix).max() < 2e-3
+
+
+def test_samples_without_a_rate_do_not_make_even_stamps_uneven(random):
+    faults, turns = laid_down(random)
+
+    def lose(stamps, rates, accelerations):
+        rates[::10] = np.nan
+
+    found = calibrate([samples(turns, lose)])
+    assert not any('arrival' in warning for warning in found.warnings)
+    assert np.abs(found.matrix - faults.matrix).max() < 2e-3
+
+
+def test_a_warning_does_not_stand_for_the_error(random):
+    """Of one rest with stamps of arrival it said only how these are taken."""
+    turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)
+
+    def burst(stamps, rates, accelerations):
+        stamps[:] = stamps[np.minimum(np.arange(len(stamps)) // 5 * 5 + 4, len(stamps) - 1)]
+        stamps += 1000 * np.arange(len(stamps))
+
+    with pytest.raises(CalibrationError, match='the sensor was not turned') as error:
+        calibrate([samples(turns, burst)])
+    assert 'arrival' not in str(error.value)
 
 
 def test_a_turn_and_what_it_depends_on(random):

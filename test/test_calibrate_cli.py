@@ -98,6 +98,15 @@ def test_errors_are_one_line(tmp_path, capsys, random):
         assert not (tmp_path / 'found.yaml').exists()
 
 
+def test_a_rate_that_can_be_none_is_told(tmp_path, capsys, random):
+    turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)
+    turns.rates[:, 2] = 1e300
+    assert calibrate(tmp_path, bag(tmp_path / 'in', turns)) == 1
+    note, told = capsys.readouterr().err.splitlines()
+    assert f'{len(turns.rates)} samples with a rate beyond 1000000 rad/s, which no' in note
+    assert 'no rate about z is a number of at most 1000000 rad/s' in told
+
+
 def test_a_recording_does_not_count_twice(tmp_path, capsys, random):
     """Twice the same turns would seem to be known better than they are."""
     turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)

@@ -159,6 +159,19 @@ def test_a_short_rest_draws_a_warning(tmp_path, capsys):
     assert 's of rest: the figures are rough below 60 s' in capsys.readouterr().err
 
 
+def test_a_rate_that_can_be_none_is_told(tmp_path, capsys):
+    """Numpy warned of overflows, with paths of its own."""
+
+    def beyond(rates):
+        rates[:, 0] = 1e300
+        return rates
+
+    assert identify(tmp_path, bag(tmp_path / 'in', change=beyond)) == 1
+    note, told = capsys.readouterr().err.splitlines()
+    assert note.startswith('note: 9000 samples with a rate beyond 1000000 rad/s')
+    assert 'no rate about x is a number of at most 1000000 rad/s: the gyroscope or its' in told
+
+
 def test_a_driver_that_polls_faster_than_the_sensor_measures_draws_a_warning(tmp_path, capsys):
     """White noise that is sent five times has a correlation of 0.8."""
     assert identify(tmp_path, bag(tmp_path / 'in', polled=5)) == 0
@@ -202,6 +215,7 @@ def missing(rates):
         (lambda rates: 0 * rates, [], 'all three axes are dead'),
         (deadband, [], 'axis x has a dead band'),
         (missing, [], 'no rate about y is a number'),
+        (None, ['--end', '19.98'], 'only 19.9 s of rest, the longest 19.9 s, from 0.0 s after'),
         (
             moving,
             ['--end', '0.5'],

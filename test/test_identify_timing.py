@@ -66,6 +66,13 @@ def test_stamps_that_do_not_advance_are_an_error(stamps):
         learn_timing(stamps)
 
 
+def test_stamps_that_go_back_are_told(tmp_path):
+    """A sample rate, which was asked for, does not help where there are stamps."""
+    with pytest.raises(IdentificationError, match='go back: record again with a driver') as error:
+        learn_timing(even(1000)[::-1].copy())
+    assert '--sample-rate' not in str(error.value)
+
+
 def test_a_real_bursty_recording(real):
     timing = learn_timing(real('static_mpu6050_bursty')[0])
     assert 1.0 / timing.period == pytest.approx(99.3, abs=0.5)

@@ -204,13 +204,35 @@ def test_time_limit_leaves_the_defaults(method):
 
 @pytest.mark.parametrize(
     ('count', 'seconds', 'text'),
-    [(999, 20.0, '999 samples in 20.0 s are too few'), (5000, 9.0, 'in 9.0 s are too few')],
+    [
+        (999, 20.0, '999 samples in 20.0 s are too few'),
+        (5000, 9.0, 'in 9.0 s are too few'),
+        (5000, 9.99, 'in 9.9 s are too few'),
+        (5000, -9.0, r'the stamps go back, by 9\.0 s from the first to the last: record again'),
+    ],
 )
 def test_too_little_to_hold_back(count, seconds, text, random):
     stamps = np.linspace(1e18, 1e18 + seconds * 1e9, count).astype(np.int64)
     rates = random.standard_normal((count, 3))
     with pytest.raises(GyroDriftFilterError, match=text):
         Objective(Material(stamps, rates, rates))
+
+
+def test_the_least_that_is_named_is_enough(random):
+    """1000 samples at 100 Hz were refused, as from the first to the last it is 9.99 s."""
+    rates = random.standard_normal((1000, 3))
+    Objective(Material(10**18 + 10**7 * np.arange(1000), rates, rates))
+
+
+@pytest.mark.parametrize(
+    ('silent', 'text'),
+    [((1,), 'no rate about y is a number'), ((0, 1, 2), 'no rate is a number of at most 1000000')],
+)
+def test_what_can_not_be_filtered_is_no_reason_to_keep_the_settings(silent, text, random):
+    rates = random.standard_normal((2000, 3))
+    rates[:, silent] = np.nan
+    with pytest.raises(GyroDriftFilterError, match=text):
+        Objective(Material(10**18 + 10**7 * np.arange(2000), rates, rates))
 
 
 def test_dead_axes(random):
@@ -306,6 +328,7 @@ def test_truth_on_a_topic(tmp_path, capsys):
     [
         (['--truth', 'nothing.npz'], 'no truth in nothing.npz: '),
         (['--truth', '/nothing'], '/nothing'),
+        (['--truth', TOPIC], f'--truth {TOPIC} is the topic that is tuned: name the one that'),
         (['--seconds', '0'], '--seconds must be greater than 0, not 0'),
         (['--seed', '-1'], '--seed must not be negative, not -1'),
         (['--end', '5'], 'are too few to tune by'),

@@ -27,6 +27,7 @@ from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, by_connection
 from gyro_drift_filter.bags.selection import Selection, choose_topic
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.messages.imu import ImuKind, frame_id
 
 
@@ -105,6 +106,11 @@ def imu_parts(
             yield ImuPart(chosen, frame, good['sample'], log_times, len(imus) - len(good))
     if not good_ones:
         raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
+
+
+def usable(values: NDArray[np.float64], largest: float = LARGEST_RATE) -> NDArray[np.float64]:
+    """Return values with NaN for those beyond the largest, which the filter does not use either."""
+    return np.where(np.abs(values) <= largest, values, np.nan)
 
 
 def read_imu_arrays(

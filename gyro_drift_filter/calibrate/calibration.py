@@ -28,7 +28,7 @@ from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording, Sessi
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.rests import find_rests, make_track
-from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_wrong
+from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_left_out
 from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
 from gyro_drift_filter.gravity import GRAVITY
@@ -124,7 +124,15 @@ def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None
         )
     if not (evidence.has_turns or evidence.references):
         raise CalibrationError(
-            '; '.join(what_is_wrong(sessions, evidence.rests))
-            or 'the sensor was not turned: there is one rest only. Lay it down on each of its '
-            'sides, with a rest of four seconds on each'
+            '; '.join([_why_no_turn(evidence), *what_is_left_out(sessions, evidence.rests)])
         )
+
+
+def _why_no_turn(evidence: Evidence) -> str:
+    """Return in words why there is no turn between rests."""
+    if any(part.gaps or part.clipped for part in evidence.rests):
+        return 'no turn can be used'
+    return (
+        'the sensor was not turned: there is one rest only. Lay it down on each of its sides, with '
+        'a rest of four seconds on each'
+    )

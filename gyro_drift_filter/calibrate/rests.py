@@ -27,7 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.gravity import GRAVITY
+from gyro_drift_filter.phrases import without_rate
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -127,21 +129,18 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     alive = np.mean(measured) > 0.5 and np.ptp(accelerations[measured], axis=0).any()
     used = np.isfinite(rates).all(axis=1) & (measured | (not alive))
     # Of what is repeated or late, the first and the latest.
-    used &= np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
+    advancing = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
+    used &= advancing
     if used.sum() < 2 * LEAST_BLOCK:
-        why = ''
-        if len(stamps) >= 2 * LEAST_BLOCK:
-            unusable = not np.isfinite(rates).all(axis=1).any()
-            why = ': no rate is a number' if unusable else ': are the stamps zero?'
+        why = _why_so_few(rates) if len(stamps) >= 2 * LEAST_BLOCK else ''
         raise CalibrationError(f'only {used.sum()} of {len(stamps)} samples can be used{why}')
-    seconds = (stamps[used] - stamps[used][0]) * 1e-9
-    steps = np.diff(seconds)
-    period = float(np.median(steps))
-    even = bool(np.mean(np.abs(steps - period) > 0.5 * period) > UNEVEN)
+    # Samples without a rate tell of the stamps as well: without them, these would seem uneven.
+    even = _are_of_arrival(stamps[advancing])
     if even:
-        seconds, gaps = _evenly(seconds)
+        seconds, gaps = _evenly((stamps[advancing] - stamps[used][0]) * 1e-9, used[advancing])
     else:
-        gaps = steps > GAP_PERIODS * period
+        seconds = (stamps[used] - stamps[used][0]) * 1e-9
+        gaps = np.diff(seconds) > GAP_PERIODS * float(np.median(np.diff(seconds)))
     at_end = _at_the_end_of_the_range(rates[used])
     clipped = at_end[1:] | at_end[:-1]
     return Track(
@@ -156,14 +155,30 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     )
 
 
-def _evenly(seconds: Floats) -> tuple[Floats, Bools]:
-    """Return evenly spaced times between gaps, and where these are."""
+def _why_so_few(rates: Floats) -> str:
+    """Return in words why hardly a sample can be used."""
+    known = np.isfinite(rates)
+    if known.all(axis=1).sum() >= 2 * LEAST_BLOCK:
+        return ': are the stamps zero?'
+    why = without_rate([bool(axis.any()) for axis in known.T], LARGEST_RATE)
+    return f': {why or "hardly a sample has a rate on all axes"}'
+
+
+def _are_of_arrival(stamps: NDArray[np.int64]) -> bool:
+    """Tell whether stamps (n,) that advance are those of arrival."""
+    steps = np.diff(stamps) * 1e-9
+    period = float(np.median(steps))
+    return bool(np.mean(np.abs(steps - period) > 0.5 * period) > UNEVEN)
+
+
+def _evenly(seconds: Floats, used: Bools) -> tuple[Floats, Bools]:
+    """Return evenly spaced times between gaps, of the samples that are used, and the gaps there."""
     gaps = np.diff(seconds) > LONGEST_BURST
     out = seconds.copy()
     edges = [0, *(np.flatnonzero(gaps) + 1).tolist(), len(seconds)]
     for first, stop in pairwise(edges):
         out[first:stop] = np.linspace(seconds[first], seconds[stop - 1], stop - first)
-    return out, gaps
+    return out[used], np.diff(seconds[used]) > LONGEST_BURST
 
 
 def _at_the_end_of_the_range(rates: Floats) -> Bools:

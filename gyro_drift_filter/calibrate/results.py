@@ -292,15 +292,25 @@ def _percent(share: float) -> str:
 
 def what_is_wrong(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:
     """Return in words what of the recordings could not be used, or not as it is."""
-    out = []
-    for session in sessions:
-        if session.rests.moved:
-            out.append(
-                'the sensor moved in what looked like rest, which is left out: '
-                + _times(session.rests.moved)
-            )
-        if session.track.even:
-            out.append('the stamps are those of arrival: samples are taken as evenly spaced')
+    out = what_is_left_out(sessions, parts)
+    if any(session.track.even for session in sessions):
+        out.append('the stamps are those of arrival: samples are taken as evenly spaced')
+    for part in parts:
+        legs = zip(part.legs, part.excess[len(part.excess) - len(part.legs) :], strict=True)
+        if bad := [leg.time for leg, excess in legs if excess > 0.0]:
+            out.append(f'turns that do not fit the others, and count for less: {_times(bad)}')
+    return out
+
+
+def what_is_left_out(
+    sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]
+) -> list[str]:
+    """Return in words which rests and turns could not be used."""
+    out = [
+        f'the sensor moved in what looked like rest, which is left out: {_times(moved)}'
+        for session in sessions
+        if (moved := session.rests.moved)
+    ]
     for part in parts:
         if part.gaps:
             out.append(f'turns with a gap are left out: {_times(part.gaps)}')
@@ -309,9 +319,6 @@ def what_is_wrong(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecordi
                 'turns with a rate at the end of its range are left out, so turn it more slowly: '
                 + _times(part.clipped)
             )
-        legs = zip(part.legs, part.excess[len(part.excess) - len(part.legs) :], strict=True)
-        if bad := [leg.time for leg, excess in legs if excess > 0.0]:
-            out.append(f'turns that do not fit the others, and count for less: {_times(bad)}')
     return out
 
 

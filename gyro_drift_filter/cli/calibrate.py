@@ -185,8 +185,8 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
 
     with Progress(enabled=True) as progress:
         found = read_samples(bag, options.topic, between(options), None, progress)
-    if found.clock:
-        tell(f'note: {bag}: the stamps are zero: the time is that of {found.clock}')
+    for note in found.notes():
+        tell(f'note: {bag}: {note}')
     reference = None
     if options.reference:
         seen = read_orientations(bag, options.reference)

@@ -21,8 +21,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts
+from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.phrases import counted
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,9 @@ class Samples:
         topic: Its name.
         refused: Messages that were malformed or did not report an angular velocity.
         stamps: (n,) in ns.
-        rates: Three columns (n,) in rad/s.
-        accelerations: Three columns (n,) in m/s^2.
+        rates: Three columns (n,) in rad/s; NaN where the filter would not use them.
+        accelerations: Three columns (n,) in m/s^2; the same.
+        beyond: Samples with a rate that is too large to be one.
         clock: Where the time was taken from in place of stamps, in words; empty where stamps told.
     """
 
@@ -43,7 +46,20 @@ class Samples:
     stamps: Stored
     rates: tuple[Stored, ...]
     accelerations: tuple[Stored, ...]
+    beyond: int
     clock: str
+
+    def notes(self) -> list[str]:
+        """Return in words what was not taken as it is."""
+        notes = []
+        if self.clock:
+            notes.append(f'the stamps are zero: the time is that of {self.clock}')
+        if self.beyond:
+            notes.append(
+                f'{counted(self.beyond, "sample")} with a rate beyond {LARGEST_RATE:.0f} rad/s, '
+                'which no gyroscope measures and which counts as no number'
+            )
+        return notes
 
 
 def read_samples(
@@ -67,7 +83,7 @@ def read_samples(
     """
     stamps = Stored(np.int64)
     rates, accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
-    name, clock, refused, count = '', '', 0, 0
+    name, clock, refused, count, beyond = '', '', 0, 0, 0
     for part in imu_parts(bag, topic, progress, between=between):
         name, refused = part.topic, refused + part.refused
         if not len(part.samples):
@@ -77,10 +93,13 @@ def read_samples(
         times = _times(part, clock, sample_rate, count)
         count += len(times)
         stamps.append(times)
+        beyond += int((np.abs(part.samples['angular_velocity']) > LARGEST_RATE).any(axis=1).sum())
         for axis in range(3):
-            rates[axis].append(part.samples['angular_velocity'][:, axis])
-            accelerations[axis].append(part.samples['linear_acceleration'][:, axis])
-    return Samples(name, refused, stamps, rates, accelerations, clock)
+            rates[axis].append(usable(part.samples['angular_velocity'][:, axis]))
+            accelerations[axis].append(
+                usable(part.samples['linear_acceleration'][:, axis], LARGEST_ACCELERATION)
+            )
+    return Samples(name, refused, stamps, rates, accelerations, beyond, clock)
 
 
 def _times(part: ImuPart, clock: str, sample_rate: float | None, before: int) -> NDArray[np.int64]:

@@ -125,6 +125,8 @@ def run(options: argparse.Namespace) -> None:
             options.sample_rate,
             progress,
         )
+    for note in _notes(samples, options.sample_rate):
+        tell(f'note: {note}')
     result = identify(
         samples.stamps,
         samples.rates,
@@ -149,17 +151,13 @@ def run(options: argparse.Namespace) -> None:
         say('\n'.join(texts))
     for warning in result.warnings:
         tell(f'warning: {warning}')
-    for note in _notes(samples, options.sample_rate):
-        tell(f'note: {note}')
     if options.kalibr and (text := lacking(noise_of(result))):
         tell(f'note: {text}')
 
 
 def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:
-    notes = []
-    if samples.clock:
-        notes.append(f'the stamps are zero: the time is that of {samples.clock}')
-    elif sample_rate is not None:
+    notes = samples.notes()
+    if sample_rate is not None and not samples.clock:
         notes.append('--sample-rate is not used, as the messages have stamps')
     if samples.refused:
         notes.append(

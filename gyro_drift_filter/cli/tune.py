@@ -98,12 +98,14 @@ def run(options: argparse.Namespace) -> None:
         compile_first()
     with Progress(enabled=not options.quiet) as progress:
         samples = read_samples(options.bag, options.topic, between(options), None, progress)
+    for note in samples.notes():
+        tell(f'note: {note}')
     stamps = np.asarray(samples.stamps)
     material = Material(
         stamps,
         np.column_stack([np.asarray(column) for column in samples.rates]),
         np.column_stack([np.asarray(column) for column in samples.accelerations]),
-        None if options.truth is None else _truth(options.bag, options.truth, stamps),
+        None if options.truth is None else _truth(options, samples.topic, stamps),
     )
     with Progress(enabled=not options.quiet, unit='runs of the filter') as progress:
         tuning = tune(
@@ -115,23 +117,28 @@ def run(options: argparse.Namespace) -> None:
         write_json(options.json, tuning)
     if not options.quiet:
         say(report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}')
-    if samples.clock:
-        tell(f'note: the stamps are zero: the time is that of {samples.clock}')
 
 
-def _truth(bag: Path, source: str, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the true rates (n, 3) at these stamps, NaN where they are not known.
+def _truth(
+    options: argparse.Namespace, topic: str, stamps: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the true rates (n, 3) at these stamps of a topic, NaN where they are not known.
 
     Raises:
         GyroDriftFilterError: There are none.
     """
-    from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+    from gyro_drift_filter.bags.imu_arrays import read_imu_arrays, usable
     from gyro_drift_filter.simulation.bag import read_truth, truth_path
 
-    path = Path(source) if source else truth_path(bag.absolute())
+    source = options.truth
+    path = Path(source) if source else truth_path(options.bag.absolute())
     if source and path.suffix != '.npz':
-        imu = read_imu_arrays(bag, source)
-        times, rates = imu.stamps, imu.angular_velocity
+        if source.strip('/') == topic.strip('/'):
+            raise GyroDriftFilterError(
+                f'--truth {source} is the topic that is tuned: name the one that holds the truth'
+            )
+        imu = read_imu_arrays(options.bag, source)
+        times, rates = imu.stamps, usable(imu.angular_velocity)
     else:
         times, rates = read_truth(path)
     order = np.argsort(times, kind='stable')

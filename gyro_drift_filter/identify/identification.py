@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.allan import Allan, allan_deviation
 from gyro_drift_filter.identify.checks import (
     Check,
@@ -57,6 +58,7 @@ from gyro_drift_filter.identify.repeats import Repeats, count_repeats
 from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square, parts
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
+from gyro_drift_filter.phrases import rounded_down, without_rate
 
 Floats = NDArray[np.float64]
 
@@ -199,19 +201,23 @@ def _require_rest(
             f'the recording has no more than {len(stamps) * period:.2g} s: {needed}'
         )
     if quiet.longest is None:
-        for name, rate in zip(AXES, rates, strict=True):
-            if not any(np.isfinite(part).any() for part in parts(rate)):
-                raise IdentificationError(f'no rate about {name} is a number')
+        known = [any(np.isfinite(part).any() for part in parts(rate)) for rate in rates]
+        if why := without_rate(known, LARGEST_RATE):
+            raise IdentificationError(f'{why}: the gyroscope or its driver does not work')
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
     begin = _seconds(stamps, quiet.longest.first)
-    longest = f'{len(quiet.longest) * period:.1f} s, from {begin:.1f} s after the start'
+    longest = (
+        f'{rounded_down(len(quiet.longest) * period, 1)} s, from {begin:.1f} s after the start'
+    )
     if not quiet.spans:
         raise IdentificationError(
             f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
         )
-    raise IdentificationError(f'only {seconds:.1f} s of rest, the longest {longest}; {needed}')
+    raise IdentificationError(
+        f'only {rounded_down(seconds, 1)} s of rest, the longest {longest}; {needed}'
+    )
 
 
 def _about_recording(seconds: float, repeats: Repeats) -> list[str]:

@@ -67,10 +67,7 @@ def learn_timing(stamps: Integers | Values) -> Timing:
     usual = float(np.median(medians)) if medians else 0.0
     periods = [_periods(np.where(_jumps(steps, usual), 0.0, steps)) for _, steps in _steps(stamps)]
     if not any(map(len, periods)):
-        raise IdentificationError(
-            'the stamps do not advance: there is no sample rate to be learned; name it with '
-            '--sample-rate'
-        )
+        raise IdentificationError(_why_no_period(stamps))
     period = float(np.median(np.concatenate(periods)))
     breaks, uneven, even = [np.zeros(0, np.int64)], 0, 0
     for first, steps in _steps(stamps):
@@ -79,6 +76,17 @@ def learn_timing(stamps: Integers | Values) -> Timing:
         off = np.abs(steps[~jumps] - period) > UNEVEN * period
         uneven, even = uneven + int(off.sum()), even + len(off)
     return Timing(period, np.concatenate(breaks), uneven / even if even else 0.0)
+
+
+def _why_no_period(stamps: Integers | Values) -> str:
+    """Return in words why stamps (n,) tell no sample period, and what to do."""
+    if len(stamps) > 1 and stamps[-1:][0] < stamps[:1][0]:
+        return 'the stamps go back: record again with a driver whose stamps advance'
+    return (
+        'the stamps do not advance: there is no sample rate to be learned; record again with a '
+        'driver that stamps its messages, or, where the stamps are zero, name the rate with '
+        '--sample-rate'
+    )
 
 
 def _steps(stamps: Integers | Values) -> Iterator[tuple[int, Floats]]:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.imu_arrays import usable
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.orientations import PLACES, orientation_of
@@ -37,7 +38,6 @@ from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
@@ -134,8 +134,8 @@ class Reading:
         self.stamps.append(sample['stamp'])
         self.log_times.append(piece.rows['log_time'][good['row']])
         for axis in range(3):
-            self.rates[axis].append(_usable(sample['angular_velocity'][:, axis]))
-            self.accelerations[axis].append(_usable(sample['linear_acceleration'][:, axis]))
+            self.rates[axis].append(usable(sample['angular_velocity'][:, axis]))
+            self.accelerations[axis].append(usable(sample['linear_acceleration'][:, axis]))
             self.outliers[axis].append(good['result']['outlier'][:, axis] > 0.0)
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
@@ -176,11 +176,6 @@ class Reading:
         found = [self._own, *(orientations for _, orientations in self._others.values())]
         references = (orientations.reference() for orientations in found)
         return tuple(reference for reference in references if reference is not None)
-
-
-def _usable(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values (n,) with NaN for what the filter does not use, which may be beyond numbers."""
-    return np.where(np.abs(values) <= LARGEST_RATE, values, np.nan)
 
 
 def read_recording(

@@ -30,7 +30,8 @@ from scipy.ndimage import median_filter
 
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.parameters import AXES, IDENTITY, NO_SENSITIVITY
-from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.phrases import rounded_down, without_rate
 
 Floats = NDArray[np.float64]
 
@@ -84,16 +85,13 @@ class Objective:
         """
         self._material = material
         self.is_error = material.truth is not None
-        n = len(material.stamps)
-        seconds = (int(material.stamps[-1]) - int(material.stamps[0])) * 1e-9 if n else 0.0
-        if n < STRETCHES * LEAST_SAMPLES or seconds < STRETCHES * LEAST_SECONDS:
-            raise GyroDriftFilterError(
-                f'{n} samples in {seconds:.1f} s are too few to tune by, as half of them are held '
-                f'back: {STRETCHES * LEAST_SAMPLES} samples in {STRETCHES * LEAST_SECONDS:g} s '
-                'are the least'
-            )
-        self.edges = np.linspace(0, n, STRETCHES + 1).round().astype(int)
+        _require_enough(material.stamps)
         rates = material.rates
+        if why := without_rate([bool(np.isfinite(axis).any()) for axis in rates.T], LARGEST_RATE):
+            raise GyroDriftFilterError(
+                f'{why}, so that nothing can be filtered: the gyroscope or its driver does not work'
+            )
+        self.edges = np.linspace(0, len(rates), STRETCHES + 1).round().astype(int)
         self._counts = np.array([_resolution(rates[:, axis]) for axis in range(len(AXES))])
         if not self._counts.any():
             raise GyroDriftFilterError('the rates never change: there is nothing to tune by')
@@ -168,6 +166,28 @@ class Objective:
             lag = float(np.median(behind / slopes))
             cost += 0.5 * float(np.log1p((lag * slopes / self.noise[axis]) ** 2).sum())
         return cost / (len(AXES) * len(results))
+
+
+def _require_enough(stamps: NDArray[np.int64]) -> None:
+    """Look whether there is enough of a recording to hold some of it back.
+
+    Raises:
+        GyroDriftFilterError: There is not, or its stamps go back.
+    """
+    n = len(stamps)
+    # So long do n samples last: the last one stands for a period, too.
+    seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 * n / (n - 1) if n > 1 else 0.0
+    if seconds < 0.0:
+        raise GyroDriftFilterError(
+            f'the stamps go back, by {-seconds:.1f} s from the first to the last: record again '
+            'with a driver whose stamps advance'
+        )
+    needed = STRETCHES * LEAST_SECONDS
+    if n < STRETCHES * LEAST_SAMPLES or seconds < (1.0 - 1e-9) * needed:
+        raise GyroDriftFilterError(
+            f'{n} samples in {rounded_down(seconds, 1)} s are too few to tune by, as half of them '
+            f'are held back: {STRETCHES * LEAST_SAMPLES} samples in {needed:g} s are the least'
+        )
 
 
 def _mean_square(results: NDArray[Any], truth: Floats, known: NDArray[np.bool_]) -> float:
