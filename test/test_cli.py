@@ -305,8 +305,18 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
         (['replay', 'words', '-o', 'out'], 'no topic of type sensor_msgs/msg/Imu in the bag'),
         (
             ['replay', 'in', '-o', 'in'],
-            'in exists already: remove it, choose another name or use --force',
+            'in exists already, and is the bag to be read: choose another name',
         ),
+        (
+            ['replay', 'in', '-o', '.'],
+            '. exists already: choose another name, as it is no rosbag2 folder',
+        ),
+        (
+            ['replay', 'in', '-o', '/dev/full'],
+            '/dev/full exists already: choose another name, as it is no rosbag2 folder',
+        ),
+        (['replay', '.', '-o', 'out'], '. is no rosbag2 folder: it holds no metadata.yaml'),
+        (['report', 'silent', '-o', 'out'], 'can not be filtered: no rate about y is a number of'),
         (['replay', 'in', '-o', 'out', '--params', 'none.yaml'], 'none.yaml: No such file'),
         (['replay', 'in', '-o', 'out', '--params', 'bad.yaml'], "did you mean 'epsilon'?"),
         (['replay', 'in', '-o', 'out', '--params', 'text.yaml'], "'epsilon' must be a number"),
@@ -331,6 +341,8 @@ def test_a_known_error_is_one_line_and_status_1(arguments, message, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
     write(tmp_path / 'words', {('/words', TEXT): [(1, text('a'))]})
+    silent = [(10**18 + k, imu_message(10**18 + k, (0, np.nan, 0), (0, 0, 9.8))) for k in range(9)]
+    write(tmp_path / 'silent', {(TOPIC, IMU_TYPE): silent})
     (tmp_path / 'bad.yaml').write_text('gyro_drift_filter: {ros__parameters: {epsilonn: 1.0}}')
     (tmp_path / 'text.yaml').write_text('/**: {ros__parameters: {epsilon: wide}}')
     assert main(arguments) == 1

@@ -58,7 +58,7 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
     Raises:
         BagError: The path is missing, or is no bag that rosbags can read.
     """
-    _check_path(path)
+    check_path(path)
     with tempfile.TemporaryDirectory() as folder:
         library = _opened(_recovered(path, Path(folder)), path)
         try:
@@ -126,7 +126,12 @@ def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
     return copy
 
 
-def _check_path(path: Path | StoredPath) -> None:
+def check_path(path: Path | StoredPath) -> None:
+    """Look whether a path can be that of a bag.
+
+    Raises:
+        BagError: It is missing, or is something else.
+    """
     try:
         if not path.exists():
             raise BagError(f'no such bag: {path}')

@@ -20,13 +20,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gyro_drift_filter.bags.bias_memory import check_replaceable
-from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.opening import check_path, open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import choose_hint
-from gyro_drift_filter.bags.writer import BagWriter
+from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
 
 
@@ -85,14 +85,8 @@ def replay(
             destination can't be written.
         MemoryFileError: `memory` can't be written, or holds something else.
     """
-    if destination.exists() and not force:
-        raise BagError(
-            f'{destination} exists already: remove it, choose another name or use --force'
-        )
-    if force and _is_within(source, destination):
-        raise BagError(f'{destination} is the bag to be read: choose another name')
-    if _resolved(source) in _resolved(destination).parents:
-        raise BagError(f'{destination} lies within the bag to be read: choose another name')
+    check_path(source)
+    _check_destination(destination, source, force)
     if memory is not None:
         check_replaceable(memory)
     with open_bag(source) as recording:
@@ -111,6 +105,27 @@ def replay(
                 raise BagError(_why_nothing(summaries[0], selection))
         run.save_memory()
     return summaries
+
+
+def _check_destination(destination: Path, source: Path, force: bool) -> None:
+    """Look whether a bag can be written there.
+
+    Raises:
+        BagError: It can't; the text says whether `force` would help.
+    """
+    is_source = _is_within(source, destination)
+    if force and is_source:
+        raise BagError(f'{destination} is the bag to be read: choose another name')
+    if _resolved(source) in _resolved(destination).parents:
+        raise BagError(f'{destination} lies within the bag to be read: choose another name')
+    if force or not destination.exists():
+        return
+    head = f'{destination} exists already'
+    if why := why_not_replaced(destination):
+        raise BagError(f'{head}: choose another name, as it {why}')
+    if is_source:
+        raise BagError(f'{head}, and is the bag to be read: choose another name')
+    raise BagError(f'{head}: remove it, choose another name or use --force')
 
 
 def _why_nothing(summary: Summary, selection: Selection) -> str:

@@ -77,6 +77,17 @@ class _Writer(Writer):
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: McapStorage}
 
 
+def why_not_replaced(path: Path) -> str:
+    """Return why what stands at a path is replaced by no bag, in words; empty where it can be."""
+    names = {file.name for file in path.iterdir()} if path.is_dir() else set()
+    others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
+    if 'metadata.yaml' not in names:
+        return 'is no rosbag2 folder, and is not replaced'
+    if others:
+        return f'holds more than a bag, and is not replaced: {min(others)}'
+    return ''
+
+
 class BagWriter:
     """Write a rosbag2 folder; it gets its name when it is complete.
 
@@ -146,14 +157,8 @@ class BagWriter:
     def _check_replacement(self) -> None:
         if not self._replace:
             raise OutputError(f'{self._path} exists already: remove it or choose another name')
-        names = {file.name for file in self._path.iterdir()} if self._path.is_dir() else set()
-        others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
-        if 'metadata.yaml' not in names:
-            raise OutputError(f'{self._path} is no rosbag2 folder, and is not replaced')
-        if others:
-            raise OutputError(
-                f'{self._path} holds more than a bag, and is not replaced: {min(others)}'
-            )
+        if why := why_not_replaced(self._path):
+            raise OutputError(f'{self._path} {why}')
 
     def _count(self) -> None:
         """Tell rosbags' writer, for metadata.yaml, what has gone past it into the storage."""

@@ -30,8 +30,10 @@ from gyro_drift_filter.bags.replay_run import NO_MESSAGES, Summary, TopicFilter,
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
+from gyro_drift_filter.phrases import without_rate
 from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
 
 
@@ -175,9 +177,19 @@ def filter_recording(
         for method, filter_ in run.filters.items()
     }
     if not len(next(iter(run.signals.values())).log_times):
-        raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
+        summary = next(iter(summaries.values()))
+        raise BagError(f'topic {chosen} {_why_nothing(summary)}{selection.when}')
     frame = next(iter(run.filters.values())).messages.report().frame
     return Filtered(run.signals, summaries, start, seconds, run.recorded(), frame, count)
+
+
+def _why_nothing(summary: Summary) -> str:
+    """Return what a topic lacks of which nothing came out of a filter."""
+    never = int(summary.unusable.max())
+    if never == 0:
+        return 'has no message with an angular velocity'
+    known = [int(count) < never for count in summary.unusable]
+    return f'can not be filtered: {without_rate(known, LARGEST_RATE)}'
 
 
 def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
