@@ -301,6 +301,21 @@ def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(tmp_path):
     assert (qos['/words'], qos[TOPIC]) == ('TRANSIENT_LOCAL', 'VOLATILE')
 
 
+def test_what_is_no_whole_bag_of_ros_1_is_told_with_what_to_do(tmp_path):
+    """The texts of the library were those of its own code."""
+    whole = ros1_bag(tmp_path / 'old.bag', simulated(300)).read_bytes()
+    for content, message in (
+        (b'\x89MCAP0\r\n' + bytes(99), r'it is no bag of ROS 1, though .*the \.mcap or \.db3 file'),
+        (b'#ROS', r'can not be read as a bag: '),
+        (whole[:5000], r'its index is missing or damaged.* run `rosbag reindex` of ROS 1'),
+        (whole[:-100], r'its index is missing or damaged.* run `rosbag reindex` of ROS 1'),
+        (b'#ROSBAG V1.2\n' + whole[13:], r'version .* is not supported'),
+    ):
+        (tmp_path / 'no.bag').write_bytes(content)
+        with pytest.raises(BagError, match=message):
+            run(tmp_path / 'no.bag', tmp_path / 'out')
+
+
 def test_a_message_of_ros_1_that_lies_is_one_line(tmp_path):
     source = ros1_bag(tmp_path / 'old.bag', simulated(9))
     data = source.read_bytes()

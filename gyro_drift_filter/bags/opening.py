@@ -47,6 +47,7 @@ class StoredPath(RPath, Protocol):
 
 
 _log = logging.getLogger(__name__)
+_MAGIC_OF_ROS1 = b'#ROSBAG V'  # whatever the version, which rosbags judges
 
 
 @contextmanager
@@ -85,10 +86,28 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
             reader = AnyReader([path], default_typestore=all_types())
             reader.open()
     except Exception as error:
-        raise BagError(
-            f'{name} can not be read as a bag: {reason_of_library(error)}{_cut_off_in(path)}'
-        ) from error
+        why = _why_not_of_ros1(path, str(error)) or reason_of_library(error)
+        raise BagError(f'{name} can not be read as a bag: {why}{_cut_off_in(path)}') from error
     return reader
+
+
+def _why_not_of_ros1(path: Path | StoredPath, said: str) -> str:
+    """Return why a file in .bag can't be read, where what rosbags has said of it helps nobody."""
+    begin = b''
+    if path.suffix == '.bag':
+        with suppress(OSError), path.open('rb') as file:
+            begin = file.read(len(_MAGIC_OF_ROS1))
+    if begin and not _MAGIC_OF_ROS1.startswith(begin):
+        return (
+            'it is no bag of ROS 1, though its name ends so: name the folder that ROS 2 has '
+            'recorded, or the .mcap or .db3 file in it'
+        )
+    if begin and any(words in said for words in ('index', 'could not be read')):
+        return (
+            'its index is missing or damaged, as where the recorder was killed: run '
+            '`rosbag reindex` of ROS 1 on a copy of it, and name that'
+        )
+    return ''
 
 
 def _cut_off_in(path: Path | StoredPath) -> str:
