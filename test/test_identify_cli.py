@@ -321,6 +321,15 @@ def test_a_wrong_target_is_found_before_the_work(options, said, tmp_path, capsys
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
+def test_pictures_that_are_there_are_left_alone(tmp_path, capsys):
+    picture = tmp_path / 'figures' / 'allan.png'
+    picture.parent.mkdir()
+    picture.touch()
+    arguments = ['-o', str(tmp_path / 'model.yaml'), '--plot', str(picture.parent)]
+    assert main(['identify', str(tmp_path / 'no bag'), *arguments]) == 1
+    assert 'it holds PNG files already: remove them or' in capsys.readouterr().err
+
+
 def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch, capsys):
     source = bag(tmp_path / 'in', 30)
     write_text = Path.write_text

@@ -296,6 +296,16 @@ def test_wrong_options_are_told_before_the_work(source, tmp_path, capsys):
     assert '--png' in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(['report', str(source), '-o', other, '--methods', 'magic'])
+    for folder in ('png', 'png/b'):
+        (tmp_path / folder).mkdir()
+        picture = tmp_path / folder / 'rates.png'
+        picture.touch()
+        arguments = [str(source)] if folder == 'png' else [str(tmp_path / 'b'), str(source)]
+        options = ['-o', other, '--png', str(tmp_path / 'png')]
+        capsys.readouterr()
+        assert main(['report', *arguments, *options]) == 1
+        assert 'it holds PNG files already: remove them or choose' in capsys.readouterr().err
+        picture.unlink()
 
 
 def test_libraries_that_are_missing_are_named(source, tmp_path, monkeypatch, capsys):

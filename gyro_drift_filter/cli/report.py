@@ -26,7 +26,7 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets
+from gyro_drift_filter.cli.result_files import check_no_pictures, check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core import Parameters
@@ -81,7 +81,11 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     start, end = between(options)
+    names = shortest_names(options.bag)
     check_targets({'--output': options.output, '--json': options.json}, {'--png': options.png})
+    if options.png and len(names) > 1:
+        for name in names:
+            check_no_pictures('--png', options.png / name)
     with needing('the report', 'plotly', 'tsdownsample', 'scipy', 'allantools'):
         import allantools  # noqa: F401
         import plotly  # noqa: F401
@@ -94,7 +98,6 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
 
-    names = shortest_names(options.bag)
     spare_linear_algebra()
     parameters = read_parameters(options.params) if options.params else Parameters()
     methods = list(dict.fromkeys(options.methods or [parameters.method]))

@@ -43,7 +43,7 @@ def check_targets(
 
     Args:
         files: By the options that name them; they must not exist.
-        pictures: Folders that pictures are written into.
+        pictures: Folders that pictures are written into; there must be none in them.
         others: Paths whose writers look themselves at what is there, as they replace some of it.
 
     Raises:
@@ -72,9 +72,22 @@ def check_targets(
                 f'{option} {folder}: name a folder; several PNG files are written into it'
             )
         _check_can_be_made(option, folder)
+        check_no_pictures(option, folder)
     for option, path in others.items():
         if path is not None:
             _check_can_be_made(option, path.absolute().parent)
+
+
+def check_no_pictures(option: str, folder: Path) -> None:
+    """Make sure that no picture is written over.
+
+    Raises:
+        GyroDriftFilterError: The folder holds some.
+    """
+    if any(folder.glob('*.png')):
+        raise GyroDriftFilterError(
+            f'{option} {folder}: it holds PNG files already: remove them or choose another folder'
+        )
 
 
 def _check_can_be_made(option: str, folder: Path) -> None:
