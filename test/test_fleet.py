@@ -31,6 +31,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from gyro_drift_filter.cli.fleet import tell_what_is_gone
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
 from gyro_drift_filter.fleet.addresses import shown
@@ -297,7 +298,7 @@ def test_bags_are_found_and_have_a_robot(small, tmp_path):
         (str(tmp_path / 'nowhere'), None, 'no bag under'),
         (str(small), '(', 'no regular expression'),
         (str(small), 'robot', 'no group'),
-        (str(small), '(nobody)', 'finds no name'),
+        (str(small), '(nobody)', r'^--robot \(nobody\) finds no name in '),
         ('nosuchstore://x', None, 'can not be opened'),
     ):
         with pytest.raises(GyroDriftFilterError, match=why):
@@ -311,6 +312,7 @@ def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
         (['-o', out, '--workers', '0'], 'at least 1'),
         (['-o', out, '--memory-limit', '0'], 'above 0'),
         (['-o', out, '--memory-limit', 'inf'], 'at most 1e+06 (GB), not inf'),
+        (['-o', '/proc/out'], '/proc can not be written'),
     ):
         assert main(['fleet', str(small), *options]) == 1
         told = capsys.readouterr().err
@@ -319,6 +321,36 @@ def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
     both = [str(small / name) for name in ('robot_00', 'robot_01')]
     assert main(['fleet', *both, '-o', out, '--write']) == 1
     assert 'would both be written to' in capsys.readouterr().err
+
+
+def test_nothing_is_left_where_no_scheduler_answers(small, tmp_path, monkeypatch, capsys):
+    """The folder that was left made the next run say that it exists already."""
+
+    def silent(*_, **__):
+        raise OSError('timed out')
+
+    monkeypatch.setattr('gyro_drift_filter.fleet.cluster.Client', silent)
+    out = tmp_path / 'out'
+    arguments = ['fleet', str(small), '-o', str(out), '--scheduler', 'tcp://127.0.0.1:1']
+    assert main(arguments) == 1
+    assert 'no Dask scheduler answers' in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_bags_that_a_new_table_leaves_out_are_told(small, measured, capsys):
+    tell_what_is_gone(measured / 'fleet.parquet', find_bags([str(small)], None))
+    assert capsys.readouterr().err == ''
+    tell_what_is_gone(measured / 'fleet.parquet', find_bags([str(small / 'robot_01')], None))
+    told = capsys.readouterr().err
+    assert told.startswith('note: of the table before, 4 bags will be left out, as not named now: ')
+    assert 'robot_00' in told
+    assert told.endswith(' and others\n')
+
+
+def test_a_folder_without_a_table_is_told(tmp_path, capsys):
+    assert main(['fleet-report', str(tmp_path), '-o', str(tmp_path / 'page.html')]) == 1
+    told = capsys.readouterr().err
+    assert 'fleet.parquet can not be read, as it is missing: name the folder that `gyro_dr' in told
 
 
 def steps(random, *means):

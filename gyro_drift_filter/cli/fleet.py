@@ -16,6 +16,8 @@
 
 import argparse
 import os
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +25,12 @@ from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
+from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.fleet.sources import Bag
@@ -116,6 +120,7 @@ def run(options: argparse.Namespace) -> int | None:
         parameters = parameters.with_names({'method': options.method})
     output: Path = options.output
     _check(options)
+    check_targets({}, others={'-o': output})
     bags = find_bags(options.source, options.robot)
     job = Job(
         parameters,
@@ -124,7 +129,6 @@ def run(options: argparse.Namespace) -> int | None:
     )
     if options.write:
         _check_apart(bags)
-    _make(output)
     if not options.quiet:
         compile_first()
     workers = options.workers or len(os.sched_getaffinity(0))
@@ -134,6 +138,7 @@ def run(options: argparse.Namespace) -> int | None:
         else local_cluster(workers, int(options.memory_limit * 1e9))
     )
     with cluster as client:
+        _make(output)  # not before: where there is no cluster, nothing is left behind
         fleet = FleetRun(bags, job, Results(output / 'results', parameters), client)
         try:
             with Progress(enabled=not options.quiet, unit='bags') as progress:
@@ -144,6 +149,7 @@ def run(options: argparse.Namespace) -> int | None:
                 'bags are kept: go on with --resume'
             )
             return 130 if isinstance(error, KeyboardInterrupt) else 128 + error.number
+    tell_what_is_gone(output / TABLE, bags)
     write_table(output / TABLE, fleet.rows())
     if not options.quiet:
         known = f', {fleet.reused} of them known from before' if fleet.reused else ''
@@ -185,6 +191,21 @@ def _make(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GyroDriftFilterError(f'{folder} can not be made: {reason(error)}') from error
+
+
+def tell_what_is_gone(table: Path, bags: Sequence['Bag']) -> None:
+    """Tell how many bags of the table that an earlier run has made are not in the new one."""
+    from gyro_drift_filter.fleet.columns import read_table
+
+    if not table.exists():
+        return
+    with suppress(GyroDriftFilterError):  # it is replaced, whatever it is
+        before = set(read_table(table).column('source').to_pylist())
+        if gone := before - {bag.source for bag in bags}:
+            tell(
+                f'note: of the table before, {counted(len(gone), "bag")} will be left out, as not '
+                f'named now: {printable(min(gone))}{" and others" if len(gone) > 1 else ""}'
+            )
 
 
 def _summary(output: Path) -> str:

@@ -117,6 +117,11 @@ def read_table(path: Path) -> pa.Table:
     """
     try:
         table = pq.read_table(path)
+    except FileNotFoundError as error:
+        raise GyroDriftFilterError(
+            f'{path} can not be read, as it is missing: name the folder that `gyro_drift fleet` '
+            'has made'
+        ) from error
     except (OSError, pa.ArrowException) as error:
         raise GyroDriftFilterError(f'{path} can not be read: {reason(error)}') from error
     if missing := {column.name for column in COLUMNS} - set(table.column_names):

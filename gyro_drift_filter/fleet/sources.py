@@ -129,6 +129,8 @@ def _bags_under(source: str, pattern: re.Pattern[str] | None) -> Iterator[Bag]:
             yield from _bags_in(files, source, top, above or top, pattern)
     except FileNotFoundError:
         return
+    except GyroDriftFilterError:
+        raise
     except Exception as error:  # each store has its own
         raise GyroDriftFilterError(
             f'{shown(source)} can not be listed: {type(error).__name__}: {shown(str(error))}'
