@@ -160,6 +160,7 @@ def test_dead_axes_are_not_called_unusable(tmp_path, capsys):
     told = ' '.join(capsys.readouterr().out.split())
     assert 'did nothing useful here: all three axes are dead, each holds one value' in told
     assert 'usable rate' not in told
+    assert 'nothing unsound' not in told
 
 
 def test_a_name_that_the_terminal_can_not_show_does_not_end_it(tmp_path, monkeypatch):

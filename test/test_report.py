@@ -280,6 +280,34 @@ def test_a_recording_without_rest_or_with_a_dead_axis_has_a_page(tmp_path):
     assert verdict['outcome'] == 'useless'
     assert verdict['silent'][2].startswith('dead, always')
     assert 'NaN' not in re.findall(r'<script type="application/json".*?</script>', text, re.S)[0]
+    # Zero stood for a bias that is not known.
+    assert [shown(text, f'bias.rates.{axis}') for axis in range(3)] == ['-', '-', '-']
+    assert shown(text, 'bias.deviations.0') != '-'
+    assert shown(text, 'change_in_motion.0') != '-'
+    assert shown(text, 'change_in_motion.2') == '-'
+    (tmp_path / 'cut').mkdir()
+    options = ['--end', '0.5', '--methods', 'kalman', 'sage_husa']
+    cut, _ = report(tmp_path / 'in', tmp_path / 'cut', *options)
+    # Of less than a second nothing is known of what is changed in motion.
+    assert shown(cut, 'largest_change') == shown(cut, 'change_in_motion.0') == '-'
+
+
+def shown(page, name):
+    """Return what stands in the cell of a figure."""
+    return re.findall(rf'data-name="{re.escape(name)}"[^>]*>([^<]*)<', page)[0]
+
+
+def test_an_outlier_counts_once_in_the_table_of_methods(tmp_path, random):
+    rates = 0.002 * random.standard_normal((3000, 3))
+    rates[(1500, 2000), :] += 2.0
+    stamps = [10**18 + 10**7 * k for k in range(len(rates))]
+    samples = zip(stamps, rates, strict=True)
+    imu = [(stamp, imu_message(stamp, rate, (0, 0, 9.8))) for stamp, rate in samples]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
+    text, (verdict, _) = report(source, tmp_path, '--methods', 'adaptive', 'kalman')
+    assert verdict['held_back']['axes'] == [2, 2, 2]
+    assert shown(text, 'outliers') == '2'
+    assert '2 samples held back' in text
 
 
 def test_wrong_options_are_told_before_the_work(source, tmp_path, capsys):

@@ -254,6 +254,7 @@ def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     verdict = judged(source, tmp_path, Parameters(method='kalman'))
     assert verdict.outcome == 'harmed'
     assert 'Take the default method, adaptive' in headline(verdict)
+    assert 'nothing unsound' not in as_text(verdict)
     assert judged(source, tmp_path).outcome == 'helped'
 
 
@@ -268,6 +269,28 @@ def test_outliers_are_counted_where_they_are(tmp_path, random):
     assert held.in_busiest == 3
     assert held.at_rest + held.in_motion == 5
     assert 'outliers' in verdict.gains
+
+
+def test_what_is_no_number_is_not_held_back(tmp_path, random):
+    """The samples held back were those without a rate, and on each axis none."""
+    rates, accelerations = at_rest(random, 30)
+    rates[::10] = np.nan
+    for k, axis in ((1505, 1), (2005, 0), (2505, 1)):
+        rates[k, axis] += 2.0
+    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    assert verdict.held_back.axes.tolist() == [1, 2, 0]
+    assert verdict.held_back.samples == 3
+    assert '3 samples held back (x 1, y 2, z 0)' in ' '.join(as_text(verdict).split())
+
+
+def test_a_filter_that_lags_now_and_then_is_told(tmp_path, random):
+    verdict = judged(bag(tmp_path / 'in', *at_rest(random, 5)), tmp_path)
+    assert 'nothing unsound' in as_text(verdict)
+    lagging = SimpleNamespace(**vars(verdict))
+    lagging.lagging = 0.04
+    said = as_text(lagging)
+    assert 'for 4 % of the time the rates changed more than method adaptive expects' in said
+    assert 'nothing unsound' not in said
 
 
 def test_what_is_unsound_is_told_with_what_to_do(tmp_path, random):

@@ -30,7 +30,7 @@ from plotly.offline import get_plotlyjs
 from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.report.figures import Figure, Trace
-from gyro_drift_filter.report.verdict import Verdict
+from gyro_drift_filter.report.verdict import BiasSource, Verdict
 from gyro_drift_filter.report.wording import headline, per_minute, statements
 
 # What a page may have in bytes, for mail and for pull requests.
@@ -234,9 +234,12 @@ def _figure(number: int, k: int, figure: Figure) -> str:
     )
 
 
-def _cell(name: str, value: float, text: str) -> str:
-    """Return a cell with a figure; programs find its value in SI units by its name in the JSON."""
-    shown = text if np.isfinite(value) else '-'
+def _cell(name: str, value: float, text: str, known: bool = True) -> str:
+    """Return a cell with a figure; programs find its value in SI units by its name in the JSON.
+
+    Where it is not known, as a bias without a rest, the value only stands for it.
+    """
+    shown = text if known and np.isfinite(value) else '-'
     return f'<td data-name="{name}" data-value="{float(value)!r}">{shown}</td>'
 
 
@@ -262,11 +265,14 @@ def _axes_table(verdict: Verdict, method: str) -> str:
             ('rests.ratio', verdict.rests.ratio, False),
             ('change_in_motion', verdict.change_in_motion, True),
         )
+        heard = not verdict.silent[axis]
+        bias_known = heard and verdict.bias.source != BiasSource.UNKNOWN
         cells = ''.join(
             _cell(
                 f'{key}.{axis}',
                 of_axes[axis],
                 f'{_degrees(of_axes[axis]) if turns else of_axes[axis]:.4f}',
+                known=bias_known if key == 'bias.rates' else heard,
             )
             for key, of_axes, turns in values
         )
@@ -293,13 +299,14 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
     for method, verdict in verdicts.items():
         ratio = verdict.rests.ratio
         quiet = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else float('nan')
-        changed = float(np.max(verdict.change_in_motion))
+        heard = [axis for axis in range(3) if not verdict.silent[axis]]
+        changed = float(max(verdict.change_in_motion[heard], default=np.nan))
         cells = (
             _cell('median_ratio', quiet, f'{quiet:.3f}'),
             _cell('largest_change', changed, f'{_degrees(changed):.4f}'),
             _cell('heading.left', verdict.heading.left, per_minute(verdict.heading.left)),
             _cell('lagging', verdict.lagging, f'{100.0 * verdict.lagging:.0f} %'),
-            _cell('outliers', int(verdict.held_back.axes.sum()), str(verdict.held_back.axes.sum())),
+            _cell('outliers', verdict.held_back.samples, str(verdict.held_back.samples)),
         )
         rows.append(f'<th scope="row">{method}</th>{"".join(cells)}<td>{verdict.outcome}</td>')
     head = (

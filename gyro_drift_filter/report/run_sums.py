@@ -20,8 +20,15 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only, record
-from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.accelerate import (
+    CountPerAxis,
+    PerAxis,
+    entry_kernel,
+    kernel,
+    read_only,
+    record,
+)
+from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus, is_usable
 from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
 from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
@@ -50,7 +57,8 @@ record(Noise)
 class Outliers(TypedDict):
     """Where samples were held back. Times are log times in ns, 0 before there was one."""
 
-    at_rest: int
+    axes: CountPerAxis
+    at_rest: int  # samples with an outlier on some axis
     in_motion: int
     first: int
     last: int
@@ -271,9 +279,15 @@ def _clear(noise: Noise) -> None:
 
 @kernel
 def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
-    """Count a sample that was held back on some axis."""
-    result, found = imu['result'], sums['outliers']
-    if result['outlier'][0] + result['outlier'][1] + result['outlier'][2] == 0.0:
+    """Count a sample that was held back; what is no number, or is a repeat, is none."""
+    result, found, held = imu['result'], sums['outliers'], False
+    if result['status'] != SampleStatus.FILTERED:
+        return
+    for axis in range(3):
+        if result['outlier'][axis] > 0.0 and is_usable(imu['sample']['angular_velocity'][axis]):
+            found['axes'][axis] += 1
+            held = True
+    if not held:
         return
     if result['at_rest'] > 0.0:
         found['at_rest'] += 1

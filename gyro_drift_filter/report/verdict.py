@@ -36,7 +36,7 @@ from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run,
 
 Floats = NDArray[np.float64]
 
-# Fewer samples at rest do not tell what the noise is.
+# Fewer samples at rest do not tell what the noise is, nor fewer in motion what is changed there.
 _FEWEST = 100
 # Noise that falls by less than a tenth is not worth a filter.
 _QUIETER = 0.9
@@ -135,10 +135,10 @@ class Heading:
 
 @dataclass(frozen=True)
 class HeldBack:
-    """Samples that were held back as outliers.
+    """Samples that were held back as outliers; what was no usable number is none of them.
 
     Attributes:
-        axes: How many on each axis (3,), without those that were no number.
+        axes: How many on each axis (3,).
         at_rest: Samples with an outlier on some axis while at rest.
         in_motion: The same in motion.
         first: Log time since the first message in s of the first one; None where there is none,
@@ -155,6 +155,11 @@ class HeldBack:
     last: float | None
     busiest: float | None
     in_busiest: int
+
+    @property
+    def samples(self) -> int:
+        """How many samples had an outlier on some axis."""
+        return self.at_rest + self.in_motion
 
 
 @dataclass(frozen=True)
@@ -178,7 +183,7 @@ class Verdict:
         heading: The drift of the heading.
         held_back: The outliers.
         change_in_motion: Root mean square (3,) in rad/s of what the filter changes in motion beside
-            the bias; NaN without motion.
+            the bias; NaN without enough motion.
         silent: Why an axis has no figures (3,); empty where it has.
         lagging: Share of the time in which innovations were far larger than the filter expects.
         findings: What in the recording is unsound.
@@ -283,7 +288,9 @@ class RunWatch:
             bias=bias,
             heading=heading,
             held_back=held_back,
-            change_in_motion=np.sqrt(total['changed'] / moving) if moving else np.full(3, np.nan),
+            change_in_motion=(
+                np.sqrt(total['changed'] / moving) if moving >= _FEWEST else np.full(3, np.nan)
+            ),
             silent=[_why_silent(total, run, axis) for axis in range(3)],
             lagging=lagging,
             findings=faults,
@@ -348,7 +355,7 @@ def _rests(total: Any, filter_: Filter) -> Rests:
 
 
 def _held_back(found: Any, run: Run) -> HeldBack:
-    axes = np.maximum(run.outliers - run.unusable, 0)
+    axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
         return HeldBack(axes, 0, 0, None, None, None, 0)

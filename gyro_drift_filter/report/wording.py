@@ -29,6 +29,8 @@ _INDENT = 11
 _PER_MINUTE = 60.0
 # A turn before the bias was known that nobody sees, in rad: half a degree.
 _VISIBLE = 0.0087
+# A filter that does not fit its sensor for less than this share of the time is not worth a word.
+_LAG_SHARE = 0.005
 # A good gyroscope's scale is off by so much; it is told where that is more than what is left.
 _SCALE = 0.01
 
@@ -63,7 +65,7 @@ def headline(verdict: Verdict) -> str:
         else:
             parts.append('the bias is subtracted')
     if 'outliers' in verdict.gains:
-        count = verdict.held_back.at_rest + verdict.held_back.in_motion
+        count = verdict.held_back.samples
         what = 'an outlier' if count == 1 else 'outliers'
         parts.append(f'{counted(count, "sample")} {_was(count)} held back as {what}')
     return f'It helped: {_listed(parts)}.'
@@ -83,12 +85,18 @@ def statements(verdict: Verdict) -> list[Statement]:
     for finding in verdict.findings:
         advice = f' -> {finding.advice}' if finding.advice else ''
         found.append(Statement('unsound', f'{finding.text}{advice}'))
-    if not verdict.findings:
+    lags = verdict.outcome != Outcome.HARMED and verdict.lagging > _LAG_SHARE
+    if lags:
         found.append(
             Statement(
-                'sound', "nothing unsound was seen on the way; 'gyro_drift doctor' looks closer"
+                'lag',
+                f'for {100.0 * verdict.lagging:.0f} % of the time the rates changed more than '
+                f'method {verdict.method} expects',
             )
         )
+    if not (verdict.findings or lags or all(verdict.silent) or verdict.outcome == Outcome.HARMED):
+        text = "nothing unsound was seen on the way; 'gyro_drift doctor' looks closer"
+        found.append(Statement('sound', text))
     return [Statement(about, printable(text)) for about, text in found]
 
 
@@ -212,7 +220,7 @@ def _about_heading(verdict: Verdict) -> str:
 
 
 def _about_outliers(verdict: Verdict) -> str:
-    held, count = verdict.held_back, verdict.held_back.at_rest + verdict.held_back.in_motion
+    held, count = verdict.held_back, verdict.held_back.samples
     if held.first is None or held.last is None or held.busiest is None:
         return 'none'
     if count == 1:
