@@ -62,8 +62,8 @@ def add_parser(subcommands: Any) -> None:
         type=Path,
         nargs='+',
         metavar='BAG',
-        help="of one sensor: rosbag2 folder, or a bare .mcap or .db3 file; or a file of Kalibr's "
-        "(.yaml) or of imu_tk's (.calib), to be written as a parameter file",
+        help='of one sensor: rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; '
+        "or a file of Kalibr's (.yaml) or of imu_tk's (.calib), to be written as a parameter file",
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')

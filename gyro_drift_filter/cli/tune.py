@@ -49,7 +49,9 @@ def add_parser(subcommands: Any) -> None:
         'judge them on stretches held back, and write a parameter file that the node and replay '
         'read. Where the default is as good, it is kept.',
     )
-    command.add_argument('bag', type=Path, help='rosbag2 folder, or a bare .mcap or .db3 file')
+    command.add_argument(
+        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
+    )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(
