@@ -345,6 +345,20 @@ def test_losses_from_the_first_sample_on_do_not_lengthen_the_period(mean_delay, 
     np.testing.assert_array_equal(found[after:], np.diff(numbers)[after - 1 :] - 1)
 
 
+@pytest.mark.parametrize(
+    ('rate', 'deviation'), [(400, 1e-4), (200, 2e-4), (100, 5e-4), (100, 1e-3), (1000, 5e-5)]
+)
+def test_a_driver_that_sleeps_between_two_readings_loses_nothing(rate, deviation, random):
+    """Its steps vary by themselves, so that their errors add up to a period and more."""
+    steps = random.normal(1.0 / rate, deviation, 60 * rate)
+    stamps = START + np.cumsum(1e9 * steps).astype(np.int64)
+    assert np.abs(stamps - START - 1e9 * np.arange(len(stamps)) / rate).max() > 1e9 / rate
+    filter_ = Filter()
+    feed(filter_, stamps)
+    assert clock(filter_)['missing_samples'] <= 1
+    assert filter_.state['clock']['mean_rate'] == pytest.approx(rate, rel=0.003)
+
+
 def test_a_bus_that_is_asked_every_8_ms_is_not_one_of_125_hz_with_losses():
     """A sensor of 100 Hz: four steps of 8, 8, 8 and 16 ms, and one in a hundred is lost as well."""
     random = np.random.default_rng(0)

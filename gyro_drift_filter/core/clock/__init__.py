@@ -23,9 +23,10 @@ is its delay.
 - The period is the slope of the envelope between two such points that are two seconds apart, over
   the last five of these blocks. The filter works with it as it was until it is off by 1 %, as its
   coefficients depend on it.
-- A delay of a period is suspicious. If it is far beyond the delays of late, or most suspicions of
-  late were right, samples are missing and are predicted through. If those after it come early by as
-  much, none was missing, and the count is taken back.
+- A delay of a period is suspicious if it comes with a long step: the errors of many steps, as of a
+  driver that sleeps between two readings, add up as well. If the delay is far beyond those of late,
+  or most suspicions of late were right, samples are missing and are predicted through. If those
+  after it come early by as much, none was missing, and the count is taken back.
 - Any other suspicion waits. If all samples after it stay late by a period, some were missing; they
   are counted, but not predicted through, as the filter has followed the samples since.
 - While stamps come in bursts a delay means nothing.

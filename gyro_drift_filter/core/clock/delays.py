@@ -25,6 +25,11 @@ SUSPICIOUS = 0.95
 # And such stamps are 1.2 periods apart at least where one is missing between them; those of a
 # sensor that has become slower by less are no sign of it.
 LONG_STEP = 1.05
+# Where steps are even, one over a gap is nearer to two periods than to one, so that the small
+# deviations of a driver that sleeps between two readings add up to no gap. The first of these is
+# the mean deviation up to which that is asked for, the second the one from which on no more than
+# `LONG_STEP` is.
+EVEN, UNEVEN, EVEN_LONG_STEP = 0.1, 0.2, 1.5
 # Mean deviation of a step from the period, relative to it, up to which stamps count as regular.
 # Jitter of a timer stays below 0.3. A driver has to show that it is regular: it starts at 1 with
 # the weight of `PRIOR_STEPS` steps.
