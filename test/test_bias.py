@@ -21,9 +21,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmark.bias import warm_up, warm_up_standing
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-from gyro_drift_filter.core import bias as bias_module
+from gyro_drift_filter.core.bias import at_rest as bias_at_rest
+from gyro_drift_filter.core.bias.records import BIAS_RECORD
+from gyro_drift_filter.core.bias.segments import note_segment, take_back
+from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.core.motion_bias import BIAS, DIRECTION
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
@@ -499,19 +501,19 @@ def set_segment(state, means, noises):
 
 
 def test_what_is_taken_back_leaves_no_trace():
-    state = np.zeros(1, bias_module.BIAS)[0]
-    bias_module.start_bias(state, np.zeros(3), np.full(3, 1e-6), np.nan)
+    state = np.zeros(1, BIAS_RECORD)[0]
+    bias_at_rest.start_bias(state, np.zeros(3), np.full(3, 1e-6), np.nan)
     known = 'bias', 'variance'
     before = []
     for step in (0.0, 2e-3, 4e-3):
         set_segment(state, np.full(3, step), np.full(3, 1e-7))
         state['growth'], state['reach'] = 1e-6, 3e-6
         before.append({name: np.copy(state[name]) for name in known})
-        bias_module._note_segment(state)
-        bias_module._learn(state)
+        note_segment(state)
+        bias_at_rest._learn(state)
         assert (state['variance'] != before[-1]['variance']).all()
-    bias_module._note_segment(state)
-    bias_module._take_back(state, 3)  # the one that has been noted, and two that were learned
+    note_segment(state)
+    take_back(state, 3)  # the one that has been noted, and two that were learned
     for name in known:
         assert (state[name] == before[1][name]).all()
         # Nor in what the segments say of the time before them: they may be taken back with others.

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
-from gyro_drift_filter.core.bias import Hint
+from gyro_drift_filter.core.bias.records import Hint
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHOD_STATES, METHODS
 from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
 from gyro_drift_filter.core.sample import RESULT, SampleStatus

@@ -20,7 +20,7 @@ import time
 
 import pytest
 
-from gyro_drift_filter.core.motion_bias import BiasShift
+from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
     RememberedBias,

@@ -20,18 +20,20 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.motion_bias import (
+from gyro_drift_filter.core.bias.in_motion import (
+    MOTION_WORKSPACE,
+    START_DIRECTION,
+    _correct,
+    lose_direction,
+)
+from gyro_drift_filter.core.bias.shared import (
     ACCELERATION,
     BIAS,
     DIRECTION,
     MOTION_BIAS,
-    MOTION_WORKSPACE,
-    START_DIRECTION,
     VELOCITY,
     BiasShift,
-    _correct,
     learn_at_rest,
-    lose_direction,
     shift_of,
     shift_variance,
 )

@@ -21,22 +21,18 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias import (
+from gyro_drift_filter.core.bias.at_rest import (
     HINT_SECONDS,
     calibrate_bias,
-    is_learned,
     leave_rest,
     start_bias,
     warm_bias,
     widen,
 )
+from gyro_drift_filter.core.bias.in_motion import lose_direction
+from gyro_drift_filter.core.bias.records import is_learned
+from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
-from gyro_drift_filter.core.motion_bias import (
-    lose_direction,
-    set_shift,
-    shift_of,
-    shift_variance,
-)
 from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.quantisation import is_undone, variance_of_cut
 from gyro_drift_filter.core.records import FILTER

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
-from gyro_drift_filter.core.bias import BIAS, Hint
+from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
+from gyro_drift_filter.core.bias.shared import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
-from gyro_drift_filter.core.motion_bias import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
@@ -125,7 +125,7 @@ class Filter:
             shift: Of the bias in motion from that at rest.
         """
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
-        fresh, before = np.zeros(1, BIAS), self.record['state']['bias']
+        fresh, before = np.zeros(1, BIAS_RECORD), self.record['state']['bias']
         for name in ('hint', 'hint_seconds'):
             fresh[name] = before[name]
         self.record['state']['bias'] = fresh

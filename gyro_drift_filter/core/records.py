@@ -17,10 +17,10 @@
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
-from gyro_drift_filter.core.bias import Bias
+from gyro_drift_filter.core.bias.in_motion import MotionWorkspace
+from gyro_drift_filter.core.bias.records import Bias
 from gyro_drift_filter.core.clock.records import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
-from gyro_drift_filter.core.motion_bias import MotionWorkspace
 from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.quantisation import Quantisation
 from gyro_drift_filter.core.rest.records import RestLengths

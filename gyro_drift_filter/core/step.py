@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias import bias_variance, is_learned, leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias.at_rest import leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
+from gyro_drift_filter.core.bias.records import bias_variance, is_learned
+from gyro_drift_filter.core.bias.shared import BIAS, motion_variance
 from gyro_drift_filter.core.clock.envelope import (
     TIME_JUMP,
     advance_clock,
@@ -27,13 +30,6 @@ from gyro_drift_filter.core.clock.envelope import (
     lengthen_period,
 )
 from gyro_drift_filter.core.clock.losses import possibly_missing
-from gyro_drift_filter.core.motion_bias import (
-    BIAS,
-    lose_direction,
-    miss_turn,
-    motion_variance,
-    track_motion,
-)
 from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
     add_half_counts,

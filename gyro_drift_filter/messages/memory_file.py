@@ -34,7 +34,7 @@ from urllib.parse import quote
 import numpy as np
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.motion_bias import BiasShift
+from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
 FORMAT = 2

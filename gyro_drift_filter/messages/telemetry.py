@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.bias import bias_variance
+from gyro_drift_filter.core.bias.records import bias_variance
 from gyro_drift_filter.core.quantisation import known_count
-from gyro_drift_filter.core.rest.records import least_rest
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]
@@ -166,7 +165,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
-    out['least_rest_seconds'] = least_rest(lengths)
+    out['least_rest_seconds'] = lengths['least_rest']
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']

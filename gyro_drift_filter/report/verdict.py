@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.rest.records import least_rest
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
@@ -346,7 +345,7 @@ def _rests(total: Any, filter_: Filter) -> Rests:
     return Rests(
         int(total['rests']),
         float(total['rest_seconds']),
-        math.ceil(least_rest(filter_.record['coefficients']['rest'][0])),
+        math.ceil(filter_.record['coefficients']['rest']['least_rest'][0]),
         int(noise['count']),
         raw,
         filtered,

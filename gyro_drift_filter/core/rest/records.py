@@ -108,6 +108,7 @@ class RestLengths(TypedDict):
     value: int  # samples that are averaged to a value
     block: int  # values in a block
     block_seconds: float
+    least_rest: float  # s, that a sensor stands still until it is found at rest the first time
 
 
 REST = record(Rest)
@@ -121,10 +122,5 @@ def derive_lengths(period: float, lengths: RestLengths) -> None:
     seconds = lengths['value'] * period
     lengths['block'] = max(LEAST_BLOCK, int(BLOCK_SECONDS / seconds + 0.5))
     lengths['block_seconds'] = lengths['block'] * seconds
-
-
-@kernel
-def least_rest(lengths: RestLengths) -> float:
-    """Return for how long in s a sensor stands still until it is found at rest the first time."""
     # A block before the segment and one after it are left out.
-    return (SEGMENT_BLOCKS + 2) * lengths['block_seconds']
+    lengths['least_rest'] = (SEGMENT_BLOCKS + 2) * lengths['block_seconds']

@@ -26,23 +26,28 @@ A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_
 """
 
 import math
-from collections.abc import MutableSequence
-from enum import IntEnum
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.motion_bias import (
-    MotionBias,
-    SharedBias,
-    keep_shared,
-    learn_at_rest,
-    limit_shift,
-    lose_direction,
-    restore_shared,
-    start_motion_bias,
-    take_direction,
+from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.core.bias.in_motion import lose_direction
+from gyro_drift_filter.core.bias.provisional import (
+    is_far_from_provisional,
+    is_less_steady,
+    take_provisional,
+)
+from gyro_drift_filter.core.bias.records import Bias, Hint
+from gyro_drift_filter.core.bias.segments import note_segment, take_back, turned_segments
+from gyro_drift_filter.core.bias.shared import learn_at_rest, limit_shift, start_motion_bias
+from gyro_drift_filter.core.bias.slow_turn import (
+    GATE,
+    LONGEST_TURN,
+    forget_slow_turn,
+    give_up_bias,
+    interrupt_slow_turn,
+    is_back,
+    is_slow_turn,
 )
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
@@ -53,26 +58,13 @@ from gyro_drift_filter.core.rest.noise import (
     variance_of_mean,
 )
 from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
-from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import segment_mean, segment_scatter, value_variance
+from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, RestLengths
+from gyro_drift_filter.core.rest.segment import segment_mean
 from gyro_drift_filter.core.sample import Sample
-from gyro_drift_filter.core.slow_turn import (
-    GATE,
-    LONGEST_TURN,
-    SlowTurn,
-    forget_slow_turn,
-    give_up_bias,
-    interrupt_slow_turn,
-    is_back,
-    is_slow_turn,
-)
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
 
-# A segment is accepted within `GATE` deviations of where the bias can be. Several segments in a
-# row, up to so many, have to lie closer, as they reveal a turn of the bias's size.
-RECENT_GATE, RECENT = 3.0, 8
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.
 REST_SHARE = 0.003
@@ -82,81 +74,9 @@ LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
 DOUBTED = 2
-
-# Robots are switched on while they stand. In the first seconds a bias is taken from less than rest,
-# as of a drone that idles, until the first rest replaces it. Such vibration moves the bias by some
-# 1e-3 rad/s, and so does the start of the motors.
-PROVISIONAL_SECONDS = 3.0
-PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at low rates
-PROVISIONAL_DEVIATION = 1.5e-3  # rad/s, besides that of the mean
-LESS_STEADY = 9.0  # times the variance of its mean: not by chance
-SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
-
 LARGEST_STEP = 1.0  # rad/s: no change of temperature moves the bias by more
-
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
-
-
-class Hint(IntEnum):
-    """What the robot says of its own motion."""
-
-    NONE = 0
-    MOVES = 1
-    STANDS = 2
-
-
-class RestSegment(TypedDict):
-    """A segment of the rest under way, and the bias before it was taken in."""
-
-    mean: PerAxis  # rad/s
-    noise: PerAxis  # variance of the mean, (rad/s)^2
-    # of the bias before the segment was taken in
-    bias: PerAxis
-    variance: PerAxis
-    in_motion: SharedBias
-    # of the state, which ended as the segment was taken in; 0 where it was not
-    growth: float
-    reach: float
-
-
-REST_SEGMENT = record(RestSegment)
-
-
-class Bias(TypedDict):
-    """The bias, and what the last segments of rest say of it."""
-
-    rest: Rest
-    other_rest: Rest  # by another noise than the one that is known
-    known: bool
-    bias: PerAxis  # rad/s
-    variance: PerAxis  # (rad/s)^2
-    # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
-    provisional: PerAxis
-    motion: MotionBias  # the bias in motion
-    walk: float  # share of the random walk's variance that the bias takes
-    growth: float  # (rad/s)^2, of the variance since the last segment
-    reach: float  # (rad/s)^2, the same with all of the random walk
-    recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
-    recent_count: int
-    hint: int  # a member of Hint
-    hint_seconds: float  # until it is forgotten
-    temperature: float  # in deg C, at the last growth for it; NaN before the first
-    # the stillness under way, whether its rate is accepted as the bias or not
-    still_seconds: float
-    still_blocks: float
-    still_sum: PerAxis  # rad/s
-    rest_seconds: float  # since the last rest, or since the start where there was none
-    doubt: int  # segments of rest to go until one is accepted after a slow turn
-    turn: SlowTurn  # the rate of rest that was not accepted
-    beyond: bool  # the stillness under way has a rate beyond the largest bias
-    # counts
-    segments: int  # that the bias was learned from
-    beyond_max: int  # at rest with a rate that no bias has
-    turning: int  # at rest with a rate that the bias can't have come to
-
-
-BIAS = record(Bias)
 
 
 @kernel
@@ -204,12 +124,6 @@ def _forget_stillness(state: Bias) -> None:
 
 
 @kernel
-def bias_variance(state: Bias, axis: int) -> float:
-    """Return the variance of the bias at rest by now, in (rad/s)^2."""
-    return float(state['variance'][axis] + state['growth'])
-
-
-@kernel
 def track_bias(
     state: Bias,
     sample: Sample,
@@ -245,55 +159,12 @@ def track_bias(
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_rest'], lengths)
     if found == BlockOutcome.STEADY:
-        _take_provisional(state, lengths['block_seconds'], settings['bias_max'])
+        take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
         moved = found == BlockOutcome.END_OF_REST
         _take_segment(state, moved, lengths['block_seconds'], settings)
     if rest['run'] < run:
         _forget_stillness(state)
-
-
-@kernel
-def _take_provisional(state: Bias, block_seconds: float, largest: float) -> None:
-    """Take the mean of the steady segment under way for the bias, until there is a rest."""
-    rest = state['rest']
-    seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
-    if state['segments'] > 0 or state['rest_seconds'] > seconds:
-        return
-    total = before = 0.0
-    significant = state['provisional'][0] > 0.0 or state['known']
-    for axis in range(3):
-        mean = segment_mean(rest, axis)
-        if abs(mean) > largest:
-            return
-        variance = _provisional_variance(rest, axis)
-        distance = mean - state['bias'][axis]
-        if state['known'] and distance * distance > GATE * GATE * (
-            variance + bias_variance(state, axis)
-        ):
-            return  # it turns: the bias of the last run is another one
-        significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
-        total += variance
-        before += bias_variance(state, axis)
-    if total >= before or not significant:
-        return
-    for axis in range(3):
-        state['bias'][axis] = segment_mean(rest, axis)
-        state['provisional'][axis] = segment_scatter(rest, axis)
-        state['variance'][axis] = _provisional_variance(rest, axis)
-        limit_shift(state['motion'], axis, value_variance(rest, axis))
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
-    # The direction of gravity has turned with the bias so far.
-    take_direction(state['motion'], rest)
-    state['known'] = False
-    state['growth'] = 0.0
-    state['reach'] = 0.0
-
-
-@kernel
-def _provisional_variance(rest: Rest, axis: int) -> float:
-    """Return the variance in (rad/s)^2 of a bias that is the mean of the steady segment."""
-    return segment_scatter(rest, axis) + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
 
 
 @kernel
@@ -361,12 +232,6 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
 
 
 @kernel
-def is_learned(state: Bias) -> bool:
-    """Return whether a bias is known, or a provisional one."""
-    return bool(state['known'] or state['provisional'][0] > 0.0)
-
-
-@kernel
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
     state['growth'] += variance
@@ -387,7 +252,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
             state['beyond'] = True
             return False
     if not state['known']:
-        if not (_is_far_from_provisional(state) and _is_less_steady(state)):
+        if not (is_far_from_provisional(state) and is_less_steady(state)):
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
@@ -401,104 +266,20 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
                 state['growth'] = max(state['growth'], distance * distance)
         state['recent_count'] = 0
         return True
-    _note_segment(state)
-    turned = _turned(state)
+    note_segment(state)
+    turned = turned_segments(state)
     if turned > 0 and moved:
         # The motion to come may be in it, which says nothing of the rests to come.
         return False
     if turned > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED
-        _take_back(state, turned)
+        take_back(state, turned)
         return _is_bias_after_all(state, rest['blocks'] * block_seconds)
     # Otherwise two segments were needed to find one of rest, which lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
         state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
-
-
-@kernel
-def _is_far_from_provisional(state: Bias) -> bool:
-    """Return whether the segment lies where the provisional bias, if there is one, can't be."""
-    for axis in range(3):
-        distance = segment_mean(state['rest'], axis) - state['bias'][axis]
-        far = distance * distance > GATE * GATE * bias_variance(state, axis)
-        if far and state['provisional'][axis] > 0.0:
-            return True
-    return False
-
-
-@kernel
-def _is_less_steady(state: Bias) -> bool:
-    """Return whether the segment is far less steady than that of the provisional bias was."""
-    for axis in range(3):
-        if segment_scatter(state['rest'], axis) > LESS_STEADY * state['provisional'][axis]:
-            return True
-    return False
-
-
-@kernel
-def _note_segment(state: Bias) -> None:
-    """Put the segment before the others of this rest."""
-    recent = state['recent']
-    count = min(state['recent_count'], RECENT - 1)
-    for i in range(count, 0, -1):
-        recent[i] = recent[i - 1]
-    state['recent_count'] = count + 1
-    last = recent[0]
-    for axis in range(3):
-        last['mean'][axis] = segment_mean(state['rest'], axis)
-        last['noise'][axis] = segment_variance(state['rest'], axis)
-        last['bias'][axis] = state['bias'][axis]
-        last['variance'][axis] = state['variance'][axis]
-    keep_shared(state['motion'], last['in_motion'], state['growth'])
-    last['growth'] = 0.0
-    last['reach'] = 0.0
-
-
-@kernel
-def _turned(state: Bias) -> int:
-    """Return how many of the last segments lie together where no bias can have come, 0 for none."""
-    recent = state['recent']
-    for axis in range(3):
-        total = noise = 0.0
-        reach = state['reach']
-        for i in range(state['recent_count']):
-            segment, count = recent[i], i + 1.0
-            total += segment['mean'][axis]
-            noise += segment['noise'][axis]
-            reach += segment['reach']
-            distance = total / count - segment['bias'][axis]
-            spread = segment['variance'][axis] + reach + noise / (count * count)
-            gate = GATE if i == 0 else RECENT_GATE
-            if distance * distance > gate * gate * spread:
-                return i + 1
-    return 0
-
-
-@kernel
-def _take_back(state: Bias, count: int) -> None:
-    """Unlearn the last `count` segments."""
-    if count == 1:
-        state['recent_count'] = 0
-        return
-    recent = state['recent']
-    before = recent[count - 1]
-    for axis in range(3):
-        state['bias'][axis] = before['bias'][axis]
-        state['variance'][axis] = before['variance'][axis]
-    for i in range(count):
-        segment = recent[i]
-        state['growth'] += segment['growth']
-        state['reach'] += segment['reach']
-        segment['growth'] = 0.0
-        segment['reach'] = 0.0
-        for axis in range(3):
-            segment['bias'][axis] = before['bias'][axis]
-            segment['variance'][axis] = before['variance'][axis]
-    restore_shared(state['motion'], before['in_motion'], state['growth'])
-    for i in range(count):
-        keep_shared(state['motion'], recent[i]['in_motion'], state['growth'])
 
 
 @kernel

@@ -1,0 +1,22 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias of the gyroscope: at rest, in the first seconds, and in motion.
+
+`at_rest.py` tracks it from one rest to the next, by the segments that `core/rest/` finds;
+`segments.py` judges several of them together, `slow_turn.py` tells a slow turn from a bias that has
+jumped, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias in
+motion by gravity; `shared.py` is what that and the bias at rest have in common. `records.py`
+declares the state.
+"""

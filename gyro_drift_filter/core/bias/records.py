@@ -1,0 +1,99 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias, and what the last segments of rest say of it."""
+
+from collections.abc import MutableSequence
+from enum import IntEnum
+from typing import Annotated, TypedDict
+
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
+from gyro_drift_filter.core.bias.slow_turn import SlowTurn
+from gyro_drift_filter.core.rest.records import Rest
+
+RECENT = 8  # segments of one rest that have to agree
+
+
+class Hint(IntEnum):
+    """What the robot says of its own motion."""
+
+    NONE = 0
+    MOVES = 1
+    STANDS = 2
+
+
+class RestSegment(TypedDict):
+    """A segment of the rest under way, and the bias before it was taken in."""
+
+    mean: PerAxis  # rad/s
+    noise: PerAxis  # variance of the mean, (rad/s)^2
+    # of the bias before the segment was taken in
+    bias: PerAxis
+    variance: PerAxis
+    in_motion: SharedBias
+    # of the state, which ended as the segment was taken in; 0 where it was not
+    growth: float
+    reach: float
+
+
+REST_SEGMENT = record(RestSegment)
+
+
+class Bias(TypedDict):
+    """The bias, and what the last segments of rest say of it."""
+
+    rest: Rest
+    other_rest: Rest  # by another noise than the one that is known
+    known: bool
+    bias: PerAxis  # rad/s
+    variance: PerAxis  # (rad/s)^2
+    # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
+    provisional: PerAxis
+    motion: MotionBias  # the bias in motion
+    walk: float  # share of the random walk's variance that the bias takes
+    growth: float  # (rad/s)^2, of the variance since the last segment
+    reach: float  # (rad/s)^2, the same with all of the random walk
+    recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
+    recent_count: int
+    hint: int  # a member of Hint
+    hint_seconds: float  # until it is forgotten
+    temperature: float  # in deg C, at the last growth for it; NaN before the first
+    # the stillness under way, whether its rate is accepted as the bias or not
+    still_seconds: float
+    still_blocks: float
+    still_sum: PerAxis  # rad/s
+    rest_seconds: float  # since the last rest, or since the start where there was none
+    doubt: int  # segments of rest to go until one is accepted after a slow turn
+    turn: SlowTurn  # the rate of rest that was not accepted
+    beyond: bool  # the stillness under way has a rate beyond the largest bias
+    # counts
+    segments: int  # that the bias was learned from
+    beyond_max: int  # at rest with a rate that no bias has
+    turning: int  # at rest with a rate that the bias can't have come to
+
+
+BIAS_RECORD = record(Bias)
+
+
+@kernel
+def bias_variance(state: Bias, axis: int) -> float:
+    """Return the variance of the bias at rest by now, in (rad/s)^2."""
+    return float(state['variance'][axis] + state['growth'])
+
+
+@kernel
+def is_learned(state: Bias) -> bool:
+    """Return whether a bias is known, or a provisional one."""
+    return bool(state['known'] or state['provisional'][0] > 0.0)

@@ -1,0 +1,90 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The last segments of one rest, and whether they lie together where no bias can have come."""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.records import RECENT, Bias
+from gyro_drift_filter.core.bias.shared import keep_shared, restore_shared
+from gyro_drift_filter.core.bias.slow_turn import GATE
+from gyro_drift_filter.core.rest.noise import segment_variance
+from gyro_drift_filter.core.rest.segment import segment_mean
+
+# A segment is accepted within `GATE` deviations of where the bias can be. Several segments in a
+# row, up to `RECENT`, have to lie closer, as they reveal a turn of the bias's size.
+RECENT_GATE = 3.0
+
+
+@kernel
+def note_segment(state: Bias) -> None:
+    """Put the segment before the others of this rest."""
+    recent = state['recent']
+    count = min(state['recent_count'], RECENT - 1)
+    for i in range(count, 0, -1):
+        recent[i] = recent[i - 1]
+    state['recent_count'] = count + 1
+    last = recent[0]
+    for axis in range(3):
+        last['mean'][axis] = segment_mean(state['rest'], axis)
+        last['noise'][axis] = segment_variance(state['rest'], axis)
+        last['bias'][axis] = state['bias'][axis]
+        last['variance'][axis] = state['variance'][axis]
+    keep_shared(state['motion'], last['in_motion'], state['growth'])
+    last['growth'] = 0.0
+    last['reach'] = 0.0
+
+
+@kernel
+def turned_segments(state: Bias) -> int:
+    """Return how many of the last segments lie together where no bias can have come, 0 for none."""
+    recent = state['recent']
+    for axis in range(3):
+        total = noise = 0.0
+        reach = state['reach']
+        for i in range(state['recent_count']):
+            segment, count = recent[i], i + 1.0
+            total += segment['mean'][axis]
+            noise += segment['noise'][axis]
+            reach += segment['reach']
+            distance = total / count - segment['bias'][axis]
+            spread = segment['variance'][axis] + reach + noise / (count * count)
+            gate = GATE if i == 0 else RECENT_GATE
+            if distance * distance > gate * gate * spread:
+                return i + 1
+    return 0
+
+
+@kernel
+def take_back(state: Bias, count: int) -> None:
+    """Unlearn the last `count` segments."""
+    if count == 1:
+        state['recent_count'] = 0
+        return
+    recent = state['recent']
+    before = recent[count - 1]
+    for axis in range(3):
+        state['bias'][axis] = before['bias'][axis]
+        state['variance'][axis] = before['variance'][axis]
+    for i in range(count):
+        segment = recent[i]
+        state['growth'] += segment['growth']
+        state['reach'] += segment['reach']
+        segment['growth'] = 0.0
+        segment['reach'] = 0.0
+        for axis in range(3):
+            segment['bias'][axis] = before['bias'][axis]
+            segment['variance'][axis] = before['variance'][axis]
+    restore_shared(state['motion'], before['in_motion'], state['growth'])
+    for i in range(count):
+        keep_shared(state['motion'], recent[i]['in_motion'], state['growth'])

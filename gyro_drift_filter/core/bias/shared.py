@@ -1,0 +1,293 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the bias at rest and that in motion share: both, their covariances, and the shift.
+
+The bias at rest is another one by a shift, but most of what moves the one moves the other. So it is
+in the same filter, of which each rest measures it, and what is known of the shift is what is known
+of the difference. A rest brings the bias in motion to that at rest and the shift; what a motion
+showed of the shift stays. What motion teaches of the bias at rest counts in here alone:
+`at_rest.py` learns it from rests, so that a flight does not change what is subtracted after the
+landing.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.matrices import Matrix
+
+STATES = 12
+DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
+
+# Vibration moves a bias by up to a share of what it makes of the values' deviation at rest, and by
+# no more than this, in rad/s: on ten flights of EuRoC by 0.2, 0.8, and 1.2e-3. What is no more than
+# a share of the noise does no harm where it is mistaken.
+SHIFT_SHARE, LARGEST_SHIFT = 0.1, 1e-3
+# A prior beyond this would have what is not seen, the bias about the vertical, torn along by what
+# is not in the model.
+LARGEST_PRIOR = 1.5e-3  # rad/s
+# Where next to nothing is known of the bias a rest tells far more, and most robots have one soon:
+# for so many seconds of motion the prior is the first of these, then the second.
+UNKNOWN, UNKNOWN_SECONDS, UNKNOWN_PRIOR, LATER_PRIOR = 0.02, 15.0, 5e-4, 2e-3
+
+# The velocity in m/s that a robot or a hand has until it shows a larger one.
+SPEED = 0.7
+
+
+class BiasShift(NamedTuple):
+    """By how much the bias in motion is another one than that at rest.
+
+    Attributes:
+        shift: (3,) in rad/s.
+        deviation: (3,) its standard deviation in rad/s, infinite where nothing is known.
+    """
+
+    shift: Sequence[float]
+    deviation: Sequence[float]
+
+
+NO_SHIFT = BiasShift((0.0, 0.0, 0.0), (math.inf, math.inf, math.inf))
+
+Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
+Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
+
+
+class BiasAtRest(TypedDict):
+    """The bias at rest, as the bias in motion knows it: covariances in (rad/s)^2."""
+
+    bias: PerAxis  # rad/s
+    variance: PerAxis
+    common: PerAxis  # covariance with the bias in motion
+    untracked: PerAxis  # more of all three, which motion teaches nothing of
+    known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
+
+
+BIAS_AT_REST = record(BiasAtRest)
+
+
+class MotionBias(TypedDict):
+    """The filter of the bias in motion."""
+
+    values: Values  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
+    covariance: Covariance
+    bias_at_rest: BiasAtRest
+    growth: float  # (rad/s)^2, of both biases, since it was last added
+    speed_deviation: float  # m/s, of the velocity from zero
+    moving_seconds: float  # since the start, of motion
+    directed: bool  # the direction of gravity is known
+    moving: bool  # the covariance is that of a motion
+    missed_turn: float  # rad, that the rates may not have shown since they were at their limit
+    # the value under way
+    samples: int
+    seconds: float
+    angle: PerAxis  # rad
+    speed: PerAxis  # m/s
+    # the block under way
+    block_seconds: float
+    turn: Matrix  # T
+    turn_integral: Matrix  # M, in s
+
+
+class SharedBias(TypedDict):
+    """What a segment of rest changes of it."""
+
+    bias: PerAxis  # rad/s
+    variance: PerAxis  # (rad/s)^2
+    bias_at_rest: BiasAtRest
+    settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
+
+
+SHARED_BIAS = record(SharedBias)
+MOTION_BIAS = record(MotionBias)
+
+
+@kernel
+def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
+    """Begin with a shift (3,) in rad/s and its variance (3,), infinite where it is not known."""
+    state['speed_deviation'] = SPEED
+    for axis in range(3):
+        known = variance[axis] < np.inf
+        state['bias_at_rest']['known'][axis] = known
+        guess = LARGEST_SHIFT if known else UNKNOWN_PRIOR
+        _replace_shift(state, axis, shift[axis], min(variance[axis], guess * guess))
+
+
+@kernel
+def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -> None:
+    """Take another shift of an axis; the bias in motion has to be started anew after it."""
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    state['values'][i] = bias_at_rest['bias'][axis] + shift
+    state['covariance'][i, i] = variance
+    bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = 0.0
+
+
+@kernel
+def shift_of(state: MotionBias, axis: int) -> float:
+    """Return by how much the bias in motion of an axis is above that at rest, in rad/s."""
+    return float(state['values'][BIAS + axis] - state['bias_at_rest']['bias'][axis])
+
+
+@kernel
+def shift_variance(state: MotionBias, axis: int) -> float:
+    """Return the variance of the shift of an axis, in (rad/s)^2."""
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    common = bias_at_rest['common'][axis]
+    return float(
+        max(state['covariance'][i, i] - 2.0 * common + bias_at_rest['variance'][axis], 0.0)
+    )
+
+
+@kernel
+def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
+    """Let the variance of the shift be what noise of a variance at rest, in (rad/s)^2, lets it be.
+
+    Return whether that is another one, so that the bias in motion has to be started anew.
+    """
+    before = shift_variance(state, axis)
+    largest = min(SHIFT_SHARE * SHIFT_SHARE * variance, LARGEST_SHIFT * LARGEST_SHIFT)
+    if state['bias_at_rest']['known'][axis] and before <= largest:
+        return False
+    shift = shift_of(state, axis)
+    if largest < before:
+        # What was learned with the larger one shrinks with it.
+        shift *= largest / before
+    _replace_shift(state, axis, shift, largest)
+    state['bias_at_rest']['known'][axis] = 1
+    return True
+
+
+@kernel
+def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> None:
+    """Begin with the bias at rest (3,) in rad/s and its variance (3,); the shift is kept."""
+    bias_at_rest = state['bias_at_rest']
+    for axis in range(3):
+        i = BIAS + axis
+        shift, of_shift = shift_of(state, axis), shift_variance(state, axis)
+        for k in range(STATES):
+            state['covariance'][i, k] = state['covariance'][k, i] = 0.0
+        state['values'][i] = bias[axis] + shift
+        state['covariance'][i, i] = variance[axis] + of_shift
+        bias_at_rest['bias'][axis] = bias[axis]
+        bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
+        bias_at_rest['untracked'][axis] = 0.0
+    state['growth'] = 0.0
+    state['moving_seconds'] = 0.0
+    state['moving'] = False
+
+
+@kernel
+def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> None:
+    """Take the mean rate of a rest, in rad/s, with the variance of its noise, in (rad/s)^2, in."""
+    settle_growth(state)
+    track_all(state, axis)
+    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
+    variance, common = bias_at_rest['variance'][axis], bias_at_rest['common'][axis]
+    innovation, spread = mean - bias_at_rest['bias'][axis], variance + noise
+    gain, gain_in_motion = variance / spread, common / spread
+    bias_at_rest['bias'][axis] += gain * innovation
+    bias_at_rest['variance'][axis] -= gain * variance
+    bias_at_rest['common'][axis] -= gain * common
+    state['values'][i] += gain_in_motion * innovation
+    left = state['covariance'][i, i] - gain_in_motion * common
+    # Each axis by itself, as the bias at rest is.
+    for k in range(STATES):
+        state['covariance'][i, k] = state['covariance'][k, i] = 0.0
+    state['covariance'][i, i] = left
+
+
+@kernel
+def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
+    """Keep what a segment of rest may change, before it does; `growth` is of the bias at rest."""
+    kept['settled'] = growth - state['growth']
+    for axis in range(3):
+        i = BIAS + axis
+        kept['bias'][axis] = state['values'][i]
+        kept['variance'][axis] = state['covariance'][i, i]
+    _copy(state['bias_at_rest'], kept['bias_at_rest'])
+
+
+@kernel
+def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
+    """Undo what segments of rest have changed since; `growth` is of the bias at rest by then."""
+    state['growth'] = growth - kept['settled']
+    for axis in range(3):
+        i = BIAS + axis
+        state['values'][i] = kept['bias'][axis]
+        state['covariance'][i, i] = kept['variance'][axis]
+    _copy(kept['bias_at_rest'], state['bias_at_rest'])
+
+
+@kernel
+def _copy(source: BiasAtRest, target: BiasAtRest) -> None:
+    for axis in range(3):
+        target['bias'][axis] = source['bias'][axis]
+        target['variance'][axis] = source['variance'][axis]
+        target['common'][axis] = source['common'][axis]
+        target['untracked'][axis] = source['untracked'][axis]
+        target['known'][axis] = source['known'][axis]
+
+
+@kernel
+def motion_variance(state: MotionBias, axis: int) -> float:
+    """Return the variance of the bias in motion at present, in (rad/s)^2."""
+    i = BIAS + axis
+    untracked = state['bias_at_rest']['untracked'][axis]
+    return float(state['covariance'][i, i] + state['growth'] + untracked)
+
+
+@kernel
+def track_all(state: MotionBias, axis: int) -> None:
+    """Track what was left out."""
+    untracked = state['bias_at_rest']['untracked'][axis]
+    widen_both(state, axis, untracked)
+    state['bias_at_rest']['untracked'][axis] = 0.0
+
+
+@kernel
+def widen_both(state: MotionBias, axis: int, variance: float) -> None:
+    """Add a variance in (rad/s)^2 of what moves both biases."""
+    state['covariance'][BIAS + axis, BIAS + axis] += variance
+    state['bias_at_rest']['variance'][axis] += variance
+    state['bias_at_rest']['common'][axis] += variance
+
+
+@kernel
+def settle_growth(state: MotionBias) -> None:
+    """Add what both biases have walked since the last time."""
+    for axis in range(3):
+        widen_both(state, axis, state['growth'])
+    state['growth'] = 0.0
+
+
+@kernel
+def limit_prior(state: MotionBias) -> None:
+    """Leave out of what is tracked in motion what is beyond the largest prior."""
+    settle_growth(state)
+    bias_at_rest = state['bias_at_rest']
+    for axis in range(3):
+        i = BIAS + axis
+        largest = LARGEST_PRIOR
+        if state['covariance'][i, i] + bias_at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
+            track_all(state, axis)
+            waits = state['moving_seconds'] < UNKNOWN_SECONDS
+            largest = UNKNOWN_PRIOR if waits else LATER_PRIOR
+        beyond = min(state['covariance'][i, i] - largest * largest, bias_at_rest['common'][axis])
+        if beyond > 0.0:
+            widen_both(state, axis, -beyond)
+            bias_at_rest['untracked'][axis] += beyond
