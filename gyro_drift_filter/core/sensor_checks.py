@@ -79,6 +79,7 @@ class SensorChecks(TypedDict):
     entered: PerAxis  # last change of the rate, rad/s
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
+    comes_alive: bool  # an axis does with this sample
     rates: Stays
     accelerations: Stays
     gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
@@ -112,6 +113,7 @@ def start_checks(checks: SensorChecks) -> None:
 def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest) -> None:
     """Take the values of a sample in, `period` s after those before."""
     rate = sample['angular_velocity']
+    checks['comes_alive'] = False
     same = all_rates = _note_rates(checks, sample)
     acceleration, stays = sample['linear_acceleration'], checks['accelerations']
     all_accelerations = True
@@ -140,13 +142,6 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     checks['stuck'] = stuck
     if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
         _count_unlikely(checks, sample)
-
-
-@kernel
-def living_axes(checks: SensorChecks) -> int:
-    """Return how many axes have ever changed."""
-    living = checks['living']
-    return int(living[0] + living[1] + living[2])
 
 
 @kernel
@@ -217,7 +212,8 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
         stays['same'] += 1
         none = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
         lasts = min(equal[0], equal[1], equal[2]) >= LONG_ZEROS
-        if none and lasts and living_axes(checks) == 3:
+        living = checks['living']
+        if none and lasts and living[0] and living[1] and living[2]:
             checks['gives_zeros'] = True
     for axis in range(3):
         if rate[axis] == measured[axis]:
@@ -240,6 +236,7 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool
     if checks['living'][axis] == 0:
         if change > 0.0:
             checks['living'][axis] = 1
+            checks['comes_alive'] = True
         else:
             change = size  # a rate is a number of steps, too
     if change > 0.0:

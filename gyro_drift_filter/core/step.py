@@ -49,7 +49,7 @@ from gyro_drift_filter.core.sample import (
     SampleStatus,
     is_usable,
 )
-from gyro_drift_filter.core.sensor_checks import living_axes, note_values, says_nothing
+from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
 from gyro_drift_filter.core.settings import Settings
 
 # Of a sample in the sum: a start of motion may be any number.
@@ -78,9 +78,8 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
         result['status'] = SampleStatus.FILTERED
         undone = _is_truncated(sample, missing, filter_)
-    living = living_axes(state['checks'])
     note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
-    if living_axes(state['checks']) != living:
+    if state['checks']['comes_alive']:
         _doubt_rest(filter_)
     if message == Message.REPEAT:
         _repeat_result(result)
@@ -148,13 +147,13 @@ def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
     """Look at the counts of a sample; return whether their truncation is to be undone."""
     state, mode = filter_['state'], filter_['settings']['input_quantisation']
     quantisation, rate = state['quantisation'], sample['angular_velocity']
-    if missing == 0:
-        was_undone = is_undone(quantisation, mode)
-        is_new = note_counts(quantisation, rate, state['checks']['measured'])
+    undone = is_undone(quantisation, mode)
+    if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
+        before, undone = undone, is_undone(quantisation, mode)
         # What was learned of the bias had another part of a count in it.
-        if is_new and (was_undone or is_undone(quantisation, mode)) and is_learned(state['bias']):
+        if (before or undone) and is_learned(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
-    return is_undone(quantisation, mode)
+    return undone
 
 
 @kernel
@@ -278,6 +277,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
     if settings['bias_in_motion']:
         _track_motion(sample, missing, filter_)
     in_motion = settings['bias_in_motion'] and not at_rest
+    refused = result['status'] == SampleStatus.REFUSED
     for axis in range(3):
         result['bias'][axis] = 0.0
         if settings['bias_enabled']:
@@ -286,7 +286,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
                 mean = bias['motion']['values'][BIAS + axis]
                 variance = motion_variance(bias['motion'], axis)
             result['bias'][axis] = mean
-            if not state['methods']['tracking'][axis]:
+            if refused and not state['methods']['tracking'][axis]:
                 continue  # there is no result to take it off
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance

@@ -72,6 +72,13 @@ def learn_regularity(clock: Clock, deviation: float) -> None:
 
 
 @kernel
+def long_step(clock: Clock) -> float:
+    """Return beyond how many periods a step may be one over a gap, by how even steps are."""
+    evenness = min(max((UNEVEN - clock['irregularity']) / (UNEVEN - EVEN), 0.0), 1.0)
+    return LONG_STEP + evenness * (EVEN_LONG_STEP - LONG_STEP)
+
+
+@kernel
 def learn_delays(clock: Clock) -> None:
     """Learn from the delays of the stretch how long they are, and how long one is a gap."""
     period, samples = clock['mean_period'], clock['stretch_samples']

@@ -19,15 +19,13 @@ import math
 from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core.clock.delays import (
     BURSTS,
-    EVEN,
-    EVEN_LONG_STEP,
     LONG_STEP,
     REGULAR,
-    UNEVEN,
     forget_delays,
     learn_delays,
     learn_regularity,
     limit_delays,
+    long_step,
 )
 from gyro_drift_filter.core.clock.losses import drop_suspicion, judge, suspect
 from gyro_drift_filter.core.clock.periods import (
@@ -178,8 +176,7 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     delay = lateness - clock['earliest']
     clock['steps'] += 1
     missing = 0
-    evenness = min(max((UNEVEN - clock['irregularity']) / (UNEVEN - EVEN), 0.0), 1.0)
-    is_long = elapsed > (LONG_STEP + evenness * (EVEN_LONG_STEP - LONG_STEP)) * period
+    is_long = elapsed > LONG_STEP * period and elapsed > long_step(clock) * period
     if is_long:
         clock['long_steps'] += 1
     if abs(elapsed - period) < 0.5 * period:  # one period is the nearest number of them
