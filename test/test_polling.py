@@ -27,7 +27,7 @@ RATE = 100.0  # Hz, of the sensor
 N = 3000  # its samples
 
 
-def measured(random, acceleration='polled'):
+def measured(random):
     """Return the rates (n, 3) and accelerations of 8 s of rest, fast motion, and rest again."""
     truth = np.concatenate([np.zeros((800, 3)), fast_turn(1400, RATE), np.zeros((800, 3))])
     rates = truth + [0.02, -0.01, 0.03] + 0.005 * random.standard_normal(truth.shape)

@@ -69,7 +69,8 @@ class Check:
     Attributes:
         name: Of the assumption.
         passed: False makes it a warning.
-        statistic: What the verdict goes by, as `detail` says.
+        statistic: The figure that `detail` gives in a few digits; which one, the function says that
+            makes the check. It is for callers in Python: the command shows `detail` alone.
         detail: The figures, in one sentence.
         consequence: What a failure means for the user, in one sentence; empty where it passed.
     """
@@ -168,8 +169,7 @@ def check_stationarity(residuals: Sequence[Values]) -> Check:
     Both run on the longest span, averaged in equal blocks down to 2,000 points at most, and ADF
     with 12 (n / 100)^(1/4) lags (Schwert) without a search for a better number, so that a million
     samples take no time or memory. What this leaves out are changes within a block, which do not
-    make a level wander. The statistic is
-    that of KPSS.
+    make a level wander. The statistic is that of KPSS.
 
     Args:
         residuals: Per span (n,) in rad/s.
