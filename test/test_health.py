@@ -477,7 +477,7 @@ def test_telemetry_is_that_of_the_state(random):
         'samples_per_message': 1.0,
         'faults': checks['fault'],
         'truncated': state['quantisation']['truncated'],
-        'resolution': np.zeros(3),
+        'count_size': np.zeros(3),
         'noise_correlation': noise['correlation'],
         'noise_blocks': noise['blocks'],
         'steady_seconds': bias['rest']['steady_seconds'],

@@ -125,7 +125,7 @@ def examine(seen: Examined) -> list[Finding]:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
     findings.append(judge_repeats(seen.rates, seen.accelerations))
-    findings.append(judge_resolution(np.array(state.resolution), rests))
+    findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
     findings.append(_judge_rests(state, rests, period))

@@ -160,7 +160,7 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
     ),
     'low-pass': lambda span: f'about {span.low_pass:.2g} Hz',
     'truncated': lambda span: (
-        f'a count is {math.degrees(max(span.now.telemetry.resolution)):.3g} deg/s'
+        f'a count is {math.degrees(max(span.now.telemetry.count_size)):.3g} deg/s'
     ),
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
     'restarted': lambda span: f'{span.now.telemetry.restarts} times',
@@ -189,7 +189,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         return Finding(name, Verdict.UNKNOWN, text)
 
     cut = fine('truncation', 'counts are not cut towards zero')
-    if not any(state.resolution):
+    if not any(state.count_size):
         cut = fine('truncation', 'no counts are seen that could be cut towards zero')
     elif not not_cut:
         cut = open_('truncation', 'too little motion to tell whether counts are cut towards zero')

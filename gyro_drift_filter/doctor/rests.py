@@ -177,16 +177,16 @@ def _some(columns: tuple[Values, ...]) -> Floats:
     )
 
 
-def judge_resolution(resolution: Floats, seen: AtRest) -> Finding:
-    """Say whether counts (3,) in rad/s, 0 where there are none, are fine beside the noise."""
+def judge_resolution(count_size: Floats, seen: AtRest) -> Finding:
+    """Say whether counts of this size (3,) in rad/s, 0 where none are seen, are fine enough."""
     name = 'resolution'
-    values: dict[str, Any] = {'resolution': resolution.tolist(), 'noise': seen.noise.tolist()}
-    if not resolution.any():
+    values: dict[str, Any] = {'resolution': count_size.tolist(), 'noise': seen.noise.tolist()}
+    if not count_size.any():
         return Finding(name, Verdict.SOUND, 'the rates have no counts to be seen', values=values)
-    counts = f'a count is {np.degrees(resolution.max()):.3g} deg/s'
+    counts = f'a count is {np.degrees(count_size.max()):.3g} deg/s'
     if not seen.samples:
         return Finding(name, Verdict.UNKNOWN, f'{counts}; without a rest its noise is not known')
-    coarse = [axis for axis in range(3) if resolution[axis] > _COARSE * seen.noise[axis]]
+    coarse = [axis for axis in range(3) if count_size[axis] > _COARSE * seen.noise[axis]]
     if coarse:
         return Finding(
             name,

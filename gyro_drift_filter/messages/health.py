@@ -150,7 +150,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Samples not measured anew': state.not_measured,
         'Rate of the sensor (Hz)': span.sensor_rate,
         'Low-pass of the sensor (Hz)': span.low_pass,
-        'Resolution of the gyroscope (rad/s)': state.resolution,
+        'Resolution of the gyroscope (rad/s)': state.count_size,
         'Counts are cut towards zero': state.truncated,
         'Times stuck': state.times_stuck,
         'Unusable rates bridged': state.unusable,

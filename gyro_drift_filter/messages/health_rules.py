@@ -111,7 +111,7 @@ class Span(NamedTuple):
         That of a first-order one, by the correlation of its noise from sample to sample.
         """
         state = self.now.telemetry
-        axes = zip(state.measurement_noise, state.resolution, state.noise_correlation, strict=True)
+        axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
         # What is below a step is no noise that a low-pass could have shaped.
         shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
         correlation = max(shaped, default=0.0)

@@ -37,8 +37,8 @@ class Telemetry(NamedTuple):
     Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
     the bias does. Bias and its deviation are those at rest, in rad/s; noise is a variance in
     (rad/s)^2, of the last sample; the period and what ends in seconds are in s, rest_seconds since
-    the start where segments is 0. resolution is in rad/s, 0 where there is none; faults are members
-    of `AxisFault`.
+    the start where segments is 0. count_size is the rate in rad/s that a count of the sensor stands
+    for, 0 where no counts are seen; faults are members of `AxisFault`.
     """
 
     samples: int
@@ -50,7 +50,7 @@ class Telemetry(NamedTuple):
     samples_per_message: float
     faults: Counts
     truncated: bool
-    resolution: Values
+    count_size: Values
     unusable: Counts
     clipped: Counts
     outliers: Counts
@@ -174,7 +174,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         if checks['measured'][axis] != 0.0:
             out['all_zero'] = False
         out['faults'][axis] = checks['fault'][axis]
-        out['resolution'][axis] = known_count(quantisation, axis)
+        out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
