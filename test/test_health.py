@@ -135,6 +135,7 @@ def report_of(count, **changes):
         nis_sum=3 * [float(count)],
         bias_known=True,
         noise_blocks=[20, 20, 20],
+        noise_block_seconds=0.5,
         least_rest_seconds=2.34,
     )
     of_state = {name: changes.pop(name) for name in Telemetry._fields if name in changes}
@@ -480,6 +481,7 @@ def test_telemetry_is_that_of_the_state(random):
         'count_size': np.zeros(3),
         'noise_correlation': noise['correlation'],
         'noise_blocks': noise['blocks'],
+        'noise_block_seconds': pytest.approx(0.5, rel=1e-3),
         'steady_seconds': bias['rest']['steady_seconds'],
         # Sixteen blocks of 13 samples, one before them, and one after them.
         'least_rest_seconds': pytest.approx(18 * 0.13),
@@ -505,6 +507,18 @@ def test_telemetry_is_that_of_the_state(random):
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
     assert telemetry.samples == 500
     assert telemetry.segments > 0
+
+
+@pytest.mark.parametrize(('rate', 'seconds'), [(10, 5.0), (50, 1.0), (100, 0.5), (333, 0.5)])
+def test_blocks_of_noise_are_longer_at_low_rates(rate, seconds, random):
+    """They have 50 samples or more."""
+    filter_ = MessageFilter(Parameters())
+    filter_all(filter_, recorded(*at_rest(random, 40, rate=rate), rate))
+    telemetry = filter_.report().telemetry
+    np.testing.assert_allclose(telemetry.noise_block_seconds, seconds, rtol=1e-3)
+    learned = np.array(telemetry.noise_blocks) * telemetry.noise_block_seconds
+    assert (learned > 10.0).all()
+    assert (learned < 40.0).all()
 
 
 def recorded(rates, forces, rate=100):

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS, LEAST_BLOCK, LEAST_NOISE
+from gyro_drift_filter.core.methods.noise import LEAST_NOISE
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
@@ -123,8 +123,7 @@ class Span(NamedTuple):
     def noise_seconds(self) -> list[float]:
         """The time at rest that the noise was learned from, in s, of each axis."""
         state = self.now.telemetry
-        block = max(BLOCK_SECONDS, LEAST_BLOCK * state.period)
-        return [block * count for count in state.noise_blocks]
+        return [state.noise_block_seconds * count for count in state.noise_blocks]
 
     @property
     def advice(self) -> Advice:

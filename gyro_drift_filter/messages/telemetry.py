@@ -24,6 +24,7 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias.records import bias_variance
+from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
 from gyro_drift_filter.core.quantisation import known_count
 
 # One for each axis.
@@ -71,6 +72,7 @@ class Telemetry(NamedTuple):
     measurement_noise: Values
     noise_correlation: Values
     noise_blocks: Counts
+    noise_block_seconds: float
     bias_known: bool
     bias: Values
     bias_deviation: Values
@@ -139,7 +141,7 @@ def as_telemetry(records: NDArray[Any]) -> list[Telemetry]:
 @kernel
 def read_telemetry(filter_: Any, out: Any) -> None:
     """Write the values of a record of FILTER into one of TELEMETRY."""
-    state, lengths = filter_['state'], filter_['coefficients']['rest']
+    state, coefficients = filter_['state'], filter_['coefficients']
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, quantisation = state['checks'], state['quantisation']
     paper, adaptive = state['methods']['paper'], state['methods']['adaptive']
@@ -165,7 +167,10 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
-    out['least_rest_seconds'] = lengths['least_rest']
+    out['least_rest_seconds'] = coefficients['rest']['least_rest']
+    # A block of whole samples may be a little shorter than the time that it is meant for.
+    block = coefficients['methods']['adaptive']['block_samples'] * clock['mean_period']
+    out['noise_block_seconds'] = max(BLOCK_SECONDS, block)
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
