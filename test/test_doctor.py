@@ -435,6 +435,20 @@ def test_values_beyond_numbers_and_messages_that_are_none(found):
     assert 'rests' in of_verdict(findings, Verdict.SOUND)
 
 
+def test_an_acceleration_that_the_filter_does_not_use_is_not_examined(tmp_path):
+    simulation = handled()
+    forces = simulation.linear_acceleration.copy()
+    forces[5, 0], forces[6, 0] = 1e5, 1e4
+    bag = write(tmp_path / 'bag', replace(simulation, linear_acceleration=forces))
+    _, seen = read_recording(bag, None, (0.0, math.inf), lambda done, total: None)
+    assert [math.isnan(force) for force in seen.accelerations[0][4:8]] == [
+        False,
+        True,
+        False,
+        False,
+    ]
+
+
 def test_rates_that_never_change_are_not_said_to_live(found):
     """Nor to be dead: at rest a coarse gyroscope shows no noise either."""
     simulation = simulate(SimulationSettings(static_seconds=20.0, dynamic_seconds=0.0))

@@ -144,23 +144,22 @@ def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batc
     assert 26.0 < verdict.rests.seconds <= verdict.seconds
 
 
+def filtered(rates, accelerations):
+    """Return the stamps of samples at 100 Hz, and their messages with the filter's results."""
+    stamps = START + 10**7 * np.arange(len(rates))
+    samples = zip(stamps.tolist(), rates, accelerations, strict=True)
+    imus = imus_of(piece_of([imu_message(*sample) for sample in samples]))
+    imus['result'] = Filter().run(stamps, rates, accelerations)
+    return stamps, imus
+
+
 def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     parts = [at_rest(random, 8), by_hand(random, 4), at_rest(random, 6)]
     rates, accelerations = (np.vstack(column) for column in zip(*parts, strict=True))
     accelerations[800:1200] += [0.0, 0.0, 9.8]
     rates[1500, 1] += 1.0
-    stamps = START + 10**7 * np.arange(len(rates))
-    filter_ = Filter()
-    results = filter_.run(stamps, rates, accelerations)
-    piece = piece_of(
-        [
-            imu_message(t, r, a)
-            for t, r, a in zip(stamps.tolist(), rates, accelerations, strict=True)
-        ]
-    )
-    imus = imus_of(piece)
-    imus['result'] = results
-    matrix = np.eye(3).ravel()
+    stamps, imus = filtered(rates, accelerations)
+    results, matrix = imus['result'], np.eye(3).ravel()
     both = []
     for cuts in ([0, len(imus)], [0, 1, 333, 334, 901, len(imus)]):
         sums = no_sums()
@@ -189,6 +188,15 @@ def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
         of_rest = rates[first:kept][~(results['outlier'][first:kept] > 0.0).any(axis=1)]
         squares += of_rest.var(axis=0) * len(of_rest) if len(of_rest) else 0.0
     np.testing.assert_allclose(got['noise']['raw_squares'], squares, rtol=1e-6)
+
+
+def test_an_acceleration_that_the_filter_does_not_use_is_no_gravity(random):
+    rates, accelerations = at_rest(random, 2)
+    accelerations[:], accelerations[100] = [0.0, 0.0, 9.8], [1e5, 0.0, 0.0]
+    stamps, imus = filtered(rates, accelerations)
+    sums = no_sums()
+    add_run(imus, stamps, np.eye(3).ravel(), 0.01, 1.0, sums)
+    np.testing.assert_allclose(sums[0]['up_seconds'], [0.0, 0.0, 2.0], rtol=1e-9)
 
 
 def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):

@@ -38,6 +38,7 @@ from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION
 from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
@@ -135,7 +136,8 @@ class Reading:
         self.log_times.append(piece.rows['log_time'][good['row']])
         for axis in range(3):
             self.rates[axis].append(usable(sample['angular_velocity'][:, axis]))
-            self.accelerations[axis].append(usable(sample['linear_acceleration'][:, axis]))
+            force = usable(sample['linear_acceleration'][:, axis], LARGEST_ACCELERATION)
+            self.accelerations[axis].append(force)
             self.outliers[axis].append(good['result']['outlier'][:, axis] > 0.0)
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)

@@ -28,7 +28,12 @@ from gyro_drift_filter.accelerate import (
     read_only,
     record,
 )
-from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus, is_usable
+from gyro_drift_filter.core.sample import (
+    LARGEST_ACCELERATION,
+    LARGEST_RATE,
+    SampleStatus,
+    is_usable,
+)
 from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
 from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
@@ -163,7 +168,7 @@ def _add_heading(imu: Imu, step: float, sums: RunSums) -> None:
         for axis in range(3):
             sums['first_bias'][axis] = result['bias'][axis]
     length = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
-    if LEAST_GRAVITY < length < LARGEST_RATE:
+    if LEAST_GRAVITY < length < LARGEST_ACCELERATION:
         for axis in range(3):
             up[axis] = force[axis] / length
     about, turned = 0.0, 0.0
