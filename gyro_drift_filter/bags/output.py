@@ -42,9 +42,9 @@ class NoOutput:
     """What stands in for an output where a run is watched, and nothing written.
 
     Attributes:
-        is_imu: As of an output, like
-        left_out: and
-        written: which are none.
+        is_imu: By each Imu topic that is filtered, by the `id` of a connection, whether it is its.
+        left_out: No topic, as none is copied.
+        written: 0 for each Imu topic.
     """
 
     def __init__(self, recording: Recording, inputs: Mapping[str, Topics]) -> None:

@@ -58,7 +58,7 @@ class Found(NamedTuple):
     Attributes:
         since: Index of the first value after it.
         before: Median of the stretch before it.
-        after: And of the last one.
+        after: Median of the last stretch.
         size: Of the change, in deviations of the history.
         certain: Whether chance does not make it.
     """

@@ -108,16 +108,16 @@ class MessageReport(NamedTuple):
     """What a message filter is like.
 
     Attributes:
-        received: As of `MessageFilter`, like
-        malformed: and
-        last_malformed: and
-        not_reported: and
-        returned: and
-        lost: and
-        frame_changes: and
-        frame: and
-        parameters: of its filter.
-        telemetry: Values of its filter's state.
+        received: Messages that have come in.
+        malformed: Messages that are no Imu; nothing is published for them.
+        last_malformed: What was wrong with the last of these; empty where there was none.
+        not_reported: Messages without angular velocity, which are passed on as they came.
+        returned: Messages that this filter had published, and does not filter again.
+        lost: Messages that never came in, as far as the node knows.
+        frame_changes: Messages with another frame_id than the one before.
+        frame: The last frame_id, as it can be shown.
+        parameters: Those of the filter.
+        telemetry: Values of the filter's state.
     """
 
     received: int

@@ -78,13 +78,13 @@ class Reading:
         is_imu: By the `id` of a connection, whether it is of the topic.
         connections: How many are.
         filter: The filter that the messages go through, which undoes nothing that is to be found.
-        stamps: (n,) in ns of the good messages, and as of `Examined` the
-        log_times: and
-        rates: and
-        accelerations: and
-        outliers: and
-        resting: and
-        stated: covariances.
+        stamps: (n,) in ns, of the good messages, as all that follow.
+        log_times: (n,) in ns.
+        rates: Three columns (n,) in rad/s, NaN where the filter uses no value either.
+        accelerations: Three columns (n,) in m/s^2, NaN likewise.
+        outliers: Three columns (n,), not 0 where the filter held the rate back.
+        resting: (n,) not 0 where the filter takes the sensor to rest.
+        stated: What the messages state of their covariances, in the order of QUANTITIES.
     """
 
     def __init__(self, recording: Recording, topic: str, names: Topics) -> None:

@@ -74,8 +74,8 @@ def each_sample_seconds(
 
     Args:
         stamps: (n,) in ns.
-        period: As of `sample_seconds`.
-        longest: The same.
+        period: Of the samples in s, for steps that the stamps do not tell.
+        longest: Step in s beyond which stamps have jumped.
         all_times: (1,).
         seconds: (n,) to be written.
     """
