@@ -23,14 +23,12 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import ADVICE, METHOD_NAMES, METHODS, Method
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.health_rules import (
-    FILTER_RULES,
-    INPUT_RULES,
-    applying,
-    span_of,
-)
+from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.rules import applying
+from gyro_drift_filter.messages.span import span_of
 from gyro_drift_filter.messages.telemetry import (
     TELEMETRY,
     MessageReport,

@@ -35,9 +35,10 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
+from gyro_drift_filter.messages.rules import Rule
+from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.messages.telemetry import MessageReport
 
 TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'

@@ -26,7 +26,8 @@ from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.health_rules import Rule, Span
+from gyro_drift_filter.messages.rules import Rule
+from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.

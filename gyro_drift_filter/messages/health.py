@@ -14,7 +14,8 @@
 
 """What `/diagnostics` says of the input and of the filter, for the node and for `replay`.
 
-Two statuses with the keys of REP-107; the rules of `health_rules` give their levels and messages.
+Two statuses with the keys of REP-107; the rules of `input_rules` and `filter_rules` give their
+levels and messages.
 """
 
 from collections import deque
@@ -27,15 +28,11 @@ import numpy as np
 
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
-from gyro_drift_filter.messages.health_rules import (
-    FILTER_RULES,
-    INPUT_RULES,
-    Rule,
-    Span,
-    applying,
-    span_of,
-)
+from gyro_drift_filter.messages.filter_rules import FILTER_RULES
+from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
+from gyro_drift_filter.messages.rules import Rule, applying
+from gyro_drift_filter.messages.span import Span, span_of
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
 
 # Reports, one a second, that shares and rates are taken over.

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.identify.series import Stored
-from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.rules import Rule
+from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
 from gyro_drift_filter.report.verdict import RunWatch
 

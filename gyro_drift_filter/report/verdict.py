@@ -29,8 +29,9 @@ from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.messages.health import package_version
-from gyro_drift_filter.messages.health_rules import Rule, Span
 from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.rules import Rule
+from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 
 Floats = NDArray[np.float64]

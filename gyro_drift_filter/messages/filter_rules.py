@@ -1,0 +1,145 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What `/diagnostics` says of the filter, and when: a table of rules, the worst first."""
+
+import math
+
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.rules import Rule, beyond, has_grown
+from gyro_drift_filter.messages.span import Span
+
+# A sensor that is switched on standing still knows its bias by then, in s, or at a low rate in
+# twice the time that its first rest takes.
+_START_SECONDS = 10.0
+# Without a rest for so long, in s, while gravity stands, something hides it.
+_LONG_WITHOUT_REST = 120.0
+# Noise that was learned from less rest than this, in s, is known to a tenth at best.
+_LITTLE_REST = 3.0
+
+# Each of these pairs is where an alarm is raised, and where it is taken back.
+
+# Spikes are a small share of the samples; many outliers are motion, or a model that is wrong.
+_OUTLIER_SHARE = 0.1, 0.05
+# A filter that fits has a mean of 1, and a third of that or so is no fault. At 4 innovations are
+# twice as large as expected, so the filter lags.
+_LARGE_INNOVATIONS = 4.0, 2.5
+# At 10 innovations are a third of what is expected, so that an outlier has to be three times as
+# large to be found.
+_SMALL_INNOVATIONS = 10.0, 5.0
+
+
+def _largest(values: list[float]) -> float:
+    """Return the largest value, NaN where there is none."""
+    return max([value for value in values if value == value], default=math.nan)
+
+
+def _noise_excess(span: Span) -> float:
+    """Return how many times larger than found innovations are expected, squared."""
+    # Of noise that it has learned a method can't expect too much, but for a dead band, which has
+    # none at rest. Nor does a stuck sensor say anything.
+    if span.is_noise_learned or span.now.telemetry.stuck:
+        return 0.0
+    least = -_largest([-value for value in span.nis])
+    return 1.0 / least if least else math.inf
+
+
+def _has_no_bias(span: Span) -> bool:
+    """Return whether the bias that is to be subtracted is not known."""
+    state = span.now.telemetry
+    return span.now.parameters.bias_enabled and state.samples > 0 and not state.bias_known
+
+
+def _has_no_bias_for_long(span: Span) -> bool:
+    state = span.now.telemetry
+    return _has_no_bias(span) and state.rest_seconds > max(
+        _START_SECONDS, 2.0 * state.least_rest_seconds
+    )
+
+
+def _no_bias(span: Span) -> str:
+    return f'no bias known yet: stand still for {span.now.telemetry.first_rest} seconds'
+
+
+def _is_noise_unsure(span: Span) -> bool:
+    """Return whether the bias is known, and the noise by little rest only."""
+    known = span.now.telemetry.bias_known
+    return span.is_noise_learned and known and min(span.noise_seconds) < _LITTLE_REST
+
+
+FILTER_RULES = (
+    Rule(
+        'diverged',
+        Level.WARN,
+        lambda span: has_grown(span, 'divergences'),
+        lambda span: 'the filter diverged and started anew: ' + span.advice.outliers,
+    ),
+    Rule(
+        'outliers',
+        Level.WARN,
+        beyond(lambda span: _largest(span.outlier_shares), *_OUTLIER_SHARE),
+        lambda span: 'many samples count as outliers: ' + span.advice.outliers,
+    ),
+    Rule(
+        'large innovations',
+        Level.WARN,
+        beyond(lambda span: _largest(span.nis), *_LARGE_INNOVATIONS),
+        lambda span: (
+            'innovations are much larger than the filter expects: ' + span.advice.large_innovations
+        ),
+    ),
+    Rule(
+        'small innovations',
+        Level.WARN,
+        beyond(_noise_excess, *_SMALL_INNOVATIONS),
+        lambda span: (
+            'innovations are far smaller than the filter expects, so that no outlier will '
+            'be found: ' + span.advice.small_innovations
+        ),
+    ),
+    Rule(
+        'no rest',
+        Level.WARN,
+        lambda span: span.now.telemetry.steady_seconds > _LONG_WITHOUT_REST,
+        'gravity has stood still for minutes, and yet no rest is found: if the robot stands, look '
+        'for what makes its rates wander or jump (a motor, a fan, a loose mount, temperature)',
+    ),
+    Rule(
+        'beyond bias.max',
+        Level.WARN,
+        lambda span: span.now.telemetry.beyond,
+        lambda span: (
+            'steady as at rest, but the rate is beyond bias.max '
+            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: are '
+            'the rates in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not '
+            'turn, raise bias.max, and have the sensor looked at'
+        ),
+    ),
+    Rule(
+        'no bias for long',
+        Level.WARN,
+        _has_no_bias_for_long,
+        lambda span: _no_bias(span) + ' (the heading drifts until then)',
+    ),
+    Rule('no bias', Level.OK, _has_no_bias, _no_bias),
+    Rule(
+        'little rest',
+        Level.OK,
+        _is_noise_unsure,
+        lambda span: (
+            f'filtering; the noise is known from {min(span.noise_seconds):.1f} s of rest only: '
+            'stand still for some seconds more'
+        ),
+    ),
+)

@@ -1,0 +1,250 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What `/diagnostics` says of the input, and when: a table of rules, the worst first."""
+
+import math
+
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
+from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
+
+# Robots turn with up to 10 Hz or so, which a low-pass of so many Hz delays and weakens.
+_SLOW_LOW_PASS = 15.0
+# Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
+# or a driver that mixes its messages up do so all the time.
+_BACKWARD_SHARE = 0.05
+
+# Each of these pairs is where an alarm is raised, and where it is taken back.
+
+# A driver that polls faster than the sensor measures by a twentieth repeats one sample in twenty; a
+# bus that hangs now and then repeats fewer than one in fifty.
+_REPEATED_SHARE = 0.05, 0.02
+# The oscillator of a gyroscope is off by some percent, and so is the number of messages in a
+# window that begins and ends between two of them. Two publishers double the rate; of a link that
+# loses messages every fifth or so is gone.
+_RATE_ERROR = 0.2, 0.1
+# Gaps in the window of ten seconds: a busy machine makes one now and then, a lost link many, so
+# that three raise the alarm, and it stands until there is none.
+_GAPS = 2.5, 0.5
+
+
+def _stamps_go_backward(span: Span) -> bool:
+    backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
+    return span.recent >= LEAST_SAMPLES and backward > _BACKWARD_SHARE * span.recent
+
+
+def _stamps_are_zero(span: Span) -> bool:
+    now, first = span.now.telemetry, span.first.telemetry
+    zero = now.zero_stamps - first.zero_stamps
+    # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
+    none = zero >= span.recent - (now.not_measured - first.not_measured)
+    return span.now.parameters.sample_rate == 0.0 and none and zero > 0
+
+
+def _frame_text(span: Span) -> str:
+    if span.now.frame_changes - span.before.frame_changes == 1:
+        return 'frame_id has changed: another driver now, or two sensors on one topic?'
+    return 'frame_id changes from message to message: two sensors on one topic?'
+
+
+def _gaps_in_window(span: Span) -> float:
+    """Return how many gaps there were."""
+    return float(span.now.telemetry.gaps - span.first.telemetry.gaps)
+
+
+def _rate_error(span: Span) -> float:
+    """Return the share by which the rate is off; what can't be judged is not off."""
+    error = abs(span.rate / span.expected_rate - 1.0) if span.is_rate_judged else 0.0
+    return 0.0 if math.isnan(error) else error
+
+
+def _rate_text(span: Span) -> str:
+    fewer = span.rate < span.expected_rate
+    come = f'{"fewer" if fewer else "more"} messages come than'
+    if span.now.parameters.sample_rate > 0.0:
+        return f'{come} sample_rate says: set it right, or to 0'
+    cause = 'are some lost on the way?' if fewer else 'are there two publishers?'
+    return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
+
+
+def _axes_with(span: Span, fault: AxisFault) -> str:
+    """Return the axes that have a fault, in words; empty where there is none."""
+    faults = zip(AXES, span.now.telemetry.faults, strict=True)
+    axes = [axis for axis, of_axis in faults if of_axis == fault]
+    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}' if axes else ''
+
+
+def _is_truncation_left(span: Span) -> bool:
+    parameters = span.now.parameters
+    return span.now.telemetry.truncated and parameters.input_quantisation in ('none', 'round')
+
+
+INPUT_RULES = (
+    Rule(
+        'silent',
+        Level.STALE,
+        lambda span: span.now.received == span.before.received,
+        'no message: is the driver running, and is the topic right?',
+    ),
+    Rule(
+        'returned',
+        Level.ERROR,
+        lambda span: span.now.returned > span.before.returned,
+        'the filtered messages come back on the input: some node sends the output there. They are '
+        'not filtered again; remap one of the topics',
+    ),
+    Rule(
+        'malformed',
+        Level.ERROR,
+        lambda span: span.now.malformed > span.before.malformed,
+        lambda span: f'messages refused, the last because {span.now.last_malformed}',
+    ),
+    Rule(
+        'never usable',
+        Level.ERROR,
+        lambda span: increase(span, 'refused') == span.samples > 0,
+        'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is published; '
+        'look at the driver',
+    ),
+    Rule(
+        'repeated',
+        Level.ERROR,
+        lambda span: increase(span, 'repeats') == span.samples > 0,
+        'the same message comes again and again: the sensor or its driver hangs',
+    ),
+    Rule(
+        'zero',
+        Level.WARN,
+        lambda span: span.now.telemetry.stuck and span.now.telemetry.all_zero,
+        'all rates have been exactly 0 for a second or more: a dead band in the driver, or the '
+        'sensor hangs',
+    ),
+    Rule(
+        'stuck',
+        Level.ERROR,
+        lambda span: span.now.telemetry.stuck,
+        'all values have stayed the same for a second or more: the sensor or its bus hangs (a '
+        'simulated sensor without noise does this, too)',
+    ),
+    Rule(
+        'frozen axis',
+        Level.ERROR,
+        lambda span: bool(_axes_with(span, AxisFault.FROZEN)),
+        lambda span: (
+            f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
+            'second or more, while the other sensors change: it hangs, or the driver has a dead '
+            'band'
+        ),
+    ),
+    Rule(
+        'changing frame',
+        Level.WARN,
+        lambda span: span.now.frame_changes > span.before.frame_changes,
+        _frame_text,
+    ),
+    Rule(
+        'not reported',
+        Level.WARN,
+        lambda span: span.samples == 0,
+        'no angular velocity reported (covariance starts with -1): messages are passed on '
+        'unfiltered',
+    ),
+    Rule(
+        'degrees',
+        Level.WARN,
+        lambda span: 2 * increase(span, 'beyond_range') > span.samples,
+        f'rates stay above {RANGE:g} rad/s: the driver may publish degrees per second where '
+        'REP-103 asks for radians',
+    ),
+    Rule(
+        'clipped',
+        Level.WARN,
+        lambda span: has_grown(span, 'clipped'),
+        'a fast rate stays the same to the last bit: the end of the measuring range; choose a '
+        'larger one in the driver',
+    ),
+    Rule(
+        'dead axis',
+        Level.WARN,
+        lambda span: bool(_axes_with(span, AxisFault.DEAD)),
+        lambda span: (
+            f'{_axes_with(span, AxisFault.DEAD)} of the gyroscope: always the same rate while '
+            'others turn, so dead or not connected; the other axes are filtered'
+        ),
+    ),
+    Rule(
+        'unusable',
+        Level.WARN,
+        lambda span: has_grown(span, 'unusable'),
+        'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by the '
+        'prediction for as long as gap_limit, then nothing is published',
+    ),
+    Rule(
+        'lost',
+        Level.WARN,
+        lambda span: span.now.lost > span.before.lost,
+        'the middleware has dropped messages before the node took them: the processor or the '
+        'network does not keep up',
+    ),
+    Rule(
+        'repeated samples',
+        Level.WARN,
+        beyond(lambda span: span.not_measured, *_REPEATED_SHARE),
+        'the driver repeats samples, as it polls faster than the sensor measures: poll at the rate '
+        'of the sensor, or on its data-ready signal',
+    ),
+    Rule(
+        'truncated',
+        Level.WARN,
+        _is_truncation_left,
+        'the sensor cuts its counts towards zero, which turns the heading: set input.quantisation '
+        'to auto or truncate',
+    ),
+    Rule(
+        'low-pass',
+        Level.WARN,
+        lambda span: span.low_pass < _SLOW_LOW_PASS,
+        'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
+        'back: choose a higher cut-off frequency',
+    ),
+    Rule(
+        'restarted',
+        Level.WARN,
+        lambda span: increase(span, 'restarts') > 0,
+        'stamps jumped by more than gap_limit: the filter has started anew from there',
+    ),
+    Rule(
+        'backward',
+        Level.WARN,
+        _stamps_go_backward,
+        'many stamps go backward: are there two publishers, or does the driver mix its messages '
+        'up?',
+    ),
+    Rule(
+        'zero stamps',
+        Level.WARN,
+        _stamps_are_zero,
+        'the driver does not stamp (all stamps are 0): set sample_rate',
+    ),
+    Rule('wrong rate', Level.WARN, beyond(_rate_error, *_RATE_ERROR), _rate_text),
+    Rule(
+        'gaps',
+        Level.WARN,
+        beyond(_gaps_in_window, *_GAPS),
+        'gaps in the stamps: messages are lost before they come here',
+    ),
+)

@@ -1,0 +1,135 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a status of `/diagnostics` is about: the last report, and a window of several reports."""
+
+import math
+from typing import NamedTuple
+
+from gyro_drift_filter.core.methods import ADVICE
+from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.methods.noise import LEAST_NOISE
+from gyro_drift_filter.messages.telemetry import MessageReport
+
+# Samples in the window below which shares say nothing.
+LEAST_SAMPLES = 200
+# Noise with so much correlation from sample to sample has passed a low-pass.
+_CORRELATED = 0.6
+
+
+class Span(NamedTuple):
+    """What a status is about: the time since the last report, and a window of several reports.
+
+    Attributes:
+        first: The report at the start of the window.
+        before: The last report.
+        now: The present one.
+        samples: Samples since the last report.
+        recent: Samples in the window.
+        rate: Messages a second in the window.
+        expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
+        is_rate_judged: Whether messages came long enough, and at the pace of the clock.
+        outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
+        nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
+        not_measured: Share of the samples in the window that the sensor has not measured anew.
+    """
+
+    first: MessageReport
+    before: MessageReport
+    now: MessageReport
+    samples: int
+    recent: int
+    rate: float
+    expected_rate: float
+    is_rate_judged: bool
+    outlier_shares: list[float]
+    nis: list[float]
+    not_measured: float
+
+    @property
+    def sensor_rate(self) -> float:
+        """The rate in Hz at which the sensor measures, NaN where it is not known."""
+        return (1.0 - self.not_measured) * self.rate
+
+    @property
+    def low_pass(self) -> float:
+        """The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without one.
+
+        That of a first-order one, by the correlation of its noise from sample to sample.
+        """
+        state = self.now.telemetry
+        axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
+        # What is below a step is no noise that a low-pass could have shaped.
+        shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
+        correlation = max(shaped, default=0.0)
+        if correlation < _CORRELATED or min(state.noise_blocks) == 0:
+            return math.nan
+        return -math.log(correlation) / state.period / (2.0 * math.pi)
+
+    @property
+    def noise_seconds(self) -> list[float]:
+        """The time at rest that the noise was learned from, in s, of each axis."""
+        state = self.now.telemetry
+        return [state.noise_block_seconds * count for count in state.noise_blocks]
+
+    @property
+    def advice(self) -> Advice:
+        """What the method says to do about it."""
+        return ADVICE[self.now.parameters.method]
+
+    @property
+    def is_noise_learned(self) -> bool:
+        """Whether the noise is learned at rest, and not given."""
+        return self.advice.learns_noise and not any(self.now.parameters.model_noise_deviation)
+
+
+def span_of(
+    first: MessageReport,
+    before: MessageReport,
+    now: MessageReport,
+    seconds: float,
+    is_rate_judged: bool,
+) -> Span:
+    """Return the span of three reports, of which the first and the last are `seconds` apart."""
+    state, state_first = now.telemetry, first.telemetry
+    recent = state.samples - state_first.samples
+    outliers = zip(state.outliers, state_first.outliers, strict=True)
+    nis = zip(
+        state.nis_sum,
+        state_first.nis_sum,
+        state.nis_samples,
+        state_first.nis_samples,
+        strict=True,
+    )
+    sensor_rate = now.parameters.sample_rate
+    if sensor_rate == 0.0:
+        sensor_rate = 1.0 / state.period if state.blocks > 0 else math.nan
+    expected_rate = sensor_rate / state.samples_per_message
+    return Span(
+        first,
+        before,
+        now,
+        state.samples - before.telemetry.samples,
+        recent,
+        (now.received - first.received) / seconds if seconds > 0.0 else math.nan,
+        expected_rate,
+        is_rate_judged,
+        [_share(a - b, recent) for a, b in outliers],
+        [_share(a - b, c - d) for a, b, c, d in nis],
+        _share(state.not_measured - state_first.not_measured, recent),
+    )
+
+
+def _share(part: float, whole: int) -> float:
+    return part / whole if whole >= LEAST_SAMPLES else math.nan
