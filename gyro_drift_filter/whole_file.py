@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that are there whole or not at all, whatever ends the run."""
+"""Files that are there whole or not at all, whatever ends the run, a power cut included."""
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
@@ -34,12 +34,25 @@ def whole_file(path: Path) -> Iterator[Path]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             yield unfinished
+            # Else the new name may be on the disk before the content, which a power cut then loses.
+            _put_on_disk(unfinished)
             unfinished.replace(path)
+            with suppress(OSError):  # not every file system does this with folders
+                _put_on_disk(path.parent)
         finally:
             unfinished.unlink(missing_ok=True)
     except OSError as error:
         why = error.strerror or reason(error)
         raise GyroDriftFilterError(f'{path} can not be written: {why}') from error
+
+
+def _put_on_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_whole(path: Path, text: str) -> None:

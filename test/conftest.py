@@ -64,7 +64,7 @@ MISSING = [f"No module named '{name}" for name in NOT_FROM_APT if find_spec(name
 RUNS_UNCOMPILED = {
     *('test_cold_start.py', 'test_distribution.py', 'test_identify_timing.py', 'test_kernels.py'),
     *('test_layers.py', 'test_linters.py', 'test_memory.py', 'test_package.py'),
-    'test_parameters.py',
+    *('test_parameters.py', 'test_whole_file.py'),
 }
 
 

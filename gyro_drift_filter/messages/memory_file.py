@@ -23,7 +23,6 @@ import json
 import math
 import os
 import re
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ import numpy as np
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.whole_file import write_whole
 
 FORMAT = 2
 # The standard deviation of the bias from one power-up to the next, in rad/s: 0.5 deg/s.
@@ -186,20 +186,9 @@ def remember(
         'time': time.time() if now is None else now,
     }
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            'w', dir=path.parent, prefix='.', suffix='.tmp', encoding='utf-8', delete=False
-        ) as file:
-            try:
-                file.write(json.dumps(content, indent=1) + '\n')
-                file.flush()
-                os.fsync(file.fileno())
-                Path(file.name).replace(path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)
-                raise
-    except OSError as error:
-        raise MemoryFileError(f'{path} can not be written: {error.strerror or error}') from error
+        write_whole(path, json.dumps(content, indent=1) + '\n')
+    except GyroDriftFilterError as error:
+        raise MemoryFileError(str(error)) from error
 
 
 def _three(values: object) -> tuple[float, ...]:

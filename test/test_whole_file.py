@@ -1,0 +1,84 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Files that are written whole: they are on the disk before they have their name."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.whole_file import whole_file, write_whole
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return where a file is that has been written before."""
+    path = tmp_path / 'file'
+    path.write_text('old')
+    return path
+
+
+def test_the_content_is_on_the_disk_before_the_name(path, monkeypatch):
+    synced = []
+
+    def fsync(descriptor):
+        name = Path(f'/proc/self/fd/{descriptor}').readlink()
+        synced.append((name, name.is_file() and name.read_text(), path.read_text()))
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    write_whole(path, 'new')
+    (file, content, named), (folder, _, named_then) = synced
+    assert (file.parent, content, named) == (path.parent, 'new', 'old')
+    assert file != path
+    assert (folder, named_then) == (path.parent, 'new')
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_file_system_that_does_not_sync_folders_will_do(path, monkeypatch):
+    fsync = os.fsync
+
+    def of_files_alone(descriptor):
+        if Path(f'/proc/self/fd/{descriptor}').is_dir():
+            raise OSError(errno.EINVAL, 'Invalid argument')
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, 'fsync', of_files_alone)
+    write_whole(path, 'new')
+    assert path.read_text() == 'new'
+
+
+def test_a_disk_that_does_not_take_the_content_leaves_the_old_file(path, monkeypatch):
+    def fsync(descriptor):
+        raise OSError(errno.EIO, 'Input/output error')
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    with pytest.raises(GyroDriftFilterError, match='file can not be written: Input/output error'):
+        write_whole(path, 'new')
+    assert path.read_text() == 'old'
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_an_interrupt_leaves_the_old_file(path):
+    def write_a_part():
+        with whole_file(path) as unfinished:
+            unfinished.write_text('ne')
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_a_part()
+    assert path.read_text() == 'old'
+    assert list(path.parent.iterdir()) == [path]
