@@ -38,10 +38,13 @@ from gyro_drift_filter.mcap.message_kernels import rows_of
 from gyro_drift_filter.mcap.reader import read_layout
 from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import mixed, read, write, write_mcap
 from support.chunks import EACH_CHANNEL
 from support.messages import START, STORE, TEMPERATURE, TEXT, doubles_of, fault_of
+
+WHOLE = 0.0, np.inf  # s
 
 
 def by_both(source, folder, monkeypatch, chunks=True, **options):
@@ -253,6 +256,10 @@ def test_an_imu_topic_in_two_encodings(first, tmp_path, monkeypatch):
     check_same(results)
     assert results[0][1].received == results[0][1].written == 100
     assert results[0][1].left_out == {TOPIC: 'its messages are not in CDR'}
+    arrays = read_imu_arrays(path)
+    assert (len(arrays.stamps), arrays.refused) == (100, 0)
+    _, examined = read_recording(path, None, WHOLE, lambda done, total: None)
+    assert (len(examined.stamps), examined.connections) == (100, 1)
 
 
 def test_an_imu_topic_that_is_not_in_cdr_at_all(tmp_path):
@@ -264,7 +271,12 @@ def test_an_imu_topic_that_is_not_in_cdr_at_all(tmp_path):
         schema = writer.register_schema(IMU_TYPE, 'ros2msg', definition.encode())
         writer.add_message(writer.register_channel(TOPIC, 'json', schema), START, b'{}', START)
         writer.finish()
-    check_refused(path, tmp_path, 'the messages of topic /imu/data_raw are not in CDR')
+    refused = 'the messages of topic /imu/data_raw are not in CDR'
+    check_refused(path, tmp_path, refused)
+    with pytest.raises(BagError, match=refused):
+        read_imu_arrays(path)
+    with pytest.raises(BagError, match=refused):
+        read_recording(path, None, WHOLE, lambda done, total: None)
 
 
 def places_of(path):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
-from gyro_drift_filter.bags.recording import BagError, by_connection
+from gyro_drift_filter.bags.recording import BagError, channels_of
 from gyro_drift_filter.bags.selection import Selection, choose_topic
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.messages.imu import ImuKind, frame_id
@@ -95,8 +95,7 @@ def imu_parts(
     good_ones = 0
     with open_bag(bag) as recording:
         chosen = choose_topic(recording, topic)
-        is_imu = np.zeros(by_connection(recording), np.bool_)
-        is_imu[[c.id for c in recording.connections if c.topic == chosen]] = True
+        is_imu = channels_of(recording, chosen)
         for piece in selection.pieces(recording, progress):
             imus = read_imus(piece, is_imu)
             good = imus[imus['kind'] == ImuKind.GOOD]

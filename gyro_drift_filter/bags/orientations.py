@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.opening import open_bag
-from gyro_drift_filter.bags.recording import BagError, Recording, messages
+from gyro_drift_filter.bags.recording import BagError, Recording, messages, topic_types
+from gyro_drift_filter.bags.topics import topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.phrases import counted
 
@@ -98,14 +99,14 @@ def orientation_of(message: Any, kind: str) -> tuple[int, tuple[float, float, fl
 
 def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
     """Return name and type of a topic."""
-    types = {connection.topic: connection.msgtype for connection in recording.connections}
-    for topic, kind in types.items():
-        if topic.strip('/') == wanted.strip('/'):
-            if kind in PLACES:
-                return topic, kind
-            listed = ', '.join(name.rpartition('/')[2] for name in PLACES)
-            raise BagError(f'topic {topic} is of type {kind}, not one of {listed}')
-    having = [topic for topic, kind in sorted(types.items()) if kind in PLACES]
-    raise BagError(
-        f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
-    )
+    types = topic_types(recording)
+    topic = topic_named(types, wanted)
+    if topic is None:
+        having = [topic for topic, kind in sorted(types.items()) if kind in PLACES]
+        raise BagError(
+            f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
+        )
+    if types[topic] not in PLACES:
+        listed = ', '.join(name.rpartition('/')[2] for name in PLACES)
+        raise BagError(f'topic {topic} is of type {types[topic]}, not one of {listed}')
+    return topic, types[topic]

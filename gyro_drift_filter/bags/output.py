@@ -19,11 +19,16 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.layout import OUTPUT_STATE, lay_out
 from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_connection, is_cdr
+from gyro_drift_filter.bags.recording import (
+    Piece,
+    Recording,
+    by_connection,
+    channels_of,
+    is_cdr,
+)
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
@@ -49,28 +54,12 @@ class NoOutput:
 
     def __init__(self, recording: Recording, inputs: Mapping[str, Topics]) -> None:
         """Begin with the names of the outputs by the Imu topic that they belong to."""
-        self.is_imu = _imu_channels(recording, inputs)
+        self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
         self.left_out: dict[str, str] = {}
         self.written = [0] * len(inputs)
 
     def write(self, piece: Piece, imus: Any, reports: Any, statuses: Any) -> None:
         """Write nothing."""
-
-
-def _imu_channels(recording: Recording, topics: Collection[str]) -> dict[str, NDArray[np.bool_]]:
-    """Return by each Imu topic, by the `id` of a connection, whether its messages can be read.
-
-    Raises:
-        BagError: None of a topic can.
-    """
-    channels = {topic: np.zeros(by_connection(recording), np.bool_) for topic in topics}
-    for connection in recording.connections:
-        if connection.topic in channels and is_cdr(connection):
-            channels[connection.topic][connection.id] = True
-    for topic, of_topic in channels.items():
-        if not of_topic.any():
-            raise BagError(f'the messages of topic {topic} are not in CDR')
-    return channels
 
 
 class Output:
@@ -109,7 +98,7 @@ class Output:
         # The last one is that of messages which are passed over.
         self._passed_over = by_connection(recording)
         self._channels = np.zeros((2, self._passed_over + 1), np.int64)
-        self.is_imu = _imu_channels(recording, inputs)
+        self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
         self._reporting: list[int] = []
         report_channel = 0
         for connection in recording.connections:

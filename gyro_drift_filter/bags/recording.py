@@ -94,6 +94,25 @@ def by_connection(recording: Recording) -> int:
     return 1 + max((connection.id for connection in recording.connections), default=0)
 
 
+def channels_of(recording: Recording, topic: str) -> NDArray[np.bool_]:
+    """Return, by the `id` of a connection, whether its messages are those of a topic, in CDR.
+
+    Raises:
+        BagError: No message of the topic is.
+    """
+    channels = np.zeros(by_connection(recording), np.bool_)
+    for connection in recording.connections:
+        channels[connection.id] = connection.topic == topic and is_cdr(connection)
+    if not channels.any():
+        raise BagError(f'the messages of topic {topic} are not in CDR')
+    return channels
+
+
+def topic_types(recording: Recording) -> dict[str, str]:
+    """Return the type of each topic."""
+    return {connection.topic: connection.msgtype for connection in recording.connections}
+
+
 def kind(connection: Connection) -> Kind:
     """Return what tells connections apart for a reader: topic, type, serialization and QoS."""
     extension = connection.ext

@@ -20,8 +20,8 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from gyro_drift_filter.bags.recording import BagError, Piece, Recording
-from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
+from gyro_drift_filter.bags.recording import BagError, Piece, Recording, topic_types
+from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
 _log = logging.getLogger(__name__)
@@ -99,11 +99,11 @@ class Selection:
         topics = {connection.topic for connection in recording.connections}
         if self.kept is None:
             return topics
-        wanted = {name.strip('/') for name in self.kept}
-        found = {topic for topic in topics if topic.strip('/') in wanted}
-        if missing := wanted - {topic.strip('/') for topic in found}:
+        wanted = {absolute_name(name) for name in self.kept}
+        found = {topic for topic in topics if absolute_name(topic) in wanted}
+        if missing := wanted - {absolute_name(topic) for topic in found}:
             listed = ', '.join(sorted(topics))
-            raise BagError(f'no topic /{min(missing)} in the bag; it holds {listed}')
+            raise BagError(f'no topic {min(missing)} in the bag; it holds {listed}')
         return found
 
     def pieces(self, recording: Recording, progress: Callable[[int, int], None]) -> Iterator[Piece]:
@@ -146,28 +146,24 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
         BagError: There is none, there are several, or the wanted one is of another type; the text
             lists what there is.
     """
-    types = _types(recording)
+    types = topic_types(recording)
     imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
     if wanted is not None:
-        for topic, kind in types.items():
-            if topic.strip('/') == wanted.strip('/'):
-                if kind == IMU_TYPE:
-                    return topic
-                raise BagError(f'topic {topic} is of type {kind}, not {IMU_TYPE}')
-        raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
+        topic = topic_named(types, wanted)
+        if topic is None:
+            raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
+        if types[topic] != IMU_TYPE:
+            raise BagError(f'topic {topic} is of type {types[topic]}, not {IMU_TYPE}')
+        return topic
     inputs = _all_imus(recording)
     if len(inputs) == 1:
         return inputs[0]
     raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
 
 
-def _types(recording: Recording) -> dict[str, str]:
-    return {connection.topic: connection.msgtype for connection in recording.connections}
-
-
 def _all_imus(recording: Recording) -> list[str]:
     """Return all Imu topics but those that an earlier run has written."""
-    types = _types(recording)
+    types = topic_types(recording)
     imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
     if not types:
         raise BagError('the bag is empty: it holds no topic')
@@ -184,10 +180,10 @@ def _checked_name(wanted: str, recording: Recording) -> str:
     Raises:
         BagError: ROS has no such names, or the topic is there.
     """
-    name = '/' + wanted.strip('/')
+    name = absolute_name(wanted)
     if not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', name):
         raise BagError(f'{wanted!r} is no name of a topic')
-    if name in {*_types(recording), DIAGNOSTICS}:
+    if name in {*topic_types(recording), DIAGNOSTICS}:
         raise BagError(f'there is a topic {name} already: choose another name for the output')
     return name
 

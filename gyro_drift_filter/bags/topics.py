@@ -14,9 +14,10 @@
 
 """The topics of a replay: which are read, and what those that are written are called."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from gyro_drift_filter.bags.recording import BagError, Recording
+from gyro_drift_filter.bags.recording import BagError, Recording, topic_types
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.messages.names import NODE_NAME
 
@@ -38,7 +39,7 @@ class Topics:
         /robot1/imu/data_raw gives /robot1/imu/data_filtered and /robot1/gyro_drift_filter;
         an input of another name, /camera/imu, gives /camera/imu_filtered.
         """
-        topic = '/' + topic.strip('/')
+        topic = absolute_name(topic)
         parent = topic.rpartition('/')[0]
         if topic.endswith('/imu/data_raw'):
             node = f'{parent.rpartition("/")[0]}/{NODE_NAME}'
@@ -61,16 +62,28 @@ class Topics:
         return f'{self.node}/{name}'
 
 
+def absolute_name(topic: str) -> str:
+    """Return the name of a topic as ROS has it: with a slash before it, and none behind it."""
+    return '/' + topic.strip('/')
+
+
+def topic_named(topics: Iterable[str], wanted: str) -> str | None:
+    """Return the one of the topics that a user means, None where there is none."""
+    name = absolute_name(wanted)
+    return next((topic for topic in topics if absolute_name(topic) == name), None)
+
+
 def choose_hint(recording: Recording, wanted: str) -> str:
     """Return the topic that hints at motion.
 
     Raises:
         BagError: The bag has no topic of that name, or of a type that could.
     """
-    for connection in recording.connections:
-        if connection.topic.strip('/') == wanted.strip('/'):
-            if connection.msgtype in HINT_TYPES.values():
-                return connection.topic
-            listed = ', '.join(HINT_TYPES.values())
-            raise BagError(f'topic {wanted} is of type {connection.msgtype}, not one of {listed}')
-    raise BagError(f'no topic {wanted} in the bag')
+    types = topic_types(recording)
+    topic = topic_named(types, wanted)
+    if topic is None:
+        raise BagError(f'no topic {wanted} in the bag')
+    if types[topic] not in HINT_TYPES.values():
+        listed = ', '.join(HINT_TYPES.values())
+        raise BagError(f'topic {wanted} is of type {types[topic]}, not one of {listed}')
+    return topic

@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
-from gyro_drift_filter.bags.recording import BagError, Piece, Recording, by_connection
+from gyro_drift_filter.bags.recording import (
+    BagError,
+    Piece,
+    Recording,
+    by_connection,
+    channels_of,
+)
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, Summary, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
@@ -84,11 +90,9 @@ class _Pass:
         names: Any,
         hint: str | None,
     ) -> None:
-        self._is_imu, self._is_filtered = (
-            np.zeros(by_connection(recording), np.bool_) for _ in range(2)
-        )
+        self._is_imu = channels_of(recording, chosen)
+        self._is_filtered = np.zeros(by_connection(recording), np.bool_)
         for connection in recording.connections:
-            self._is_imu[connection.id] = connection.topic == chosen
             self._is_filtered[connection.id] = (
                 connection.topic == names.filtered and connection.msgtype == IMU_TYPE
             )

@@ -130,12 +130,13 @@ def _truth(
         GyroDriftFilterError: There are none.
     """
     from gyro_drift_filter.bags.imu_arrays import read_imu_arrays, usable
+    from gyro_drift_filter.bags.topics import absolute_name
     from gyro_drift_filter.simulation.bag import read_truth, truth_path
 
     source = options.truth
     path = Path(source) if source else truth_path(options.bag.absolute())
     if source and path.suffix != '.npz':
-        if source.strip('/') == topic.strip('/'):
+        if absolute_name(source) == absolute_name(topic):
             raise GyroDriftFilterError(
                 f'--truth {source} is the topic that is tuned: name the one that holds the truth'
             )

@@ -30,7 +30,7 @@ from gyro_drift_filter.bags.recording import (
     BagError,
     Piece,
     Recording,
-    by_connection,
+    channels_of,
     is_cdr,
 )
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
@@ -88,10 +88,8 @@ class Reading:
     """
 
     def __init__(self, recording: Recording, topic: str, names: Topics) -> None:
-        connections = [c for c in recording.connections if c.topic == topic]
-        self.is_imu = np.zeros(by_connection(recording), np.bool_)
-        self.is_imu[[connection.id for connection in connections]] = True
-        self.connections = len(connections)
+        self.is_imu = channels_of(recording, topic)
+        self.connections = int(np.count_nonzero(self.is_imu))
         self._rules = RuleLog()
         parameters = Parameters(input_quantisation='none')
         self.filter = TopicFilter(
