@@ -175,9 +175,10 @@ class RestsOfOneRecording:
         return Residuals(whitened[:, 0], whitened[:, 1:])
 
     def misfits(self, unknowns: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return of each rest and leg its squared residual by its own variance, that, and how many.
+        """Return how badly rests and legs fit: three values for each, (m + l,).
 
-        The variance is that without any excess; all are (m + l,).
+        They are the sum of its squared residuals divided by their variances, which are those
+        without any excess; the mean of its squared residuals; and the number of its residuals.
         """
         blocks = self._blocks(unknowns)
         squares, variances, counts = np.zeros((3, len(self.excess)))

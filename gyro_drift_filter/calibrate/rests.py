@@ -16,8 +16,8 @@
 
 At rest there is nothing but noise, so a quarter of a second of rest varies as the quietest quarters
 of the recording do, on every axis of gyroscope and accelerometer. The first and the last quarter
-are left out, as a hand lets go gently. What moves too evenly to be seen by that is told by its
-mean: gravity that does not stay, a rate that is another than in all other rests.
+are left out, as a hand lets go gently. Motion that is too even to be seen so is seen in the means:
+gravity moves, or the rate is another one than in all other rests.
 """
 
 from dataclasses import dataclass

@@ -52,9 +52,9 @@ class AccelerationSensitivity:
 def find_sensitivity(recordings: Sequence[Rests]) -> AccelerationSensitivity:
     """Return the sensitivity by the rests of recordings of one sensor.
 
-    In each recording the bias goes straight with time besides. What the rests do not tell stays
-    near zero, as far as data sheets have it. The acceleration is as the sensor gives it: what its
-    bias adds is a part of that of the gyroscope.
+    In addition the bias changes linearly over each recording. What the rests do not tell stays near
+    zero, within what data sheets allow. The acceleration is as the sensor gives it: what the bias
+    of the accelerometer adds counts as a part of that of the gyroscope.
     """
     recordings = [found for found in recordings if found.rests and _is_measured(found)]
     parts = [_without_trend(found) for found in recordings]

@@ -88,10 +88,10 @@ def prior(unknowns: Floats) -> Residuals:
 
 
 def same_frame(unknowns: Floats) -> Residuals:
-    """Return that the matrix turns the sensor as a whole by nothing.
+    """Return residuals that are zero if the matrix does not turn the sensor as a whole.
 
-    Where only a reference is compared with, whose rotation to the sensor is unknown, the sensor's
-    own axes have to say what they are: as near as can be to what they were.
+    A reference alone can't tell that turn, because its own rotation to the sensor is unknown. So
+    the axes stay as near as can be to those that the sensor had.
     """
     jacobian = np.zeros((3, UNKNOWNS))
     for row, (i, k) in enumerate(((0, 1), (0, 2), (1, 2))):

@@ -14,11 +14,11 @@
 
 """Whether rates and accelerations mean the same axes, signs and units: gravity tells.
 
-Accelerations that are turned back by the integrated rates are those in the world, where gravity
-stands still. So their mean over one stretch of time is that over the next one, but for what changes
-of speed add, which are small beside gravity as means over seconds. With a wrong sign or axis they
-are turned elsewhere. All 48 ways in which three axes can be named and signed are tried, and a way
-that is not the recording's own is told only where it is clearly better.
+The integrated rates turn the accelerations back into a frame that is fixed in the world, where
+gravity stands still. So the mean over some seconds equals that over the next ones, but for changes
+of speed, whose mean is small beside gravity. With a wrong sign or axis it does not. All 48 ways in
+which three axes can be named and signed are tried. One that is not the recording's own is told only
+where it is clearly better.
 """
 
 import itertools
@@ -58,7 +58,7 @@ _AS_GOOD = 1.5
 
 
 class Way(NamedTuple):
-    """How the rates might be meant: for each axis that of the rate to take, its sign; a factor."""
+    """How the rates might be meant: which rate, with which sign, each axis takes; and a factor."""
 
     axes: tuple[int, ...]
     signs: tuple[int, ...]

@@ -23,9 +23,9 @@ from gyro_drift_filter.identify.series import LARGEST_PART, Values
 def is_clipped(rates: Values, outliers: Values) -> bool:
     """Tell whether the largest of the rates (n,) is held to the last bit, to either side.
 
-    Nothing is beyond the end of a range, and it is met again and again. The top of a turn, which
-    stays the same for three samples by chance, is the largest one of a recording hardly ever. What
-    a damaged message says is no rate: `outliers` (n,) are not 0 where the filter held it back.
+    Nothing is beyond the end of a range, and it is met again and again. The top of a turn may stay
+    the same for three samples by chance, but is hardly ever the largest rate of a recording. What a
+    damaged message says is no rate: `outliers` (n,) are not 0 where the filter held it back.
     """
     return any(_is_largest_held(rates, outliers, sign) for sign in (1.0, -1.0))
 

@@ -148,7 +148,7 @@ def _is_constant(values: Values) -> bool:
 
 
 def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
-    """Return a finding, that all axes live as an open question where one has never changed."""
+    """Return a finding; that all axes live becomes an open question if one has never changed."""
     if finding.name != 'alive' or finding.verdict != Verdict.SOUND:
         return finding
     constant = [axis for axis, of_axis in zip(AXES, rates, strict=True) if _is_constant(of_axis)]

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether the driver sends the values of the sample before once more now and then.
+"""Whether the driver now and then sends the values of the previous sample once more.
 
-What the filter counts are rates that repeat where noise or motion forbid it. Here it is all six
-values, over the whole recording, beside how often they meet by chance: as often as with the sample
-before they then meet with the one before that.
+The filter counts rates that repeat where noise or motion forbid it. Here all six values are
+compared, over the whole recording. How often they are equal by chance is known from the sample two
+before: by chance a sample equals that one as often as the previous one.
 """
 
 from gyro_drift_filter.doctor.findings import Finding, Verdict

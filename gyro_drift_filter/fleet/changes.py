@@ -15,10 +15,10 @@
 """A change in a series that is more than its scatter, and more than others of the kind show.
 
 A series is cut into stretches of one level each by PELT (Killick, Fearnhead and Eckley, J. Am.
-Stat. Assoc. 107 (2012) 1590). What its scatter is, a short series can't tell by itself; the other
-sensors of the fleet say the rest: how much they scatter from bag to bag, by how much they differ in
-that (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3), and how far they wander over many bags, as
-with the seasons.
+Stat. Assoc. 107 (2012) 1590). A short series can't show by itself how much it scatters. The other
+sensors of the fleet show the rest: how much they scatter from bag to bag, how different their
+scatter is (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3), and how far they wander over many
+bags, for example with the seasons.
 """
 
 import math
@@ -181,7 +181,7 @@ def _median_variance(count: int) -> float:
 def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Found | None:
     """Return the change for the worse between an earlier stretch of a series and the last one.
 
-    It is counted from the best stretch; where either way is worse from the first.
+    The earlier stretch is the best one, or the first one if a change either way is for the worse.
 
     Args:
         series: What is looked at.

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Make a whole MCAP file of one that was cut off, as when the recorder was killed.
+"""Make a whole MCAP file of one that was cut off, for example because the recorder was killed.
 
-Its summary is missing then, and the last records may be. They are read one after the other as far
-as they go; what is there of the last chunk is unpacked as far as that goes.
+Such a file has no summary, and its last records may be missing. All complete records are read, and
+of a last chunk that is incomplete as much as can be unpacked.
 """
 
 import struct

@@ -195,7 +195,7 @@ def read_message(message: bytes) -> Any:
 
 
 def frame_id(message: bytes, imu: Any) -> str:
-    """Return header.frame_id of a message that its record was read from, and is not malformed."""
+    """Return header.frame_id of a message that is not malformed; its record was read from it."""
     start = int(imu['frame_id'])
     return message[start : start + int(imu['frame_id_size'])].decode('utf-8', 'replace')
 

@@ -76,7 +76,7 @@ class RememberedBias:
         return cls(bias, filter_.bias_deviation.tolist(), filter_.bias_shift)
 
     def give(self, filter_: Filter) -> None:
-        """Start a filter with it; it is another one each time that a sensor is switched on."""
+        """Start a filter with it, less certain, as it changes when the sensor is switched on."""
         filter_.set_bias(self.bias, np.hypot(self.deviation, REPEATABILITY).tolist(), self.shift)
 
 

@@ -191,7 +191,7 @@ def filter_message(
     published: Sequence[Published],
     filter_: NDArray[np.void],
 ) -> int:
-    """Filter the message that the first `size` bytes are: they are made the filtered one.
+    """Filter the message in the first `size` bytes, in place.
 
     `imus`, `reception` and `filter_` are (1,), `published` is (REMEMBERED,), and written. Returns
     a member of MessageOutcome.

@@ -66,7 +66,8 @@ class Span(NamedTuple):
     def low_pass(self) -> float:
         """The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without one.
 
-        That of a first-order one, by the correlation of its noise from sample to sample.
+        It is taken for one of first order: then the correlation of the noise from sample to sample
+        tells the frequency.
         """
         state = self.now.telemetry
         axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)

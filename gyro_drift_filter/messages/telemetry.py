@@ -35,8 +35,8 @@ Values = Annotated[list[float], np.float64, (3,)]
 class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
-    Counts are since the start or the last reset, which segments, beyond_max and turning outlive as
-    the bias does. Bias and its deviation are those at rest, in rad/s; noise is a variance in
+    Counts begin anew at each reset; only segments, beyond_max and turning are kept, as the bias is.
+    Bias and its deviation are those at rest, in rad/s; noise is a variance in
     (rad/s)^2, of the last sample; the period and what ends in seconds are in s, rest_seconds since
     the start where segments is 0. count_size is the rate in rad/s that a count of the sensor stands
     for, 0 where no counts are seen; faults are members of `AxisFault`.
@@ -92,7 +92,7 @@ class Telemetry(NamedTuple):
 
     @property
     def has_stamps(self) -> bool:
-        """Whether the driver stamps: of what is not measured anew no stamp is looked at."""
+        """Whether the driver stamps; only stamps of samples that were measured anew are counted."""
         return self.zero_stamps < max(self.samples - self.not_measured, 1)
 
     @property

@@ -237,7 +237,8 @@ def _figure(number: int, k: int, figure: Figure) -> str:
 def _cell(name: str, value: float, text: str, known: bool = True) -> str:
     """Return a cell with a figure; programs find its value in SI units by its name in the JSON.
 
-    Where it is not known, as a bias without a rest, the value only stands for it.
+    A value that is not known, such as the bias without a rest, is there for programs, but is not
+    shown.
     """
     shown = text if known and np.isfinite(value) else '-'
     return f'<td data-name="{name}" data-value="{float(value)!r}">{shown}</td>'

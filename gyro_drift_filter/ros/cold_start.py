@@ -14,9 +14,10 @@
 
 """The first start after an installation: the kernels are compiled in a process of their own.
 
-That takes from half a minute to some minutes on a small board. The node is there meanwhile: what
-arrives is kept, and taken in its order as soon as it can be. The process then builds the extension
-module for later starts, which this one does not wait for. It also does where that alone is missing.
+That takes from half a minute to some minutes on a small board. The node is there meanwhile: it
+keeps what arrives, and takes it in its order as soon as the kernels are there. The process then
+builds the extension module for later starts; the node does not wait for that. Where only the module
+is missing, the process builds it alone.
 """
 
 import os
@@ -92,8 +93,8 @@ class ColdStart:
     ) -> None:
         """Call a function with an argument: now, or after all that came before.
 
-        Where there is no room any more the oldest message goes, but no command: whoever gave it
-        has been told that it was taken.
+        When there is no more room the oldest message is dropped, but never a command, as whoever
+        gave it has been told that it was accepted.
         """
         if self.waiting is None:
             function(argument)

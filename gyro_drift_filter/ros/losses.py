@@ -23,10 +23,10 @@ from rclpy.subscription import Subscription
 class Losses:
     """Count what is lost, by two signs of which neither shows all.
 
-    The middleware's own event tells of what the network has lost. Of what goes because the node
-    does not keep up, and its queue is full, Fast DDS says nothing; but then messages are waiting,
-    and the publisher's number of one of them tells how many were sent. It costs too much to ask for
-    the number of each message: EventsExecutor of rclpy 7.1 fails where that is done.
+    The middleware's own event tells what the network has lost. Fast DDS says nothing of messages
+    that are dropped because the node does not keep up and its queue is full. But then messages are
+    waiting, and the number that the publisher gave one of them tells how many were sent. To ask for
+    the number of every message costs too much, and EventsExecutor of rclpy 7.1 fails at it.
     """
 
     def __init__(self, take: Callable[[bytes], None], received: Callable[[], int]) -> None:

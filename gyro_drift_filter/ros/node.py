@@ -302,7 +302,7 @@ class GyroDriftFilterNode(Node):
         return status
 
     def _log_change(self, status: diagnostics.DiagnosticStatus) -> None:
-        """Log a status that is not as it was logged; of one level not more often than it helps."""
+        """Log a status whose message has changed, but not often while its level is the same."""
         if self._cold_start.waiting is not None:
             return
         now = self._steady.now()
