@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.bags.recording import Piece
-from gyro_drift_filter.core import Filter
 from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
@@ -28,6 +27,7 @@ from gyro_drift_filter.messages.memory_file import (
     recall,
     remember,
 )
+from gyro_drift_filter.messages.message_filter import MessageFilter
 
 _log = logging.getLogger(__name__)
 
@@ -52,10 +52,10 @@ class BiasMemory:
     Its times are the log times of the recordings.
     """
 
-    def __init__(self, path: Path, node: str, filter_: Filter) -> None:
-        self._path, self._node, self._filter = path, node, filter_
+    def __init__(self, path: Path, node: str, messages: MessageFilter) -> None:
+        self._path, self._node = path, node
+        self._messages, self._filter = messages, messages.filter
         self._frame: str | None = None
-        self._changed = False
         self._time = 0.0
 
     def note(self, piece: Piece, imus: Any) -> None:
@@ -70,10 +70,6 @@ class BiasMemory:
             self._recall(int(piece.rows[row]['log_time']) * 1e-9)
             break
         if rows:
-            data = piece.message(rows[-1])
-            imu = read_message(data)
-            if imu['kind'] != ImuKind.MALFORMED and frame_id(data, imu) != self._frame:
-                self._changed = True
             self._time = int(piece.rows[rows[-1]]['log_time']) * 1e-9
 
     def _recall(self, now: float) -> None:
@@ -94,7 +90,7 @@ class BiasMemory:
         """
         if self._frame is None or self._filter.state['bias']['segments'] == 0:
             return
-        if self._changed:
+        if self._messages.report().frame_changes:
             _log.warning(
                 'the bias is not kept: frame_id is no longer %s, so the sensor may be another one',
                 self._frame,

@@ -215,7 +215,7 @@ class TopicFilter:
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         filter_ = self.messages.filter
-        self._memory = None if memory is None else BiasMemory(memory, names.node, filter_)
+        self._memory = None if memory is None else BiasMemory(memory, names.node, self.messages)
         self._watcher = watcher(filter_)
         self._health = Health(names.node)
         temperature = names.temperature, TEMPERATURE_TYPE

@@ -42,7 +42,6 @@ from gyro_drift_filter.core.bias.segments import note_segment, take_back, turned
 from gyro_drift_filter.core.bias.shared import learn_at_rest, limit_shift, start_motion_bias
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
-    LONGEST_TURN,
     forget_slow_turn,
     give_up_bias,
     interrupt_slow_turn,
@@ -293,7 +292,7 @@ def _is_bias_after_all(state: Bias, seconds: float) -> bool:
         turn['gave_up'] = False
     elif is_slow_turn(turn, state['rest'], seconds, state['bias'], largest):
         return False
-    elif turn['seconds'] >= LONGEST_TURN:
+    elif turn['gave_up']:
         for axis in range(3):
             variance = state['variance'][axis] + state['reach']
             give_up_bias(turn, axis, state['bias'][axis], variance)

@@ -53,7 +53,7 @@ class SlowTurn(TypedDict):
     angle: PerAxis  # rad, by which the body would have turned
     gravity: PerAxis  # m/s^2, at its beginning
     # the bias that was given up for a rate that has lasted, and may yet have been right
-    gave_up: bool
+    gave_up: bool  # there is one
     given_up: PerAxis  # rad/s
     given_up_variance: PerAxis  # (rad/s)^2
 
@@ -82,6 +82,9 @@ def is_slow_turn(
 ) -> bool:
     """Take a segment of rest, which is no bias, in, and return whether its rate can be a turn.
 
+    If it can't, `gave_up` says whether it may have been one nevertheless: nothing but that it has
+    lasted speaks against it.
+
     Args:
         turn: The rate of the segments before.
         rest: The rest, with the segment.
@@ -107,16 +110,16 @@ def is_slow_turn(
         noise = max(noise, segment_variance(rest, axis))
     standing = turn['standing_seconds']
     uncertain = standing * (standing * variance + seconds * noise)
-    if _is_denied(turn, rest, uncertain):
-        turn['gave_up'] = False
-        return False
-    return bool(turn['seconds'] < LONGEST_TURN)
+    denied = _is_denied(turn, rest, uncertain)
+    if not denied and turn['seconds'] < LONGEST_TURN:
+        return True
+    turn['gave_up'] = not denied
+    return False
 
 
 @kernel
 def give_up_bias(turn: SlowTurn, axis: int, bias: float, variance: float) -> None:
     """Keep the bias of an axis (rad/s) and its variance, which a rate that lasts replaces."""
-    turn['gave_up'] = True
     turn['given_up'][axis] = bias
     turn['given_up_variance'][axis] = variance
 
