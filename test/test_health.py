@@ -191,6 +191,13 @@ def test_the_text_of_a_rate_that_is_off(changes, text):
     assert rule(span(**changes)).startswith(text)
 
 
+def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():
+    rule = RULES['no bias'].text
+    assert callable(rule)
+    text = rule(span(bias_known=False, bias_corrected=True))
+    assert text == 'the bias is known by motion alone: stand still for 3 seconds'
+
+
 def test_each_method_has_advice_and_a_new_one_general_advice():
     assert all(all(method.advice[:3]) for method in METHODS)
     assert Method('a new one', 'of its own').advice == Advice()
@@ -497,6 +504,7 @@ def test_telemetry_is_that_of_the_state(random):
         **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'segments')},
         **{name: bias[name] for name in ('beyond_max', 'turning')},
         'bias_known': bias['known'],
+        'bias_corrected': bias['corrected'] > 0,
         'bias_deviation': filter_.filter.bias_deviation,
         'at_rest': bias['rest']['at_rest'],
     }

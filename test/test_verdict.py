@@ -33,6 +33,7 @@ from gyro_drift_filter.report.wording import as_text, headline
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
+from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.bags import write
 from support.chunks import imus_of, piece_of
 from support.handling import HandlingSettings, simulate_handling
@@ -251,6 +252,22 @@ def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     assert verdict.bias.source == 'provisional'
     assert 'provisional: x' in as_text(verdict)
     np.testing.assert_allclose(verdict.bias.rates, (0.0, 0.02, 0.08), atol=6e-3)
+
+
+def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
+    walk = ride(VEHICLES['legged'], 3, 70.0, 100.0, 0.0, 0.0)
+    walks = slice(1000, 5500)
+    bias = np.array([0.03, -0.03, 0.0])
+    rates = walk.rates[walks] + bias
+    source = bag(tmp_path / 'in', rates, walk.accelerations[walks], walk.stamps[walks])
+    verdict = judged(source, tmp_path)
+    text = as_text(verdict)
+    assert (verdict.bias.source, verdict.gains) == ('motion', ['bias'])
+    assert headline(verdict) == 'It helped: the bias across the vertical is subtracted.'
+    assert 'as gravity has shown in motion' in text
+    assert 'of which motion shows little' in ' '.join(text.split())
+    np.testing.assert_allclose(verdict.bias.rates, bias, atol=6e-3)
+    assert verdict.bias.deviations[2] > 3.0 * verdict.bias.deviations[:2].max()
 
 
 def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):

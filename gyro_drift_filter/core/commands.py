@@ -58,7 +58,9 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     methods.change_model(filter_[0], after)
     bias = state['bias']
     if after['bias_in_motion'] and not before['bias_in_motion']:
-        lose_direction(bias['motion'])  # nobody knows how the body has turned meanwhile
+        # Nobody knows how the body has turned meanwhile.
+        lose_direction(bias['motion'])
+        lose_direction(bias['unknown'])
     if is_learned(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']

@@ -22,7 +22,8 @@ from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
 from gyro_drift_filter.core.bias.records import bias_variance, is_learned
-from gyro_drift_filter.core.bias.shared import BIAS, motion_variance
+from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, motion_variance
+from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     TIME_JUMP,
     advance_clock,
@@ -296,15 +297,9 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
 def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     """Follow the bias in motion with the rates of the sample, or the filter's where it is none."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
-    motion, result, seconds = state['bias']['motion'], state['result'], state['clock']['period']
-    force = sample['linear_acceleration']
-    if not motion['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
+    bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
+    if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
-    if result['status'] == SampleStatus.REFUSED:
-        lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
-        return
-    if says_nothing(state['checks']):
-        lose_direction(motion)
     workspace['sound'] = True
     clipped = 0.0
     for axis in range(3):
@@ -315,7 +310,24 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         workspace['rate'][axis] = rate
         if state['checks']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
-    seconds *= 1 + max(missing, 0)
+    seconds = state['clock']['period'] * (1 + max(missing, 0))
+    _follow(bias['motion'], sample, clipped, seconds, filter_)
+    if not is_learned(bias):
+        _follow(bias['unknown'], sample, clipped, seconds, filter_)
+        correct_unknown_bias(bias, filter_['settings']['bias_max'])
+
+
+@kernel
+def _follow(
+    motion: MotionBias, sample: Sample, clipped: float, seconds: float, filter_: FilterRecord
+) -> None:
+    """Take the rates of the workspace in, the largest one at its limit `clipped`, in rad/s."""
+    state, workspace = filter_['state'], filter_['workspace']['motion']
+    if state['result']['status'] == SampleStatus.REFUSED:
+        lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
+        return
+    if says_nothing(state['checks']):
+        lose_direction(motion)
     if clipped > 0.0 or motion['missed_turn'] > 0.0:
         miss_turn(motion, clipped * seconds)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']

@@ -69,7 +69,9 @@ def _has_no_bias_for_long(span: Span) -> bool:
 
 
 def _no_bias(span: Span) -> str:
-    return f'no bias known yet: stand still for {span.now.telemetry.first_rest} seconds'
+    state = span.now.telemetry
+    known = 'the bias is known by motion alone' if state.bias_corrected else 'no bias known yet'
+    return f'{known}: stand still for {state.first_rest} seconds'
 
 
 def _is_noise_unsure(span: Span) -> bool:

@@ -74,6 +74,7 @@ class Telemetry(NamedTuple):
     noise_blocks: Counts
     noise_block_seconds: float
     bias_known: bool
+    bias_corrected: bool
     bias: Values
     bias_deviation: Values
     beyond: bool
@@ -163,6 +164,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['backward_stamps'] = clock['backward_stamps']
     out['stuck'] = checks['stuck']
     out['bias_known'] = bias['known']
+    out['bias_corrected'] = bias['corrected'] > 0
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']

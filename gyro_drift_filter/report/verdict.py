@@ -61,6 +61,7 @@ class BiasSource(StrEnum):
 
     REST = 'rest'
     PROVISIONAL = 'provisional'  # from the first seconds, which were not quite a rest
+    MOTION = 'motion'  # from gravity, while the sensor moved: hardly about the vertical
     GIVEN = 'given'  # from the recording before
     UNKNOWN = 'unknown'
 
@@ -306,6 +307,8 @@ class RunWatch:
             source = BiasSource.GIVEN
         elif state['provisional'][0] > 0.0:
             source = BiasSource.PROVISIONAL
+        elif state['corrected'] > 0:
+            source = BiasSource.MOTION
         return Bias(
             source,
             state['bias'].copy(),

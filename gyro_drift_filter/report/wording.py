@@ -63,7 +63,9 @@ def headline(verdict: Verdict) -> str:
                 f'{per_minute(raw)}'
             )
         else:
-            parts.append('the bias is subtracted')
+            of_motion = verdict.bias.source == BiasSource.MOTION
+            part = ' across the vertical' if of_motion else ''
+            parts.append(f'the bias{part} is subtracted')
     if 'outliers' in verdict.gains:
         count = verdict.held_back.samples
         what = 'an outlier' if count == 1 else 'outliers'
@@ -186,6 +188,12 @@ def _about_bias(bias: Bias, needed: int) -> str:
             f'provisional: {rates} deg/s, from the first seconds, which were steady but not quite '
             f'a rest; known to {sure} deg/s{left_in}'
         )
+    if bias.source == BiasSource.MOTION:
+        each = by_axis(f'{np.degrees(deviation):.2g}' for deviation in bias.deviations)
+        return (
+            f'{rates} deg/s, as gravity has shown in motion; known to {each} deg/s, and least '
+            f'about the vertical: {needed} s of rest show all of it{left_in}'
+        )
     when = 'kept from the recording before'
     if bias.source == BiasSource.REST:
         known = bias.known_at
@@ -198,6 +206,11 @@ def _about_heading(verdict: Verdict) -> str:
     sure = per_minute(heading.left)
     if bias.source == BiasSource.UNKNOWN:
         return f'drifts with the bias, by up to {sure} deg/min or so: the filter can not tell'
+    if bias.source == BiasSource.MOTION:
+        return (
+            f'drifts by up to {sure} deg/min or so, with the bias about the vertical, of which '
+            'motion shows little'
+        )
     text = (
         f'the raw rates drift by {per_minute(abs(heading.raw))} +- {sure} deg/min about the '
         'vertical'

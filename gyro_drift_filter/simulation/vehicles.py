@@ -106,6 +106,7 @@ def ride(
     seconds: float = 600.0,
     sample_rate: float = 200.0,
     warm_up: float = WARM_UP,
+    turn_on: float = TURN_ON,
 ) -> Ride:
     """Return what an Imu shows on a vehicle.
 
@@ -115,6 +116,7 @@ def ride(
         seconds: Length.
         sample_rate: In Hz.
         warm_up: Deviation of what the bias moves by while the sensor warms up, in rad/s.
+        turn_on: Deviation of its bias at the start, in rad/s.
     """
     random = np.random.default_rng(seed)
     driven = vehicle(random, seconds, sample_rate)
@@ -122,7 +124,7 @@ def ride(
     matrix = np.eye(3) + MISALIGNMENT * random.standard_normal((3, 3))
     matrix[np.diag_indices(3)] = 1.0 + SCALE * random.standard_normal(3)
     faults = Faults(
-        bias=TURN_ON * random.standard_normal(3),
+        bias=turn_on * random.standard_normal(3),
         wander=WANDER,
         matrix=matrix,
         accelerometer_bias=ACCELEROMETER_BIAS * random.standard_normal(3),

@@ -17,6 +17,6 @@
 `at_rest.py` tracks it from one rest to the next, by the segments that `core/rest/` finds;
 `segments.py` judges several of them together, `slow_turn.py` tells a slow turn from a bias that has
 jumped, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias in
-motion by gravity; `shared.py` is what that and the bias at rest have in common. `records.py`
-declares the state.
+motion by gravity, and `without_rest.py` finds it by that alone where there is no rest; `shared.py`
+is what the bias in motion and that at rest have in common. `records.py` declares the state.
 """

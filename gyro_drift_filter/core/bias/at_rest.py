@@ -39,7 +39,12 @@ from gyro_drift_filter.core.bias.provisional import (
 )
 from gyro_drift_filter.core.bias.records import Bias, Hint
 from gyro_drift_filter.core.bias.segments import note_segment, take_back, turned_segments
-from gyro_drift_filter.core.bias.shared import learn_at_rest, limit_shift, start_motion_bias
+from gyro_drift_filter.core.bias.shared import (
+    learn_at_rest,
+    limit_shift,
+    start_motion_bias,
+    start_wide_prior,
+)
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
     forget_slow_turn,
@@ -94,8 +99,10 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional'][axis] = 0.0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
+    start_wide_prior(state['unknown'], state['bias'], state['variance'])
     state['walk'] = 1.0
     state['doubt'] = 0
+    state['corrected'] = 0
     state['temperature'] = np.nan
     state['growth'] = 0.0
     state['reach'] = 0.0
@@ -108,6 +115,7 @@ def leave_rest(state: Bias) -> None:
     start_rest(state['rest'])
     start_rest(state['other_rest'])
     lose_direction(state['motion'])
+    lose_direction(state['unknown'])
     _forget_stillness(state)
 
 
@@ -148,6 +156,7 @@ def track_bias(
     growth = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     state['growth'] += growth
     state['motion']['growth'] += growth
+    state['unknown']['growth'] += growth
     accepted = accepted and state['hint'] != Hint.MOVES
     if not note_sample(rest, sample, accepted, missing, lengths):
         return

@@ -33,6 +33,7 @@ it needs their product T over the block and the integral M of what is left of it
     ds = T ds0 - [s]x M db
     du = T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da
 
+With a wide prior, for a bias of which nothing is known, it runs a second time (`without_rest.py`).
 What it shares with the bias at rest, of which each rest is a measurement, is in `shared.py`.
 """
 
@@ -86,6 +87,11 @@ DIRECTION_WALK, VELOCITY_WALK = 1e-3, 0.05
 # Error of the scale and the alignment of a gyroscope's axes, which tilts what is turned.
 SCALE_ERROR = 0.01
 LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
+# With a wide prior a bias would be taken for speed all the same, so that the velocity stays within
+# `SPEED`. What it has been, by its own deviation, on the mean of so many s, is only noted. A body
+# that walks and turns has an acceleration that stays the same in its axes, as the bias of an
+# accelerometer would be: standard deviation in m/s^2, of 0.7 m/s at 0.7 rad/s.
+WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
 # At rest the direction follows the accelerometer with this time constant, in s.
 REST_SECONDS = 1.0
 
@@ -226,7 +232,8 @@ def _take_value(
 def _start_motion(state: MotionBias, direction: float) -> None:
     """Begin to track, with a deviation of the direction; that of the bias is kept."""
     values, covariance = state['values'], state['covariance']
-    deviations = direction, START_SPEED, 0.0, ACCELERATION_BIAS
+    own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
+    deviations = direction, START_SPEED, 0.0, own
     for part in range(4):
         if 3 * part == BIAS:
             continue
@@ -348,7 +355,13 @@ def _predict_covariance(
 @kernel
 def _speed_seconds(state: MotionBias) -> float:
     """Return for how long a velocity lasts, in s."""
-    return SPEED_SECONDS * state['speed_deviation'] / SPEED
+    return SPEED_SECONDS * _expected_speed(state) / SPEED
+
+
+@kernel
+def _expected_speed(state: MotionBias) -> float:
+    """Return the deviation of the velocity, in m/s."""
+    return SPEED if state['wide'] else float(state['speed_deviation'])
 
 
 @kernel
@@ -356,14 +369,11 @@ def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Measure that the velocity is zero, within what it has been of late."""
     values, covariance = state['values'], state['covariance']
     seconds = state['block_seconds']
-    deviation = max((1.0 - seconds / SPEED_MEMORY) * state['speed_deviation'], SPEED)
-    for axis in range(3):
-        i = VELOCITY + axis
-        # What the velocity itself is uncertain by shows nothing.
-        square = max(values[i] * values[i] - covariance[i, i], 0.0)
-        deviation = max(deviation, math.sqrt(square) / SPEED_DEVIATIONS)
-    deviation = min(deviation, LARGEST_SPEED)
-    state['speed_deviation'] = deviation
+    if state['wide']:
+        _note_wide_speed(state, seconds)
+    else:
+        _note_speed(state, seconds)
+    deviation = _expected_speed(state)
     # A velocity that lasts is measured once in its time.
     variance = deviation * deviation * 2.0 * _speed_seconds(state) / seconds
     for axis in range(3):
@@ -372,6 +382,31 @@ def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
         for k in range(STATES):
             workspace['gain'][k] = covariance[k, i] / spread
         _correct(state, workspace, -values[i], spread)
+
+
+@kernel
+def _note_speed(state: MotionBias, seconds: float) -> None:
+    """Note how fast the body has been of late, at the end of so many s of motion."""
+    deviation = max((1.0 - seconds / SPEED_MEMORY) * state['speed_deviation'], SPEED)
+    for axis in range(3):
+        i = VELOCITY + axis
+        # What the velocity itself is uncertain by shows nothing.
+        square = state['values'][i] * state['values'][i] - state['covariance'][i, i]
+        deviation = max(deviation, math.sqrt(max(square, 0.0)) / SPEED_DEVIATIONS)
+    state['speed_deviation'] = min(deviation, LARGEST_SPEED)
+
+
+@kernel
+def _note_wide_speed(state: MotionBias, seconds: float) -> None:
+    """Note how fast the body has been on the mean, beside what is expected of it."""
+    mean, square = 0.0, SPEED * SPEED
+    for axis in range(3):
+        i = VELOCITY + axis
+        velocity, variance = state['values'][i], state['covariance'][i, i]
+        mean += velocity * velocity * square / (variance + square) / 3.0
+    share = seconds / min(state['moving_seconds'], WIDE_SPEED_MEMORY)
+    before = state['speed_deviation'] * state['speed_deviation']
+    state['speed_deviation'] = math.sqrt(before + share * (mean - before))
 
 
 @kernel

@@ -62,6 +62,8 @@ class Bias(TypedDict):
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional: PerAxis
     motion: MotionBias  # the bias in motion
+    unknown: MotionBias  # the same by a wide prior, while there is nothing else
+    vertical: PerAxis  # mean direction of gravity in motion, of length one and less
     walk: float  # share of the random walk's variance that the bias takes
     growth: float  # (rad/s)^2, of the variance since the last segment
     reach: float  # (rad/s)^2, the same with all of the random walk
@@ -82,6 +84,7 @@ class Bias(TypedDict):
     segments: int  # that the bias was learned from
     beyond_max: int  # at rest with a rate that no bias has
     turning: int  # at rest with a rate that the bias can't have come to
+    corrected: int  # times that motion alone has shown another bias
 
 
 BIAS_RECORD = record(Bias)

@@ -90,6 +90,7 @@ class MotionBias(TypedDict):
     growth: float  # (rad/s)^2, of both biases, since it was last added
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
+    wide: bool  # all of the bias is tracked, whatever its variance, at the speed of a hand
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
     missed_turn: float  # rad, that the rates may not have shown since they were at their limit
@@ -192,6 +193,16 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
 
 
 @kernel
+def start_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis) -> None:
+    """Begin with a bias (3,) in rad/s, all of its variance (3,) tracked and no shift."""
+    for axis in range(3):
+        _replace_shift(state, axis, 0.0, 0.0)
+    start_motion_bias(state, bias, variance)
+    state['speed_deviation'] = SPEED
+    state['wide'] = True
+
+
+@kernel
 def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> None:
     """Take the mean rate of a rest, in rad/s, with the variance of its noise, in (rad/s)^2, in."""
     settle_growth(state)
@@ -279,6 +290,8 @@ def settle_growth(state: MotionBias) -> None:
 def limit_prior(state: MotionBias) -> None:
     """Leave out of what is tracked in motion what is beyond the largest prior."""
     settle_growth(state)
+    if state['wide']:
+        return
     bias_at_rest = state['bias_at_rest']
     for axis in range(3):
         i = BIAS + axis

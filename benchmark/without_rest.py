@@ -1,0 +1,172 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias of vehicles that are switched on while they move, and never rest.
+
+    python -m benchmark.without_rest [--seeds N] [--only NAME ...] [--check] [--data FOLDER]
+
+A drone, a car, a legged robot and a sensor in the hand (`simulation/vehicles.py`) start in the
+middle of their motion, and say that they move, so that no rest is found. Told is the error of the
+bias across the vertical, root mean square over the seeds in 1e-3 rad/s: at the start, with
+`bias.in_motion` off, and with it on; for a sensor with the turn-on bias of cheap ones, and for one
+that has none.
+
+FOLDER holds recordings of flights and walks with a known bias, of which the same is told from their
+middle on, with another bias of some sizes in `--seeds` directions.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.rotations import rotate
+from gyro_drift_filter.simulation.sensor import DEGREE
+from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride, ride
+
+Array = NDArray[np.float64]
+
+# What is cut off at the start, when all of them stand or begin to move, and at the end, in s.
+START, END = 40.0, 14.0
+SECONDS, SAMPLE_RATE = 240.0, 200.0
+AFTER = (30, 60, 120, 180)  # s
+HINT_EVERY = 0.5  # s: a hint holds for one
+# Turn-on deviations in rad/s: of a cheap sensor on each axis, and of one that is calibrated.
+SENSORS = {'uncalibrated': 2.0 * DEGREE, 'without a bias': 0.0}
+# The error in the end is at most this share of that at the start, or this much, in 1e-3 rad/s.
+LEFT, NOTHING = 0.35, 5.0
+# Of recordings: where they begin and end, in s, and what is added to their bias, in deg/s. Gravity
+# is the mean acceleration over so many s.
+RECORDED, LANDING, ADDED, GRAVITY_SECONDS = 35.0, 12.0, (0.0, 0.5, 1.0, 2.0), 4.0
+RECORDED_AFTER = (30, 40, 60, 80)  # s
+
+
+def started_in_motion(vehicle: str, seed: int, turn_on: float) -> Ride:
+    """Return a ride that begins and ends in motion."""
+    whole = ride(VEHICLES[vehicle], seed, SECONDS + START + END, SAMPLE_RATE, 0.0, turn_on)
+    part = slice(round(START * SAMPLE_RATE), -round(END * SAMPLE_RATE))
+    return Ride(
+        whole.stamps[part],
+        whole.rates[part],
+        whole.accelerations[part],
+        whole.orientations[part],
+        whole.bias[part],
+        whole.moving[part],
+    )
+
+
+def errors_across(of: Ride, followed: bool) -> Array:
+    """Return the error of the bias across the vertical, (n,) in 1e-3 rad/s."""
+    filter_ = Filter(Parameters(bias_in_motion=followed))
+    length = round(HINT_EVERY * SAMPLE_RATE)
+    parts = []
+    for first in range(0, len(of.stamps), length):
+        filter_.hint(True)
+        part = slice(first, first + length)
+        given = of.stamps[part], of.rates[part], of.accelerations[part]
+        parts.append(filter_.run(*given)['bias'])
+    across = rotate(of.orientations, np.vstack(parts) - of.bias)[:, :2]
+    return np.asarray(1e3 * np.linalg.norm(across, axis=1))
+
+
+def at_times(errors: Sequence[Array]) -> Array:
+    """Return the root mean square over rides of errors (n,) at the start and `AFTER` so many s."""
+    at = [0, *(round(seconds * SAMPLE_RATE) for seconds in AFTER)]
+    return np.asarray(np.sqrt(np.mean(np.square([each[at] for each in errors]), axis=0)))
+
+
+def recorded(folder: Path, added: float, seeds: int) -> tuple[Array, Array]:
+    """Return the errors across the vertical of recordings, (n,) in 1e-3 rad/s: without and with.
+
+    Of all recordings in a folder, all directions of what is added in deg/s, and `RECORDED_AFTER`.
+    """
+    pairs = []
+    for path in sorted((folder / 'dead_reckoning').glob('*.npz')):
+        data = np.load(path)
+        first, last = (
+            int(np.searchsorted(data['t'], stamp))
+            for stamp in (data['t'][0] + RECORDED * 1e9, data['t'][-1] - LANDING * 1e9)
+        )
+        stamps, accelerations = data['t'][first:last], data['acc'][first:last].astype(float)
+        rates = data['rate'][first:last] - data['hindsight_bias']
+        for seed in range(seeds):
+            direction = np.random.default_rng(seed).standard_normal(3)
+            other = added * DEGREE * direction / np.linalg.norm(direction)
+            biases = Filter().run(stamps, rates + other, accelerations)['bias']
+            pairs += list(_errors_of(stamps, accelerations, biases, other))
+    off, on = np.array(pairs).T
+    return off, on
+
+
+def _errors_of(
+    stamps: NDArray[np.int64], accelerations: Array, biases: Array, true: Array
+) -> Iterator[tuple[float, float]]:
+    """Yield the errors without and with the biases (n, 3), `RECORDED_AFTER` so many s."""
+    for seconds in RECORDED_AFTER:
+        now = int(np.searchsorted(stamps, stamps[0] + seconds * 1e9))
+        if now == len(stamps):
+            return
+        begin = int(np.searchsorted(stamps, stamps[now] - GRAVITY_SECONDS * 1e9))
+        up = accelerations[begin:now].mean(axis=0)
+        up /= np.linalg.norm(up)
+        errors = (rate - (rate @ up) * up for rate in (true, biases[now] - true))
+        off, on = (1e3 * float(np.linalg.norm(error)) for error in errors)
+        yield off, on
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; return 1 where a bar is checked and does not hold."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--seeds', type=int, default=6, help='default %(default)s')
+    parser.add_argument('--only', nargs='+', choices=VEHICLES, default=list(VEHICLES))
+    parser.add_argument('--check', action='store_true', help='exit 1 where a bar does not hold')
+    parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
+    options = parser.parse_args(arguments)
+    rows = [['', 'at the start', *(f'after {seconds} s: off  on' for seconds in AFTER)]]
+    missed = []
+    for name in options.only:
+        for kind, turn_on in SENSORS.items():
+            tell(f'riding: {name}, {kind} ...')
+            rides = [started_in_motion(name, seed, turn_on) for seed in range(options.seeds)]
+            off, on = (
+                at_times([errors_across(of, followed) for of in rides])
+                for followed in (False, True)
+            )
+            cells = (f'{a:.1f}  {b:.1f}' for a, b in zip(off[1:], on[1:], strict=True))
+            rows.append([f'{name}, {kind}', f'{off[0]:.1f}', *cells])
+            if on[-1] > max(LEFT * off[-1], NOTHING):
+                missed.append(f'{name}, {kind}: an error of {on[-1]:.1f}e-3 rad/s is left')
+    print(table(rows))
+    if options.data:
+        rows = [['recorded, with another bias of', 'off', 'on', 'on, worst']]
+        for added in ADDED:
+            off, on = recorded(options.data, added, options.seeds)
+            root = [f'{np.sqrt(np.mean(np.square(errors))):.1f}' for errors in (off, on)]
+            rows.append([f'{added} deg/s', *root, f'{on.max():.1f}'])
+        print(table(rows))
+    for line in missed:
+        print(f'FALLS SHORT  {line}')
+    return int(options.check and bool(missed))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,166 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias of a robot that has moved since power-on: gravity alone shows a part of it.
+
+`in_motion.py` corrects a bias of which something is known. Here nothing is, so that the same filter
+runs a second time with a wide prior: all of the turn-on deviation. What it finds misleads where the
+body is faster than a hand, as an acceleration that lasts looks like a tilt. About the vertical it
+finds nothing, and a body that leans by some degrees shows hardly more. So what it finds counts
+
+- across the vertical of the body, as it was on the mean of the motion, unless it leans far;
+- after so much motion that accelerations have come and gone;
+- where it lies far from what is subtracted, the farther the faster the body is.
+"""
+
+import math
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.in_motion import BLOCK_SECONDS
+from gyro_drift_filter.core.bias.records import Bias
+from gyro_drift_filter.core.bias.shared import (
+    BIAS,
+    DIRECTION,
+    SPEED,
+    MotionBias,
+    start_motion_bias,
+)
+
+# Motion in s until anything counts, and the gates in standard deviations: a bias that is known to
+# be another one than assumed is followed closely.
+LEAST_MOTION, FIRST_GATE, NEXT_GATE = 25.0, 3.0, 1.0
+# The error is so many of the filter's own standard deviations where the velocity has been `SPEED`,
+# and in proportion to the velocity down to the least one, in m/s. In simulation three of these are
+# the largest errors of the first minutes, from hands and robots on legs to drones at 5 m/s.
+ERROR_SHARE, LEAST_SPEED = 2.3, 0.5 * SPEED
+# The vertical is the mean direction of gravity over so many s of motion. It is that much shorter
+# than one where the body leans to all sides: by 26 degrees on the mean, about which gravity shows
+# the bias about the vertical, too.
+VERTICAL_MEMORY, LEANING = 120.0, 0.9
+
+Vector = tuple[float, float, float]
+
+
+@kernel
+def correct_unknown_bias(state: Bias, largest: float) -> None:
+    """Take the part of the bias that gravity has shown, where it is not the one subtracted.
+
+    On no axis beyond the largest bias, in rad/s.
+    """
+    unknown = state['unknown']
+    # Once for each block of motion, as it has ended.
+    if not unknown['moving'] or unknown['samples'] > 0 or unknown['block_seconds'] > 0.0:
+        return
+    share = BLOCK_SECONDS / max(min(unknown['moving_seconds'], VERTICAL_MEMORY), BLOCK_SECONDS)
+    for axis in range(3):
+        step = unknown['values'][DIRECTION + axis] - state['vertical'][axis]
+        state['vertical'][axis] += share * step
+    x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
+        return
+    up = (x / length, y / length, z / length)
+    first, second = _across(up)
+    # The axes of the ellipse that the covariance is across the vertical.
+    along, both, across = (
+        _covariance(unknown, first, first),
+        _covariance(unknown, first, second),
+        _covariance(unknown, second, second),
+    )
+    angle = 0.5 * math.atan2(2.0 * both, along - across)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    changed = _correct_along(state, _combine(cosine, first, sine, second), largest)
+    changed = _correct_along(state, _combine(-sine, first, cosine, second), largest) or changed
+    if length < LEANING:
+        changed = _correct_along(state, up, largest) or changed
+    if changed:
+        state['corrected'] += 1
+        _start_anew(state)
+
+
+@kernel
+def _across(up: Vector) -> tuple[Vector, Vector]:
+    """Return two directions across one, and across each other."""
+    x, y, z = up
+    if abs(x) < 0.5:
+        size = math.sqrt(y * y + z * z)
+        first = (0.0, z / size, -y / size)
+    else:
+        size = math.sqrt(x * x + z * z)
+        first = (-z / size, 0.0, x / size)
+    second = (
+        y * first[2] - z * first[1],
+        z * first[0] - x * first[2],
+        x * first[1] - y * first[0],
+    )
+    return first, second
+
+
+@kernel
+def _combine(a: float, first: Vector, b: float, second: Vector) -> Vector:
+    return (
+        a * first[0] + b * second[0],
+        a * first[1] + b * second[1],
+        a * first[2] + b * second[2],
+    )
+
+
+@kernel
+def _covariance(state: MotionBias, first: Vector, second: Vector) -> float:
+    """Return the covariance of the bias along two directions, in (rad/s)^2."""
+    total = 0.0
+    for i in range(3):
+        for k in range(3):
+            total += first[i] * state['covariance'][BIAS + i, BIAS + k] * second[k]
+    return total
+
+
+@kernel
+def _error_variance(state: MotionBias, variance: float) -> float:
+    """Return the variance of an error in (rad/s)^2, by what the filter takes it for."""
+    share = ERROR_SHARE * max(state['speed_deviation'], LEAST_SPEED) / SPEED
+    return share * share * variance
+
+
+@kernel
+def _correct_along(state: Bias, direction: Vector, largest: float) -> bool:
+    """Take the bias along a direction, if it is not the one subtracted; return whether it is."""
+    unknown, bias = state['unknown'], state['bias']
+    distance = 0.0
+    for axis in range(3):
+        distance += direction[axis] * (unknown['values'][BIAS + axis] - bias[axis])
+    gate = FIRST_GATE if state['corrected'] == 0 else NEXT_GATE
+    variance = _error_variance(unknown, _covariance(unknown, direction, direction))
+    if distance * distance <= gate * gate * variance:
+        return False
+    for axis in range(3):
+        if abs(bias[axis] + distance * direction[axis]) > largest:
+            return False
+    for axis in range(3):
+        bias[axis] += distance * direction[axis]
+    return True
+
+
+@kernel
+def _start_anew(state: Bias) -> None:
+    """Follow the bias in motion from the corrected one, and by the direction that led to it."""
+    motion, unknown = state['motion'], state['unknown']
+    for axis in range(3):
+        variance = _error_variance(unknown, unknown['covariance'][BIAS + axis, BIAS + axis])
+        state['variance'][axis] = min(state['variance'][axis], variance)
+    start_motion_bias(motion, state['bias'], state['variance'])
+    motion['speed_deviation'] = SPEED
+    for axis in range(3):
+        motion['values'][DIRECTION + axis] = unknown['values'][DIRECTION + axis]
+    motion['directed'] = True

@@ -1,0 +1,174 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias of who has moved since power-on: gravity shows it, and does no harm where it can't."""
+
+import numpy as np
+import pytest
+
+from benchmark import without_rest as benchmark
+from benchmark.without_rest import (
+    SAMPLE_RATE,
+    SECONDS,
+    errors_across,
+    started_in_motion,
+)
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.bias.without_rest import _across
+from gyro_drift_filter.simulation.vehicles import VEHICLES
+from support.messages import START
+from support.paths import FLIGHTS, REPOSITORY
+from support.sensor import DEGREE, at_rest
+
+LATER = slice(round(120 * SAMPLE_RATE), None)
+# In flight and in the hand, s after the first sample.
+STARTS = {'euroc_09_V2_01': 42.0, 'euroc_03_MH_03': 42.0, 'room_1': 12.0, 'room_5': 12.0}
+
+
+@pytest.fixture(scope='module')
+def walk():
+    """A hand that moves from the start, with a bias of 3 deg/s."""
+    return started_in_motion('hand', 5, 2.0 * DEGREE)
+
+
+@pytest.mark.parametrize('vehicle', VEHICLES)
+def test_gravity_shows_the_bias_of_who_never_rests(vehicle):
+    """With the bias of a cheap sensor, which was left in for ever."""
+    of = started_in_motion(vehicle, 3, 2.0 * DEGREE)
+    left = [errors_across(of, followed)[LATER] for followed in (False, True)]
+    assert np.mean(left[1]) < 0.3 * np.mean(left[0])
+
+
+@pytest.mark.parametrize('vehicle', VEHICLES)
+def test_who_never_rests_and_has_no_bias_is_not_given_one(vehicle):
+    errors = errors_across(started_in_motion(vehicle, 3, 0.0), True)
+    assert errors[LATER].mean() < 3.0
+
+
+def run(of, filter_, seconds=SECONDS):
+    part = slice(0, round(seconds * SAMPLE_RATE))
+    return filter_.run(of.stamps[part], of.rates[part], of.accelerations[part])
+
+
+def test_nothing_counts_before_accelerations_have_come_and_gone(walk):
+    """A rest may follow, and tells far more."""
+    filter_ = Filter()
+    results = run(walk, filter_, 24.0)
+    assert filter_.state['bias']['corrected'] == 0
+    assert np.abs(results['bias']).max() < 2e-3
+
+
+def test_no_bias_is_larger_than_the_largest(walk):
+    assert np.abs(walk.bias[0]).max() > 2.5 * DEGREE
+    results = run(walk, Filter(Parameters(bias_max=2.5 * DEGREE)), 120.0)
+    # What is known is followed within a prior of its own.
+    assert np.abs(results['bias']).max() < 2.5 * DEGREE + 5e-3
+
+
+def test_a_rest_replaces_what_motion_has_shown(walk, random):
+    filter_ = Filter()
+    run(walk, filter_, 90.0)
+    assert filter_.state['bias']['corrected'] > 0
+    stamp = int(walk.stamps[0]) + 90 * 10**9
+    rates, accelerations = at_rest(random, 10.0, (0.01, -0.02, 0.03), rate=SAMPLE_RATE)
+    stamps = stamp + round(1e9 / SAMPLE_RATE) * np.arange(len(rates))
+    results = filter_.run(stamps, rates, accelerations)
+    assert results['at_rest'][-1]
+    np.testing.assert_allclose(results['bias'][-1], (0.01, -0.02, 0.03), atol=1e-3)
+    # From then on rests and the bias in motion do.
+    corrected = filter_.state['bias']['corrected']
+    run_on = slice(round(100 * SAMPLE_RATE), round(160 * SAMPLE_RATE))
+    filter_.run(walk.stamps[run_on] + 10**10, walk.rates[run_on], walk.accelerations[run_on])
+    assert filter_.state['bias']['corrected'] == corrected
+
+
+def test_it_is_off_where_the_bias_in_motion_is(walk):
+    filter_ = Filter(Parameters(bias_in_motion=False))
+    assert np.all(run(walk, filter_, 60.0)['bias'] == 0.0)
+
+
+def test_a_plain_kalman_filter_has_it_too(walk):
+    filter_ = Filter(Parameters(method='kalman'))
+    run(walk, filter_, 60.0)
+    assert filter_.state['bias']['corrected'] > 0
+
+
+def test_without_an_accelerometer_nothing_is_shown(walk):
+    for silent in (0.0, np.nan):
+        filter_ = Filter()
+        accelerations = np.full_like(walk.accelerations, silent)
+        filter_.run(walk.stamps, walk.rates, accelerations)
+        assert filter_.state['bias']['corrected'] == 0
+
+
+def test_a_circle_at_walking_speed_is_no_bias():
+    """Its acceleration stays where it is in the robot's axes, as a tilt does."""
+    count = 9000
+    random = np.random.default_rng(4)
+    time = np.arange(count) / 100.0
+    sway = 1.5 * DEGREE * np.column_stack([np.sin(7.0 * time), np.cos(4.5 * time)])
+    rates = 0.01 * random.standard_normal((count, 3))
+    rates[:, :2] += np.gradient(sway, 0.01, axis=0)
+    rates[:, 2] += 0.5
+    accelerations = 0.3 * random.standard_normal((count, 3)) + [0.0, 1.0 * 0.5, 9.81]
+    accelerations[:, 0] -= 9.81 * sway[:, 1]
+    accelerations[:, 1] += 9.81 * sway[:, 0]
+    filter_ = Filter()
+    results = filter_.run(START + 10_000_000 * np.arange(count), rates, accelerations)
+    assert filter_.state['bias']['segments'] == 0
+    assert np.abs(results['bias']).max() < 3e-3
+
+
+def test_directions_across_the_vertical_are_of_length_one_and_square(random):
+    for up in (*np.eye(3), *random.standard_normal((50, 3))):
+        up = up / np.linalg.norm(up)
+        frame = np.array([up, *_across(tuple(up))])
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', STARTS)
+def test_real_flights_and_walks_that_begin_in_motion(name):
+    """With another bias of 2 deg/s across the vertical, and as they are."""
+    path = FLIGHTS / f'{name}.npz'
+    if not path.exists():
+        pytest.skip('the recordings with a known orientation are not beside this clone')
+    data = np.load(path)
+    first = np.searchsorted(data['t'], data['t'][0] + round(STARTS[name] * 1e9))
+    last = np.searchsorted(data['t'], data['t'][-1] - 12 * 10**9)
+    stamps, rates = data['t'][first:last], data['rate'][first:last].astype(float)
+    accelerations = data['acc'][first:last].astype(float)
+    rates -= data['hindsight_bias']
+    # All of it across the vertical of the body on the mean.
+    up = accelerations.mean(axis=0) / np.linalg.norm(accelerations.mean(axis=0))
+    other = 2.0 * DEGREE * np.asarray(_across(tuple(up))[0])
+    for added in (np.zeros(3), other):
+        results = Filter().run(stamps, rates + added, accelerations)
+        at_end = results['bias'][-2000:].mean(axis=0) - added
+        assert np.linalg.norm(at_end - (at_end @ up) * up) < 8e-3
+
+
+def test_the_benchmark_fails_where_much_is_left(monkeypatch, capsys):
+    monkeypatch.setattr(benchmark, 'started_in_motion', lambda *arguments: None)
+    left = {False: 40.0, True: 20.0}
+    monkeypatch.setattr(
+        benchmark,
+        'errors_across',
+        lambda of, followed: np.full(round(SECONDS * SAMPLE_RATE), left[followed]),
+    )
+    assert benchmark.main(['--only', 'hand', '--seeds', '2', '--check']) == 1
+    assert 'FALLS SHORT  hand, uncalibrated: an error of 20.0' in capsys.readouterr().out
+    left[True] = 4.0
+    assert benchmark.main(['--only', 'hand', '--seeds', '2', '--check']) == 0
+    assert 'benchmark.without_rest' in (REPOSITORY / 'Makefile').read_text()
