@@ -44,7 +44,7 @@ _SECONDS = 90.0
 _RATES = (50.0, 100.0, 400.0, 1000.0)
 _NOISES = ((5e-3, 'autoregressive'), (1e-3, 'quantised'), (1e-4, 'white'), (0.05, 'white'))
 # What is beyond the range is not measured, and no error of the filter.
-_WORLDS = [world for world in WORLDS if world != 'clipped']
+_WORLDS = [world for world in WORLDS if world not in {'clipped', 'calibrated'}]
 _COLUMNS = ('before', 'at rest', 'moving', 'after', 'bias before', 'bias after')
 
 

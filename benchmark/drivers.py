@@ -146,6 +146,14 @@ def _clipped(speed: float, random: np.random.Generator) -> Delivery:
     return delivery
 
 
+def _calibrated(speed: float, random: np.random.Generator) -> Delivery:
+    """Do the same, and add a hundredth of the other axes: a driver that calibrates."""
+    delivery = _clipped(speed, random)
+    mixed = np.eye(3) + 0.01 * np.array([[0.0, 1.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -1.0, 0.0]])
+    delivery.given, delivery.truth = delivery.given @ mixed.T, delivery.truth @ mixed.T
+    return delivery
+
+
 def _low_passed(speed: float, random: np.random.Generator) -> Delivery:
     """Deliver the sensor's own low-pass at some 8 Hz, slow motion, and a bias."""
     delivery = deliver(100.0, 0.1 * speed, random)
@@ -199,12 +207,16 @@ WORLDS: dict[str, Callable[[float, np.random.Generator], Delivery]] = {
     'polled': _polled,
     'polled fast': _polled_fast,
     'clipped': _clipped,
+    'calibrated': _calibrated,
     'low-passed': _low_passed,
     'dropped': _dropped,
     'jittered': _jittered,
     'coarse': _coarse,
     'shaken': _shaken,
 }
+
+# A rate is judged where all are within so many deg/s of a range of 250.
+_WITHIN = {'clipped': 245.0, 'calibrated': 240.0}
 
 
 def score(world: str, seed: int) -> dict[str, list[float]]:
@@ -223,8 +235,8 @@ def score(world: str, seed: int) -> dict[str, list[float]]:
 def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, float]:
     truth, given = delivery.truth, delivery.given - delivery.bias
     filtered = out['angular_velocity'].copy()
-    if world == 'clipped':
-        outside = np.abs(truth).max(axis=1) > np.radians(245.0)
+    if world in _WITHIN:
+        outside = np.abs(truth).max(axis=1) > np.radians(_WITHIN[world])
         filtered[outside], given[outside] = truth[outside], truth[outside]
     warm = np.arange(len(truth)) > _WARM * delivery.rate
     moving, still = warm & ~delivery.rest, warm & delivery.rest

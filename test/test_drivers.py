@@ -204,6 +204,32 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     assert results['outlier'].mean() < 0.002
 
 
+@pytest.mark.parametrize('share', [0.003, 0.01, 0.03])
+def test_the_end_of_the_range_is_met_where_a_driver_has_calibrated_the_rates(share, random):
+    """So that the rate does not stay the same: it moves with those of the other axes."""
+    truth = np.concatenate([np.zeros((800, 3)), fast_turn(3000, 100.0)])
+    z = np.clip(truth + 0.005 * random.standard_normal(truth.shape), -4.0, 4.0)
+    given = z @ (np.eye(3) + share * random.choice([-1.0, 1.0], (3, 3)))
+    filter_ = Filter()
+    results = filter_.run(stamps(len(z), 100.0), given, upright(random, len(z)))
+    error = np.abs(results['angular_velocity'] - given)
+    # Once it is known.
+    assert np.quantile(error[1800:], 0.99) < 0.05
+    assert results['outlier'][1800:].mean() < 0.002
+    assert filter_.state['checks']['mixed'][[0, 2]].all()
+
+
+def test_a_table_that_stops_to_accelerate_is_not_at_the_end_of_its_range(random):
+    """Its rate stays as suddenly, but noise stays, too."""
+    time = np.arange(6000) / 100.0
+    rates = 0.005 * random.standard_normal((6000, 3))
+    rates[:, 2] += np.clip(20.0 * (np.abs(time % 10.0 - 5.0) - 2.5), 0.0, 2.0) * (time > 10.0)
+    filter_ = Filter()
+    filter_.run(stamps(6000, 100.0), rates, upright(random, 6000))
+    assert filter_.state['bias']['rest']['known']
+    assert filter_.state['checks']['clipped'].sum() == 0
+
+
 @pytest.mark.parametrize('limit', np.radians([75.0, 100.0, 125.0, 250.0]))
 def test_a_hand_that_is_faster_than_the_range_is_followed_as_soon_as_it_is_within(limit, random):
     """Gyroscopes have ranges from 75 deg/s on."""

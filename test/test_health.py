@@ -478,7 +478,8 @@ def test_telemetry_is_that_of_the_state(random):
     )
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
-        **{name: checks[name] for name in ('unusable', 'clipped', 'beyond_range', 'times_stuck')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'mixed')},
+        **{name: checks[name] for name in ('beyond_range', 'times_stuck')},
         'not_measured': state['polling']['not_measured'],
         'samples_per_message': 1.0,
         'faults': checks['fault'],

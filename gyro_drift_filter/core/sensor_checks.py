@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
-from gyro_drift_filter.core.rest.noise import has_noise_of
+from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, is_usable
 
@@ -43,6 +43,12 @@ LEAST_PUSH = 1.0
 CLIPPED_RATE = 1.25
 CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
+# A driver that calibrates mixes a little of the other axes into a rate at the end of its range, so
+# that it does not stay the same. But it stops there from one sample to the next: its change falls
+# to so small a share, from so many deviations of the noise. And the noise is gone: for so many
+# samples the change changes by less than this share of it, as noise does by chance in one of six.
+CORNER, FLAT, FLAT_SAMPLES = 20.0, 0.5, 5
+MIXED = 0.06  # the largest share of other axes, which moves the end of the range by as much
 
 
 # Zeros on all axes so many times in a row are no drop-out of a sample or two.
@@ -77,6 +83,9 @@ class SensorChecks(TypedDict):
     largest: PerAxis  # |rate| of those that were stopped at, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # last change of the rate, rad/s
+    step: PerAxis  # change of the rate with the last sample, rad/s
+    flat: CountPerAxis  # samples without noise since the rate has stopped
+    mixed: CountPerAxis  # 1 where the end of the range was met so, else 0
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
     comes_alive: bool  # an axis does with this sample
@@ -114,7 +123,7 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     """Take the values of a sample in, `period` s after those before."""
     rate = sample['angular_velocity']
     checks['comes_alive'] = False
-    same = all_rates = _note_rates(checks, sample)
+    same = all_rates = _note_rates(checks, sample, rest)
     acceleration, stays = sample['linear_acceleration'], checks['accelerations']
     all_accelerations = True
     for axis in range(3):
@@ -203,7 +212,7 @@ def _are_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> b
 
 
 @kernel
-def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
+def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
     """Look for rates at the end of the range; return whether all are those of the sample before."""
     rate, measured, equal = sample['angular_velocity'], checks['measured'], checks['equal']
     same = rate[0] == measured[0] and rate[1] == measured[1] and rate[2] == measured[2]
@@ -222,14 +231,14 @@ def _note_rates(checks: SensorChecks, sample: Sample) -> bool:
         else:
             equal[axis] = 0
         checks['at_limit'][axis] = is_usable(rate[axis]) and _note_rate(
-            checks, axis, rate[axis], same
+            checks, axis, rate[axis], same, rest
         )
         measured[axis] = rate[axis]
     return bool(same)
 
 
 @kernel
-def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool:
+def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: Rest) -> bool:
     """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
     size, change = abs(rate), abs(rate - checks['measured'][axis])
     entered, resolution, largest = checks['entered'], checks['resolution'], checks['largest']
@@ -243,8 +252,15 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
+    before, checks['step'][axis] = checks['step'][axis], rate - checks['measured'][axis]
     if size <= CLIPPED_RATE:
+        checks['flat'][axis] = 0
         return False
+    if _is_flat(checks, axis, size, before, deviation_of_values(rest, axis)):
+        largest[axis] = max(largest[axis], size)
+        checks['mixed'][axis] = 1
+        checks['clipped'][axis] += 1
+        return True
     if not _is_known_limit(checks, axis, size):
         if same or change > 0.0 or entered[axis] <= CLIPPED_STEPS * resolution[axis]:
             return False
@@ -257,14 +273,34 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool) -> bool
 
 
 @kernel
+def _is_flat(checks: SensorChecks, axis: int, size: float, before: float, noise: float) -> bool:
+    """Return whether a rate of a size has stopped in full motion, and its noise with it.
+
+    Its last change but one is `before`, and the deviation of its noise `noise`, 0 while that is not
+    known; all in rad/s.
+    """
+    step, flat = checks['step'][axis], checks['flat']
+    stays = 0.0 < abs(step) * FLAT_SAMPLES < MIXED * size  # what stays the same is told by that
+    if stays and flat[axis] > 0 and abs(step - before) < FLAT * noise:
+        flat[axis] += 1
+    else:
+        stops = noise > 0.0 and abs(before) > CORNER * max(noise, abs(step))
+        flat[axis] = 1 if stays and stops else 0
+    return bool(flat[axis] > FLAT_SAMPLES)
+
+
+@kernel
 def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
     """Return whether rates were stopped at this size before: on this axis, or else on another."""
     clipped, largest = checks['clipped'], checks['largest']
+    if checks['mixed'][axis]:
+        return bool(size >= (1.0 - MIXED) * largest[axis])
     resolution = checks['resolution'][axis]
     if clipped[axis] > 0:
         return bool(size >= largest[axis] - resolution)
     for other in range(3):
-        if clipped[other] > 0 and abs(size - largest[other]) <= resolution:
+        near = MIXED * largest[other] if checks['mixed'][other] else resolution
+        if clipped[other] > 0 and abs(size - largest[other]) <= near:
             return True
     return False
 

@@ -174,7 +174,7 @@ INPUT_RULES = (
         'clipped',
         Level.WARN,
         lambda span: has_grown(span, 'clipped'),
-        'a fast rate stays the same to the last bit: the end of the measuring range; choose a '
+        'a fast rate stays where it is, without noise: the end of the measuring range; choose a '
         'larger one in the driver',
     ),
     Rule(

@@ -39,7 +39,8 @@ class Telemetry(NamedTuple):
     Bias and its deviation are those at rest, in rad/s; noise is a variance in
     (rad/s)^2, of the last sample; the period and what ends in seconds are in s, rest_seconds since
     the start where segments is 0. count_size is the rate in rad/s that a count of the sensor stands
-    for, 0 where no counts are seen; faults are members of `AxisFault`.
+    for, 0 where no counts are seen; faults are members of `AxisFault`; mixed is 1 for an axis that
+    was clipped before a driver has calibrated it.
     """
 
     samples: int
@@ -54,6 +55,7 @@ class Telemetry(NamedTuple):
     count_size: Values
     unusable: Counts
     clipped: Counts
+    mixed: Counts
     outliers: Counts
     nis_samples: Counts
     nis_sum: Values
@@ -184,6 +186,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
+        out['mixed'][axis] = checks['mixed'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]

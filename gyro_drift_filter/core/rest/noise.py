@@ -14,6 +14,8 @@
 
 """What is known of the noise at rest, learned from the segments that hold together."""
 
+import math
+
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, scatter_of_means, segment_mean
@@ -121,6 +123,12 @@ def segment_variance(rest: Rest, axis: int) -> float:
 def variance_of_mean(rest: Rest, axis: int, blocks: float) -> float:
     """Return the variance of the mean of so many blocks of an axis of the gyroscope."""
     return float(rest['variance_ratio'] * rest['signals'][axis]['scatter'] / blocks)
+
+
+@kernel
+def deviation_of_values(rest: Rest, axis: int) -> float:
+    """Return the standard deviation in rad/s of values at rest; 0 while not known."""
+    return math.sqrt(rest['signals'][axis]['variance']) if rest['known'] else 0.0
 
 
 @kernel
