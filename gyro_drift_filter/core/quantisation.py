@@ -91,7 +91,8 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
             if LEAST_COUNT < abs(change) < math.inf and state['changes'][axis] < LONGEST_SEARCH:
                 _look_for_count(state, axis, abs(change))
                 known = known or state['votes'][axis] >= CERTAIN_VOTES
-        elif abs(change) > AFAR * count and abs(rate[axis]) < (NEAR + PART) * count:
+        # One branch instead of two that noise makes at random.
+        elif (abs(change) > AFAR * count) & (abs(rate[axis]) < (NEAR + PART) * count):
             landed = _note_landing(state, axis, change, rate) or landed
         state['change'][axis] = change
     if not landed:
