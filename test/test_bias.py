@@ -26,6 +26,11 @@ from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
 from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.rest.standing import (
+    standing_mean,
+    standing_scatter,
+    variance_of_standing_mean,
+)
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
@@ -383,6 +388,63 @@ def test_noise_that_is_correlated_over_seconds_hides_no_bias_at_low_rates(random
         stamps = START + 100_000_000 * np.arange(500)
         results = Filter().run(stamps, noise + bias, acceleration)
         assert np.abs(results['bias'][200:] - bias).max() < np.radians(0.4)
+
+
+def slow_noise(random, count):
+    """Return noise (count, 3) at 10 Hz that has passed two low-passes of 0.08 Hz."""
+    share = 0.05
+    lags = [share**2], np.convolve([1.0, share - 1.0], [1.0, share - 1.0])
+    return signal.lfilter(*lags, 0.012 * random.standard_normal((count + 300, 3)), axis=0)[300:]
+
+
+def test_a_bias_is_provisional_later_too_while_gravity_has_stood(random):
+    """With noise as slow as this minutes may pass without any stretch that is steady."""
+    bias = np.radians([2.0, -1.2, 0.7])
+    stamps, late = START + 100_000_000 * np.arange(1200), []
+    for _ in range(12):
+        acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((1200, 3))
+        results = Filter().run(stamps, slow_noise(random, 1200) + bias, acceleration)
+        late.append(not results['bias'][190].any())
+        assert np.abs(results['bias'][1100:] - bias).max() < np.radians(0.3)
+    assert any(late)
+
+
+def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
+    rates = slow_noise(random, 400) + np.array([0.03, -0.02, 0.01])
+    acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((400, 3))
+    filter_ = Filter()
+    filter_.run(START + 100_000_000 * np.arange(400), rates, acceleration)
+    rest = filter_.state['bias']['rest']
+    # The first block says where gravity is.
+    blocks = rates.reshape(50, 8, 3).mean(axis=1)[1:]
+    assert rest['standing_blocks'] == len(blocks)
+    for axis in range(3):
+        means = blocks[:, axis]
+        scatter = means.var(ddof=1)
+        assert standing_mean(rest, axis) == pytest.approx(means.mean(), rel=1e-12)
+        assert standing_scatter(rest, axis) == pytest.approx(scatter, rel=1e-9)
+        # A correlation beyond this one is none of noise that falls off.
+        correlation = min(1.0 - 0.5 * np.square(np.diff(means)).mean() / scatter, 0.9)
+        longer = (1.0 + correlation) / (1.0 - correlation)
+        expected = longer * scatter / len(means)
+        assert variance_of_standing_mean(rest, axis) == pytest.approx(expected, rel=1e-2)
+
+
+def test_who_has_moved_gets_no_provisional_bias_later(random):
+    """The noise is too slow for a rest, and the turn that follows is steady."""
+    stamps, count = START + 100_000_000 * np.arange(600), 0
+    for _ in range(12):
+        rates = slow_noise(random, 600)
+        acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((600, 3))
+        rates[50:60, 0] += 0.2  # it is laid down anew
+        acceleration[55:, 1] += 2.0
+        rates[250:, 2] += 3.0 * DEGREE
+        filter_ = Filter()
+        results = filter_.run(stamps[:400], rates[:400], acceleration[:400])
+        if filter_.state['bias']['segments'] == 0:
+            count += 1
+            assert np.abs(results['bias'][-1]).max() < 0.5 * DEGREE
+    assert count > 0
 
 
 def test_a_hand_gives_no_provisional_bias(random):

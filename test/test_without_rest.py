@@ -76,6 +76,14 @@ def test_no_bias_is_larger_than_the_largest(walk):
     assert np.abs(results['bias']).max() < 2.5 * DEGREE + 5e-3
 
 
+def test_a_rate_that_is_too_large_for_a_bias_at_rest_is_none_in_motion_either(random):
+    rates, accelerations = at_rest(random, 80.0, (15.0 * DEGREE, 8.0 * DEGREE, 0.0))
+    filter_ = Filter()
+    results = filter_.run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    assert filter_.state['bias']['beyond_max'] > 0
+    assert np.abs(results['bias']).max() < 2e-3
+
+
 def test_a_rest_replaces_what_motion_has_shown(walk, random):
     filter_ = Filter()
     run(walk, filter_, 90.0)

@@ -36,6 +36,7 @@ from gyro_drift_filter.core.bias.provisional import (
     is_far_from_provisional,
     is_less_steady,
     take_provisional,
+    take_standing,
 )
 from gyro_drift_filter.core.bias.records import Bias, Hint
 from gyro_drift_filter.core.bias.segments import note_segment, take_back, turned_segments
@@ -166,6 +167,7 @@ def track_bias(
     hand_on_block(rest, state['other_rest'])
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_rest'], lengths)
+    take_standing(state, lengths['block_seconds'], settings['bias_max'])
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:

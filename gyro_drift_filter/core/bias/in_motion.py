@@ -60,7 +60,6 @@ from gyro_drift_filter.core.bias.shared import (
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
 from gyro_drift_filter.core.rest.noise import random_walk_of
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import segment_mean
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -112,9 +111,9 @@ MOTION_WORKSPACE = record(MotionWorkspace)
 
 
 @kernel
-def take_direction(state: MotionBias, rest: Rest) -> None:
-    """Take the mean acceleration of the segment under way for gravity, if it can be that."""
-    _direct(state, segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5), 1.0)
+def take_direction(state: MotionBias, x: float, y: float, z: float) -> None:
+    """Take a mean acceleration in m/s^2 for gravity, if it can be that."""
+    _direct(state, x, y, z, 1.0)
 
 
 @kernel

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A provisional bias in the first seconds, from what is steady though not still."""
+"""A provisional bias before there is a rest, from what is steady though not still.
+
+Either from a few blocks of the first seconds, as of a drone that idles, or from all blocks since
+the start, where gravity has stood for so long that no noise of the rates can be motion.
+"""
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
@@ -21,6 +25,13 @@ from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
 from gyro_drift_filter.core.bias.slow_turn import GATE
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.rest.segment import segment_mean, segment_scatter, value_variance
+from gyro_drift_filter.core.rest.standing import (
+    LARGEST_TILT,
+    are_alike,
+    standing_mean,
+    standing_scatter,
+    variance_of_standing_mean,
+)
 
 # Robots are switched on while they stand. In the first seconds a bias is taken from less than rest,
 # as of a drone that idles, until the first rest replaces it. Such vibration moves the bias by some
@@ -30,22 +41,47 @@ PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at 
 PROVISIONAL_DEVIATION = 1.5e-3  # rad/s, besides that of the mean
 LESS_STEADY = 9.0  # times the variance of its mean: not by chance
 SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
+# Gravity has to stand for so long that a tilt which does not show is a small rate, in s. In so many
+# blocks, of the start and of now, it has not been looked at yet.
+STANDING_SECONDS, UNSEEN_BLOCKS = 10.0, 3
 
 
 @kernel
 def take_provisional(state: Bias, block_seconds: float, largest: float) -> None:
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
-    rest = state['rest']
     seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
-    if state['segments'] > 0 or state['rest_seconds'] > seconds:
+    if state['segments'] == 0 and state['rest_seconds'] <= seconds:
+        _take_mean(state, False, 0.0, largest)
+
+
+@kernel
+def take_standing(state: Bias, block_seconds: float, largest: float) -> None:
+    """Take the mean since the start for the bias, while gravity has stood and there is no rest."""
+    rest = state['rest']
+    seconds = rest['standing_blocks'] * block_seconds
+    if state['segments'] > 0 or state['known'] or seconds < STANDING_SECONDS:
         return
+    has_moved = state['rest_seconds'] > seconds + UNSEEN_BLOCKS * block_seconds
+    if has_moved or rest['standing_blocks'] < PROVISIONAL_BLOCKS or not are_alike(rest):
+        return
+    _take_mean(state, True, LARGEST_TILT / seconds, largest)
+
+
+@kernel
+def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> None:
+    """Take a mean for the bias, if that tells more than what is known.
+
+    It is of the segment under way, or of all blocks since gravity stands, in which the body may
+    have turned at the rate `unseen` in rad/s.
+    """
+    rest = state['rest']
     total = before = 0.0
     significant = state['provisional'][0] > 0.0 or state['known']
     for axis in range(3):
-        mean = segment_mean(rest, axis)
+        mean = _mean(rest, axis, standing)
         if abs(mean) > largest:
             return
-        variance = _provisional_variance(rest, axis)
+        variance = _variance(rest, axis, standing, unseen)
         distance = mean - state['bias'][axis]
         if state['known'] and distance * distance > GATE * GATE * (
             variance + bias_variance(state, axis)
@@ -57,22 +93,40 @@ def take_provisional(state: Bias, block_seconds: float, largest: float) -> None:
     if total >= before or not significant:
         return
     for axis in range(3):
-        state['bias'][axis] = segment_mean(rest, axis)
-        state['provisional'][axis] = segment_scatter(rest, axis)
-        state['variance'][axis] = _provisional_variance(rest, axis)
-        limit_shift(state['motion'], axis, value_variance(rest, axis))
+        state['bias'][axis] = _mean(rest, axis, standing)
+        state['provisional'][axis] = _scatter(rest, axis, standing)
+        state['variance'][axis] = _variance(rest, axis, standing, unseen)
+        noise = standing_scatter(rest, axis) if standing else value_variance(rest, axis)
+        limit_shift(state['motion'], axis, noise)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     # The direction of gravity has turned with the bias so far.
-    take_direction(state['motion'], rest)
+    if standing:
+        gravity = rest['gravity']
+        take_direction(state['motion'], gravity[0], gravity[1], gravity[2])
+    else:
+        x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
+        take_direction(state['motion'], x, y, z)
     state['known'] = False
     state['growth'] = 0.0
     state['reach'] = 0.0
 
 
 @kernel
-def _provisional_variance(rest: Rest, axis: int) -> float:
-    """Return the variance in (rad/s)^2 of a bias that is the mean of the steady segment."""
-    return segment_scatter(rest, axis) + PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+def _mean(rest: Rest, axis: int, standing: bool) -> float:
+    return standing_mean(rest, axis) if standing else segment_mean(rest, axis)
+
+
+@kernel
+def _scatter(rest: Rest, axis: int, standing: bool) -> float:
+    """Return the variance of the mean in (rad/s)^2, by the scatter of its blocks."""
+    return variance_of_standing_mean(rest, axis) if standing else segment_scatter(rest, axis)
+
+
+@kernel
+def _variance(rest: Rest, axis: int, standing: bool, unseen: float) -> float:
+    """Return the variance in (rad/s)^2 of a bias that is the mean."""
+    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION + unseen * unseen
+    return _scatter(rest, axis, standing) + besides
 
 
 @kernel

@@ -24,10 +24,10 @@ import math
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.rest.detection import LEAST_GRAVITY, STEADY_GRAVITY
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.rest.segment import first_mean, last_mean, segment_mean
+from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 # A turn lasts no longer than this: then it is the bias after all.
 LONGEST_TURN = 90.0  # s

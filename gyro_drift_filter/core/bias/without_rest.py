@@ -70,6 +70,8 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     length = math.sqrt(x * x + y * y + z * z)
     if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
+    if state['beyond_max'] > 0:
+        return  # at rest, too, it is more than a bias can be
     up = (x / length, y / length, z / length)
     first, second = _across(up)
     # The axes of the ellipse that the covariance is across the vertical.

@@ -39,5 +39,6 @@ learned from one segment to the next.
 
 `detection.py` takes samples in and says where there is rest, `segment.py` keeps the sums,
 `stationarity.py` judges them, `noise.py` learns the noise from them, `other_noise.py` finds that it
-is another one by now, and `records.py` declares what they share.
+is another one by now, `standing.py` has the mean rate while gravity stands, rest or not, and
+`records.py` declares what they share.
 """

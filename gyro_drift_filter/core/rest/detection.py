@@ -30,7 +30,6 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     add_value,
     add_waiting_block,
-    block_moments,
     drop_early_half,
     forget_segment_before,
     let_block_wait,
@@ -39,14 +38,13 @@ from gyro_drift_filter.core.rest.segment import (
     start_segment,
     start_value,
 )
+from gyro_drift_filter.core.rest.standing import note_gravity
 from gyro_drift_filter.core.rest.stationarity import holds_together, is_steady, is_still, tilts
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
-# Gravity stands where the means of blocks stay within this, a tilt of a degree, and is that.
-STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0  # m/s^2
 # After so long without rest all that is learned anew, as vibration may have come to stay.
 FORGOTTEN_SECONDS = 300.0
 
@@ -104,7 +102,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         for i in range(SIGNALS):
             if not is_still(rest, rest['signals'][i]):
                 still = False
-        _note_gravity(rest, lengths)
+        note_gravity(rest, lengths['block_seconds'])
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
         rest['known'] = False
@@ -142,23 +140,6 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         return BlockOutcome.NOTHING
     learn_noise(rest, length)
     return BlockOutcome.SEGMENT
-
-
-@kernel
-def _note_gravity(rest: Rest, lengths: RestLengths) -> None:
-    """Note for how long gravity has stood, whatever the rates do."""
-    gravity, size, moved = rest['gravity'], 0.0, False
-    for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][3 + axis])
-        size += mean * mean
-        if abs(mean - gravity[axis]) > STEADY_GRAVITY:
-            moved = True
-    rest['steady_seconds'] += lengths['block_seconds']
-    if moved:
-        for axis in range(3):
-            gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
-    if moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
-        rest['steady_seconds'] = 0.0
 
 
 @kernel

@@ -71,9 +71,26 @@ def _correlated_ratio(rest: Rest) -> float:
     correlation = 0.0
     for i in range(3):
         signal = rest['signals'][i]
-        # Von Neumann's ratio, 2 for independent ones and for a coarse sensor that shows none.
-        steps = signal['steps'] / (rest['blocks'] - 1.0) + 2.0 * LEAST_VARIANCE
-        correlation += (1.0 - 0.5 * steps / (scatter_of_means(rest, signal) + LEAST_VARIANCE)) / 3.0
+        steps = signal['steps'] / (rest['blocks'] - 1.0)
+        correlation += _correlation(steps, scatter_of_means(rest, signal)) / 3.0
+    return _ratio(correlation)
+
+
+@kernel
+def correlated_ratio(steps: float, scatter: float) -> float:
+    """Return the same for one axis, by the scatter of its blocks and the mean square of a step."""
+    return _ratio(_correlation(steps, scatter))
+
+
+@kernel
+def _correlation(steps: float, scatter: float) -> float:
+    """Return the correlation of one block and the next."""
+    # Von Neumann's ratio, 2 for independent ones and for a coarse sensor that shows none.
+    return 1.0 - 0.5 * (steps + 2.0 * LEAST_VARIANCE) / (scatter + LEAST_VARIANCE)
+
+
+@kernel
+def _ratio(correlation: float) -> float:
     correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
     return (1.0 + correlation) / (1.0 - correlation)
 

@@ -64,6 +64,19 @@ class Signal(TypedDict):
 SIGNAL = record(Signal)
 
 
+class Standing(TypedDict):
+    """The means of blocks of an axis of the gyroscope while gravity stands, in rad/s."""
+
+    first: float
+    last: float
+    means: float  # sum of them less the first one
+    mean_squares: float
+    steps: float  # sum of squared differences of one mean and the next
+
+
+STANDING = record(Standing)
+
+
 class Halves(IntEnum):
     """What became of the halves of a segment that did not hold together."""
 
@@ -92,6 +105,8 @@ class Rest(TypedDict):
     restless: int  # blocks since the last rest
     steady_seconds: float  # since then, for which gravity has stood
     gravity: PerAxis  # m/s^2, when it began to
+    standing: Annotated[Sequence[Standing], STANDING, (3,)]
+    standing_blocks: int
     at_rest: bool
     samples: int  # since the start of the value, missing ones among them
     accepted: int  # of them

@@ -1,0 +1,103 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The rates while gravity stands: on the mean they are the bias, whatever their noise.
+
+A body whose gravity stays where it is has not tilted, so what its rates across the vertical show is
+no motion but noise, however slow. About the vertical it may turn, and then that axis scatters more
+than the others do.
+"""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.noise import correlated_ratio
+from gyro_drift_filter.core.rest.records import Rest
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments
+from gyro_drift_filter.gravity import GRAVITY
+
+# Gravity stands where the means of blocks stay within this, and is that, in m/s^2; the tilt in rad
+# that does not show.
+STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0
+LARGEST_TILT = STEADY_GRAVITY / GRAVITY
+# The noise of one axis has up to so many times the variance of the others.
+UNLIKE = 9.0
+
+
+@kernel
+def note_gravity(rest: Rest, block_seconds: float) -> None:
+    """Note for how long gravity has stood, and the rates meanwhile, at the end of a block."""
+    gravity, size, moved = rest['gravity'], 0.0, False
+    for axis in range(3):
+        mean, _ = block_moments(rest, rest['signals'][3 + axis])
+        size += mean * mean
+        if abs(mean - gravity[axis]) > STEADY_GRAVITY:
+            moved = True
+    rest['steady_seconds'] += block_seconds
+    if moved:
+        for axis in range(3):
+            gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
+    if moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
+        rest['steady_seconds'] = 0.0
+        rest['standing_blocks'] = 0
+        return
+    for axis in range(3):
+        mean, _ = block_moments(rest, rest['signals'][axis])
+        _add_mean(rest, axis, mean)
+    rest['standing_blocks'] += 1
+
+
+@kernel
+def _add_mean(rest: Rest, axis: int, mean: float) -> None:
+    standing = rest['standing'][axis]
+    if rest['standing_blocks'] == 0:
+        standing['first'] = standing['last'] = mean
+        standing['means'] = standing['mean_squares'] = standing['steps'] = 0.0
+    step, deviation = mean - standing['last'], mean - standing['first']
+    standing['steps'] += step * step
+    standing['means'] += deviation
+    standing['mean_squares'] += deviation * deviation
+    standing['last'] = mean
+
+
+@kernel
+def standing_mean(rest: Rest, axis: int) -> float:
+    """Return the mean rate of an axis while gravity stands."""
+    standing = rest['standing'][axis]
+    return float(standing['first'] + standing['means'] / rest['standing_blocks'])
+
+
+@kernel
+def standing_scatter(rest: Rest, axis: int) -> float:
+    """Return the variance of the means of blocks of an axis while gravity stands."""
+    standing, blocks = rest['standing'][axis], 1.0 * rest['standing_blocks']
+    squares = standing['mean_squares'] - standing['means'] * standing['means'] / blocks
+    return float(max(squares, 0.0) / (blocks - 1.0))
+
+
+@kernel
+def variance_of_standing_mean(rest: Rest, axis: int) -> float:
+    """Return the variance of the mean rate, by the scatter of the blocks and how alike they are."""
+    steps = rest['standing'][axis]['steps'] / (rest['standing_blocks'] - 1.0)
+    scatter = standing_scatter(rest, axis)
+    return float(correlated_ratio(steps, scatter) * scatter / rest['standing_blocks'])
+
+
+@kernel
+def are_alike(rest: Rest) -> bool:
+    """Return whether the three axes scatter alike, as noise does, and no turn about one of them."""
+    total = largest = 0.0
+    for axis in range(3):
+        scatter = standing_scatter(rest, axis) + LEAST_VARIANCE
+        total += scatter
+        largest = max(largest, scatter)
+    return bool(largest <= UNLIKE * 0.5 * (total - largest))
