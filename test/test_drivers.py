@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
@@ -52,6 +53,25 @@ def test_the_rest_of_a_sensor_with_its_own_low_pass_is_found(rate, share, random
     results = Filter(Parameters()).run(stamps(n, rate), z, upright(random, n))
     assert results['at_rest'][n // 2 :].mean() > 0.6
     assert np.abs(results['bias'][-1] - bias).max() < np.radians(0.15)
+
+
+@pytest.mark.parametrize(
+    ('rate', 'hertz', 'most'),
+    [(400.0, 40.0, 1.02), (1000.0, 100.0, 1.02), (1000.0, 40.0, 1.06), (2000.0, 100.0, 1.12)],
+)
+def test_noise_behind_a_low_pass_is_not_enlarged_in_motion(rate, hertz, most, random):
+    """As smooth as motion it can't be told from it; predicted as motion it overshoots."""
+    n = round(40.0 * rate)
+    low_pass = signal.butter(2, hertz, fs=rate, output='sos')
+    noise = signal.sosfilt(low_pass, 0.02 * random.standard_normal((n, 3)), axis=0)
+    moves = np.arange(n) >= 10.0 * rate
+    hand = (
+        motion_below(4.0, random, n, rate) * np.clip(np.arange(n) / rate - 10.0, 0.0, 1.0)[:, None]
+    )
+    truth = 2.0 * hand / hand.std()
+    results = Filter().run(stamps(n, rate), truth + noise, upright(random, n))
+    error = (results['angular_velocity'] + results['bias'] - truth)[moves]
+    assert np.sqrt(np.mean(error**2)) < most * noise[moves].std()
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -462,10 +462,11 @@ def estimate(
     own = workspace['axes'][axis]
     circumstances = workspace['circumstances']
     at_rest = circumstances['at_rest']
-    rate, variance, process_noise = combine_modes(state, own, modes, at_rest)
     # Without a sample there was no decision: what stands there is of an earlier one.
-    measured = sample == sample
-    if measured and decision_of(own['reason']) == Decision.BRIDGE:
+    measured, decision = sample == sample, decision_of(own['reason'])
+    accepted = measured and decision == Decision.ACCEPT
+    rate, variance, process_noise = combine_modes(state, own, modes, at_rest, accepted)
+    if measured and decision == Decision.BRIDGE:
         rate = own['accepted'] + predictable(state['bridge']) * (rate - own['accepted'])
     if measured and not circumstances['dropout']:
         rate += compensate(state, own, circumstances, sample, rate, period)

@@ -91,9 +91,18 @@ def predict_modes(
 
 @kernel
 def combine_modes(
-    state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes: ModeSet, at_rest: bool
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    modes: ModeSet,
+    at_rest: bool,
+    accepted: bool,
 ) -> tuple[float, float, float]:
-    """Return what the modes say together: rate, its variance, and Q."""
+    """Return what the modes say together: rate, its variance, and Q.
+
+    Noise that is correlated comes through a mode that averages over a time like its own enlarged,
+    so where the error of a mode is more than the noise it is the last sample that counts, if that
+    was `accepted`.
+    """
     probability, rate = state['probability'], state['rate']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
     error, lag, ratio = workspace['error'], modes['unseen_lag'], modes['innovation_ratio']
@@ -103,10 +112,14 @@ def combine_modes(
     growth = noise * state['doubt']['held'] * state['doubt']['held']
     # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
     unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
-    origin = rate[MODES - 1]
+    origin, sample = rate[MODES - 1], state['doubt']['last_sample']
+    whole = largest_variance(state['noise'])
+    largest = whole if accepted else math.inf
     for j in range(MODES):
-        distance = rate[j] - origin
-        own = error[j] + lag[j] * unseen if growth == 0.0 else (ratio[j] - 1.0) * growth
+        enlarged = error[j] > largest
+        distance = (sample if enlarged else rate[j]) - origin
+        filtered = whole if enlarged else error[j] + lag[j] * unseen
+        own = filtered if growth == 0.0 else (ratio[j] - 1.0) * growth
         means[j] = probability[j] * distance
         spread = distance * distance
         squares[j] = probability[j] * (max(own, spread) + apart * min(own, spread))
@@ -234,11 +247,13 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
         or of_noise[1] != noise['roughness']
         or of_noise[2] != correlation
         or of_noise[3] != largest
+        or of_noise[4] != noise['true_correlation']
     ):
         of_noise[0] = noise['variance']
         of_noise[1] = noise['roughness']
         of_noise[2] = correlation
         of_noise[3] = largest
+        of_noise[4] = noise['true_correlation']
         _predict_variances(noise, correlation, largest, workspace, modes)
     sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
@@ -280,7 +295,7 @@ def _predict_variances(
     variance, error = workspace['variance'], workspace['error']
     half_precision, density = workspace['half_precision'], workspace['density']
     gain, ratio, noise_ratio = modes['gain_rate'], modes['innovation_ratio'], modes['noise_ratio']
-    alike = noise['correlation']
+    alike = noise['true_correlation']
     for j in range(MODES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left

@@ -58,7 +58,8 @@ RISE = 4.0
 # No MEMS gyroscope is quieter at 100 Hz, in rad/s; so is R until something is known. With less, as
 # of a simulator, the fastest mode would not follow a body that is shaken.
 LEAST_NOISE = 1e-4
-STRONGEST_CORRELATION = 0.9
+# Of noise that is smoother than this no innovation is predicted; a block tells no larger one.
+STRONGEST_CORRELATION, LARGEST_CORRELATION = 0.9, 0.995
 LEFT_OUT = 0.5  # of what the sample before predicts of the variance, where R is learned
 LEAST_ROUGHNESS = 0.003
 # Correlation and roughness never forget slower than this.
@@ -80,7 +81,10 @@ class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
     variance: float  # R, (rad/s)^2
-    correlation: float  # of consecutive samples: phi of equation (2)
+    # of consecutive samples: phi of equation (2), as far as innovations are predicted by it; and
+    # as it is, for the error of averages
+    correlation: float
+    true_correlation: float
     roughness: float  # share of R that no smooth prediction can follow
     blocks: int  # k of equation (13); 0 where the noise is not known yet
     seen: bool  # a block at rest has been learned from
@@ -91,7 +95,7 @@ class Noise(TypedDict):
     # the last block, which counts where the next one is at rest, too
     waiting: bool
     waiting_variance: float
-    waiting_correlation: float
+    waiting_correlation: float  # as it is
     waiting_roughness: float
     resolution: float  # rad/s, the smallest change seen; 0 before the first
     # the block under way
@@ -130,7 +134,7 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     # Of third differences, x(k) - 3 x(k-1) + 3 x(k-2) - x(k-3), of AR(1) noise.
     roughness = 1.0 - correlation * (1.5 - correlation * (0.6 - 0.1 * correlation))
     noise['roughness'] = max(roughness, LEAST_ROUGHNESS)
-    noise['correlation'] = correlation
+    noise['correlation'] = noise['true_correlation'] = correlation
     noise['resolution'] = 0.0
     restart_block(noise)
 
@@ -302,8 +306,9 @@ def _let_wait(noise: Noise, rough: float) -> None:
     )
     variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
     first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
-    correlation = min(max(1.0 - first / variance, 0.0), STRONGEST_CORRELATION)
-    noise['waiting_correlation'] = correlation
+    true_correlation = min(max(1.0 - first / variance, 0.0), LARGEST_CORRELATION)
+    correlation = min(true_correlation, STRONGEST_CORRELATION)
+    noise['waiting_correlation'] = true_correlation
     noise['waiting_variance'] = variance * (1.0 - LEFT_OUT * correlation * correlation)
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
 
@@ -321,5 +326,7 @@ def _learn_from_rest(noise: Noise, block_forgetting: float) -> None:
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)
-    noise['correlation'] += shape_weight * (noise['waiting_correlation'] - noise['correlation'])
+    waiting, before = noise['waiting_correlation'], noise['correlation']
+    noise['correlation'] += shape_weight * (min(waiting, STRONGEST_CORRELATION) - before)
+    noise['true_correlation'] += shape_weight * (waiting - noise['true_correlation'])
     noise['roughness'] += shape_weight * (noise['waiting_roughness'] - noise['roughness'])
