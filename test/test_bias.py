@@ -14,6 +14,8 @@
 
 """The bias, learned at rest: real motion and rests, slow turns, warm-up, what can't be known."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -430,6 +432,27 @@ def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
         assert variance_of_standing_mean(rest, axis) == pytest.approx(expected, rel=1e-2)
 
 
+def test_the_first_rest_is_compared_with_a_mean_of_as_many_blocks(random):
+    """That since the start has more of them: by its own scatter every rest was less steady."""
+    stamps, taken = START + 100_000_000 * np.arange(400), 0
+    acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((400, 3))
+    filters = [Filter() for _ in range(8)]
+    rates = slow_noise(random, 3200).reshape(8, 400, 3) + np.array([0.03, -0.02, 0.01])
+    for number, first in product(range(8), range(0, 400, 8)):
+        filter_ = filters[number]
+        state = filter_.state['bias']
+        before = state['provisional'].copy()
+        part = slice(first, first + 8)
+        filter_.run(stamps[part], rates[number, part], acceleration[part])
+        if first >= 8 * 24 and state['segments'] == 0 and (state['provisional'] != before).any():
+            taken += 1
+            blocks = state['rest']['standing_blocks']
+            for axis in range(3):
+                mean = variance_of_standing_mean(state['rest'], axis)
+                assert state['provisional'][axis] == pytest.approx(mean * blocks / 16)
+    assert taken > 0
+
+
 def test_who_has_moved_gets_no_provisional_bias_later(random):
     """The noise is too slow for a rest, and the turn that follows is steady."""
     stamps, count = START + 100_000_000 * np.arange(600), 0
@@ -445,6 +468,22 @@ def test_who_has_moved_gets_no_provisional_bias_later(random):
             count += 1
             assert np.abs(results['bias'][-1]).max() < 0.5 * DEGREE
     assert count > 0
+
+
+def rattling(random, count, deviation):
+    """Return rates and accelerations (count, 3) at 100 Hz of a body that shakes at 0.5 to 4 Hz."""
+    section = signal.butter(3, (0.5, 4.0), 'bandpass', fs=100.0, output='sos')
+    shake = signal.sosfilt(section, random.standard_normal((count, 3)), axis=0)
+    rates = deviation * shake / shake.std() + 0.002 * random.standard_normal((count, 3))
+    return rates, 0.02 * random.standard_normal((count, 3)) + [0.0, 0.0, 9.81]
+
+
+def test_a_turn_beside_a_rattle_is_no_provisional_bias(random):
+    """To and fro about the vertical, on a rough floor: the other axes scatter as much."""
+    rates, acceleration = rattling(random, 6000, 0.02)
+    rates[:, 2] += 4.0 * DEGREE * np.where(np.arange(6000) % 2000 < 1000, 1.0, -1.0)
+    results = run(Filter(), rates, acceleration)
+    assert np.abs(results['bias']).max() < 0.5 * DEGREE
 
 
 def test_a_hand_gives_no_provisional_bias(random):

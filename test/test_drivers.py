@@ -239,6 +239,34 @@ def test_the_end_of_the_range_is_met_where_a_driver_has_calibrated_the_rates(sha
     assert filter_.state['checks']['mixed'][[0, 2]].all()
 
 
+@pytest.mark.parametrize('every', [2, 4, 8])
+def test_what_a_driver_interpolates_meets_no_end_of_a_range(every, random):
+    """Between two measurements there is no noise, and the change changes at each of them."""
+    hand = motion_below(12.0, random, 8000, 200.0)
+    truth = 5.0 * hand / hand.std() * np.clip(np.arange(8000) / 200.0 - 6.0, 0.0, 1.0)[:, None]
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    at = np.arange(8000)
+    given = np.column_stack([np.interp(at, at[::every], column[::every]) for column in z.T])
+    filter_ = Filter()
+    filter_.run(stamps(8000, 200.0), given, upright(random, 8000))
+    assert not filter_.state['checks']['mixed'].any()
+    assert filter_.state['checks']['clipped'].sum() == 0
+
+
+def test_an_end_of_the_range_that_is_exceeded_was_none(random):
+    """It was met where a rate stopped by chance."""
+    truth = np.concatenate([np.zeros((800, 3)), fast_turn(3000, 100.0)])
+    z = truth + 0.005 * random.standard_normal(truth.shape)
+    clipped = np.clip(z, -3.0, 3.0)
+    given = np.where((np.arange(len(z)) < 2000)[:, None], clipped, z)
+    given = given @ (np.eye(3) + 0.01 * random.choice([-1.0, 1.0], (3, 3)))
+    filter_, times = Filter(), stamps(len(z), 100.0)
+    filter_.run(times[:2000], given[:2000], upright(random, 2000))
+    assert filter_.state['checks']['mixed'].any()
+    filter_.run(times[2000:], given[2000:], upright(random, len(z) - 2000))
+    assert not filter_.state['checks']['mixed'].any()
+
+
 def test_a_table_that_stops_to_accelerate_is_not_at_the_end_of_its_range(random):
     """Its rate stays as suddenly, but noise stays, too."""
     time = np.arange(6000) / 100.0

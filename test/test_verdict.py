@@ -263,7 +263,7 @@ def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
     verdict = judged(source, tmp_path)
     text = as_text(verdict)
     assert (verdict.bias.source, verdict.gains) == ('motion', ['bias'])
-    assert headline(verdict) == 'It helped: the bias across the vertical is subtracted.'
+    assert headline(verdict) == 'It helped: what gravity shows of the bias is subtracted.'
     assert 'as gravity has shown in motion' in text
     assert 'of which motion shows little' in ' '.join(text.split())
     np.testing.assert_allclose(verdict.bias.rates, bias, atol=6e-3)

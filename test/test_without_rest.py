@@ -16,6 +16,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmark import without_rest as benchmark
 from benchmark.without_rest import (
@@ -29,7 +30,7 @@ from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.simulation.vehicles import VEHICLES
 from support.messages import START
 from support.paths import FLIGHTS, REPOSITORY
-from support.sensor import DEGREE, at_rest
+from support.sensor import DEGREE, at_rest, motion_below
 
 LATER = slice(round(120 * SAMPLE_RATE), None)
 # In flight and in the hand, s after the first sample.
@@ -136,6 +137,81 @@ def test_a_circle_at_walking_speed_is_no_bias():
     results = filter_.run(START + 10_000_000 * np.arange(count), rates, accelerations)
     assert filter_.state['bias']['segments'] == 0
     assert np.abs(results['bias']).max() < 3e-3
+
+
+def panned(random, pushed):
+    """Return stamps, rates and accelerations of a level head that pans and is `pushed` (n, 3)."""
+    count = len(pushed)
+    rates = 0.02 * random.standard_normal((count, 3))
+    rates[:, 2] += 0.5 * np.sin(0.8 * np.arange(count) / 100.0)
+    return START + 10_000_000 * np.arange(count), rates, pushed + np.array([0.0, 0.0, 9.81])
+
+
+def test_a_machine_that_shakes_the_accelerometer_tells_no_wrong_direction(random):
+    """The first values decide how the body lies: a tilt of 50 degrees would be made up for."""
+    for _ in range(6):
+        results = Filter().run(*panned(random, 4.0 * random.standard_normal((6000, 3))))
+        assert np.abs(results['bias']).max() < 0.3 * DEGREE
+
+
+def test_one_blow_as_it_starts_tells_no_wrong_direction(random):
+    pushed = 0.05 * random.standard_normal((6000, 3))
+    pushed[:3, 1] = 6.0
+    results = Filter().run(*panned(random, pushed))
+    assert np.abs(results['bias']).max() < 0.3 * DEGREE
+
+
+@pytest.mark.parametrize('speed', [1.0, 2.0, 3.0])
+def test_who_always_turns_one_way_has_no_bias_for_it(speed, random):
+    """A patrol round a square with turns on the spot: what speeds it up turns with it, too."""
+    time = np.arange(18_000) / 100.0
+    phase = time % 6.0
+    turns = phase < 0.5 * np.pi
+    smooth = np.hanning(33)[1:-1] / np.hanning(33).sum()
+    forward = np.convolve(np.pad(np.where(turns, 0.0, speed), 15, 'edge'), smooth, 'valid')
+    roll, pitch = 0.3 * DEGREE * motion_below(3.0, random, len(time), 100.0).T[:2] / 0.25
+    rates = 2e-3 * random.standard_normal((len(time), 3))
+    rates += np.column_stack([np.gradient(roll), np.gradient(pitch), 0.01 * turns]) * 100.0
+    accelerations = 0.05 * random.standard_normal((len(time), 3))
+    accelerations[:, 0] += 100.0 * np.gradient(forward) - 9.81 * pitch
+    accelerations[:, 1] += forward * turns + 9.81 * roll
+    accelerations[:, 2] += 9.81
+    filter_ = Filter()
+    results = filter_.run(START + 10_000_000 * np.arange(len(time)), rates, accelerations)
+    assert filter_.state['bias']['segments'] == 0
+    assert np.abs(results['bias']).max() < 0.5 * DEGREE
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_beside_a_dead_axis_nothing_is_shown(seed):
+    """Nobody knows how the body turns about it, and its zeros are no bias."""
+    of = started_in_motion('hand', seed, 2.0 * DEGREE)
+    for axis in range(3):
+        rates = of.rates.copy()
+        rates[:, axis] = 0.0
+        filter_ = Filter()
+        filter_.run(of.stamps, rates, of.accelerations)
+        assert filter_.state['bias']['corrected'] == 0
+
+
+def test_accelerations_without_gravity_show_nothing():
+    """As of a driver that takes it off: twice what is faster than half a second."""
+    for seed in range(1, 5):
+        of = started_in_motion('hand', seed, 2.0 * DEGREE)
+        slow = signal.lfilter([0.01], [1.0, -0.99], of.accelerations, axis=0)
+        filter_ = Filter()
+        filter_.run(of.stamps, of.rates, 2.0 * (of.accelerations - slow))
+        assert filter_.state['bias']['corrected'] == 0
+
+
+def test_what_motion_has_shown_is_kept_where_a_parameter_changes(walk):
+    filter_ = Filter()
+    before = run(walk, filter_, 80.0)['bias'][-1]
+    assert filter_.state['bias']['corrected'] > 0
+    filter_.configure(Parameters(bias_turn_on_deviation=0.05))
+    part = slice(round(80 * SAMPLE_RATE), round(81 * SAMPLE_RATE))
+    results = filter_.run(walk.stamps[part], walk.rates[part], walk.accelerations[part])
+    np.testing.assert_allclose(results['bias'][0], before, atol=5e-3)
 
 
 def test_directions_across_the_vertical_are_of_length_one_and_square(random):

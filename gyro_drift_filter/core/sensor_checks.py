@@ -84,6 +84,7 @@ class SensorChecks(TypedDict):
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # last change of the rate, rad/s
     step: PerAxis  # change of the rate with the last sample, rad/s
+    step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
     mixed: CountPerAxis  # 1 where the end of the range was met so, else 0
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
@@ -151,6 +152,13 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     checks['stuck'] = stuck
     if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
         _count_unlikely(checks, sample)
+
+
+@kernel
+def has_fault(checks: SensorChecks) -> bool:
+    """Return whether an axis does not measure beside others that do."""
+    fault = checks['fault']
+    return bool(fault[0] + fault[1] + fault[2] > 0)
 
 
 @kernel
@@ -252,11 +260,16 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
-    before, checks['step'][axis] = checks['step'][axis], rate - checks['measured'][axis]
+    earlier, before = checks['step_before'][axis], checks['step'][axis]
+    checks['step_before'][axis] = before
+    checks['step'][axis] = rate - checks['measured'][axis]
     if size <= CLIPPED_RATE:
         checks['flat'][axis] = 0
         return False
-    if _is_flat(checks, axis, size, before, deviation_of_values(rest, axis)):
+    if checks['mixed'][axis] and size > (1.0 + MIXED) * largest[axis]:
+        checks['mixed'][axis] = 0  # it was none: there are larger ones
+        largest[axis] = 0.0
+    if _is_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
         largest[axis] = max(largest[axis], size)
         checks['mixed'][axis] = 1
         checks['clipped'][axis] += 1
@@ -273,19 +286,23 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
 
 
 @kernel
-def _is_flat(checks: SensorChecks, axis: int, size: float, before: float, noise: float) -> bool:
+def _is_flat(
+    checks: SensorChecks, axis: int, size: float, change_before: float, noise: float
+) -> bool:
     """Return whether a rate of a size has stopped in full motion, and its noise with it.
 
-    Its last change but one is `before`, and the deviation of its noise `noise`, 0 while that is not
-    known; all in rad/s.
+    Its last step but one has changed by `change_before`, and its noise has the deviation `noise`, 0
+    while that is not known; all in rad/s.
     """
-    step, flat = checks['step'][axis], checks['flat']
+    step, before, flat = checks['step'][axis], checks['step_before'][axis], checks['flat']
     stays = 0.0 < abs(step) * FLAT_SAMPLES < MIXED * size  # what stays the same is told by that
     if stays and flat[axis] > 0 and abs(step - before) < FLAT * noise:
         flat[axis] += 1
     else:
         stops = noise > 0.0 and abs(before) > CORNER * max(noise, abs(step))
-        flat[axis] = 1 if stays and stops else 0
+        # A driver that interpolates gives no noise at any time.
+        had_noise = abs(change_before) > FLAT * noise
+        flat[axis] = 1 if stays and stops and had_noise else 0
     return bool(flat[axis] > FLAT_SAMPLES)
 
 
@@ -296,7 +313,7 @@ def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
     if checks['mixed'][axis]:
         return bool(size >= (1.0 - MIXED) * largest[axis])
     resolution = checks['resolution'][axis]
-    if clipped[axis] > 0:
+    if clipped[axis] > 0 and largest[axis] > 0.0:
         return bool(size >= largest[axis] - resolution)
     for other in range(3):
         near = MIXED * largest[other] if checks['mixed'][other] else resolution

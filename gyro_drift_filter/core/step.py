@@ -50,7 +50,7 @@ from gyro_drift_filter.core.sample import (
     SampleStatus,
     is_usable,
 )
-from gyro_drift_filter.core.sensor_checks import note_values, says_nothing
+from gyro_drift_filter.core.sensor_checks import has_fault, note_values, says_nothing
 from gyro_drift_filter.core.settings import Settings
 
 # Of a sample in the sum: a start of motion may be any number.
@@ -313,6 +313,8 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     seconds = state['clock']['period'] * (1 + max(missing, 0))
     _follow(bias['motion'], sample, clipped, seconds, filter_)
     if not is_learned(bias):
+        if has_fault(state['checks']):
+            lose_direction(bias['unknown'])  # nobody knows how the body turns about that axis
         _follow(bias['unknown'], sample, clipped, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 

@@ -60,7 +60,7 @@ class BiasSource(StrEnum):
     """Where the bias comes from that the recording ends with."""
 
     REST = 'rest'
-    PROVISIONAL = 'provisional'  # from the first seconds, which were not quite a rest
+    PROVISIONAL = 'provisional'  # from what was not quite a rest, since the start
     MOTION = 'motion'  # from gravity, while the sensor moved: hardly about the vertical
     GIVEN = 'given'  # from the recording before
     UNKNOWN = 'unknown'

@@ -64,8 +64,8 @@ def headline(verdict: Verdict) -> str:
             )
         else:
             of_motion = verdict.bias.source == BiasSource.MOTION
-            part = ' across the vertical' if of_motion else ''
-            parts.append(f'the bias{part} is subtracted')
+            part = 'what gravity shows of ' if of_motion else ''
+            parts.append(f'{part}the bias is subtracted')
     if 'outliers' in verdict.gains:
         count = verdict.held_back.samples
         what = 'an outlier' if count == 1 else 'outliers'
@@ -185,8 +185,8 @@ def _about_bias(bias: Bias, needed: int) -> str:
         return f'not known: it needs {needed} s of rest; it may be anything up to {sure} deg/s'
     if bias.source == BiasSource.PROVISIONAL:
         return (
-            f'provisional: {rates} deg/s, from the first seconds, which were steady but not quite '
-            f'a rest; known to {sure} deg/s{left_in}'
+            f'provisional: {rates} deg/s, from a time since the start that was steady but not '
+            f'quite a rest; known to {sure} deg/s{left_in}'
         )
     if bias.source == BiasSource.MOTION:
         each = by_axis(f'{np.degrees(deviation):.2g}' for deviation in bias.deviations)

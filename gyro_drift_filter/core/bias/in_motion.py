@@ -91,6 +91,8 @@ LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
 # that walks and turns has an acceleration that stays the same in its axes, as the bias of an
 # accelerometer would be: standard deviation in m/s^2, of 0.7 m/s at 0.7 rad/s.
 WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
+# The first direction is that of the mean acceleration over so many s.
+WIDE_DIRECTION_SECONDS = 1.0
 # At rest the direction follows the accelerometer with this time constant, in s.
 REST_SECONDS = 1.0
 
@@ -133,6 +135,7 @@ def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
     state['missed_turn'] = 0.0
+    _forget_accelerations(state)
     _start_value(state)
 
 
@@ -193,9 +196,7 @@ def _take_value(
 ) -> None:
     values, seconds, speed = state['values'], state['seconds'], state['speed']
     if not state['directed']:
-        _direct(state, speed[0], speed[1], speed[2], seconds)
-        if state['directed']:
-            _start_motion(state, START_DIRECTION)
+        _look_for_direction(state, workspace)
         return
     _turn_by_value(state, workspace)
     if rest['at_rest']:
@@ -211,6 +212,8 @@ def _take_value(
         return
     left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
+        state['turned'] += state['angle'][axis] * values[DIRECTION + axis]
+        state['carried'] += speed[axis] * values[DIRECTION + axis]
         i = VELOCITY + axis
         gained = speed[axis] - values[ACCELERATION + axis] * seconds
         gained -= GRAVITY * values[DIRECTION + axis] * seconds
@@ -225,6 +228,36 @@ def _take_value(
         _expect_no_velocity(state, workspace)
         _expect_length(state, workspace)
         _start_block(state)
+
+
+@kernel
+def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Take the acceleration of the value for gravity, or with a wide prior a mean of many.
+
+    There a direction that is wrong by a blow would be explained by a bias.
+    """
+    values, speed, seconds = state['values'], state['speed'], state['seconds']
+    if not state['wide']:
+        _direct(state, speed[0], speed[1], speed[2], seconds)
+    else:
+        _turn_by_value(state, workspace)
+        for axis in range(3):
+            values[VELOCITY + axis] += speed[axis]
+        state['block_seconds'] += seconds
+        if state['block_seconds'] < WIDE_DIRECTION_SECONDS:
+            return
+        x, y, z = values[VELOCITY], values[VELOCITY + 1], values[VELOCITY + 2]
+        _direct(state, x, y, z, state['block_seconds'])
+        _forget_accelerations(state)
+    if state['directed']:
+        _start_motion(state, START_DIRECTION)
+
+
+@kernel
+def _forget_accelerations(state: MotionBias) -> None:
+    state['block_seconds'] = 0.0
+    for axis in range(3):
+        state['values'][VELOCITY + axis] = 0.0
 
 
 @kernel

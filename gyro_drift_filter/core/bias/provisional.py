@@ -23,11 +23,16 @@ from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance
 from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
 from gyro_drift_filter.core.bias.slow_turn import GATE
-from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.rest.segment import segment_mean, segment_scatter, value_variance
+from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
+from gyro_drift_filter.core.rest.segment import (
+    LEAST_VARIANCE,
+    segment_mean,
+    segment_scatter,
+    value_variance,
+)
 from gyro_drift_filter.core.rest.standing import (
     LARGEST_TILT,
-    are_alike,
+    is_noise,
     standing_mean,
     standing_scatter,
     variance_of_standing_mean,
@@ -61,10 +66,9 @@ def take_standing(state: Bias, block_seconds: float, largest: float) -> None:
     seconds = rest['standing_blocks'] * block_seconds
     if state['segments'] > 0 or state['known'] or seconds < STANDING_SECONDS:
         return
-    has_moved = state['rest_seconds'] > seconds + UNSEEN_BLOCKS * block_seconds
-    if has_moved or rest['standing_blocks'] < PROVISIONAL_BLOCKS or not are_alike(rest):
-        return
-    _take_mean(state, True, LARGEST_TILT / seconds, largest)
+    since_start = state['rest_seconds'] <= seconds + UNSEEN_BLOCKS * block_seconds
+    if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
+        _take_mean(state, True, LARGEST_TILT / seconds, largest)
 
 
 @kernel
@@ -94,7 +98,9 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
         return
     for axis in range(3):
         state['bias'][axis] = _mean(rest, axis, standing)
-        state['provisional'][axis] = _scatter(rest, axis, standing)
+        # As a segment would have it: what comes later is compared by segments.
+        share = rest['standing_blocks'] / SEGMENT_BLOCKS if standing else 1.0
+        state['provisional'][axis] = _scatter(rest, axis, standing) * share
         state['variance'][axis] = _variance(rest, axis, standing, unseen)
         noise = standing_scatter(rest, axis) if standing else value_variance(rest, axis)
         limit_shift(state['motion'], axis, noise)
@@ -119,7 +125,8 @@ def _mean(rest: Rest, axis: int, standing: bool) -> float:
 @kernel
 def _scatter(rest: Rest, axis: int, standing: bool) -> float:
     """Return the variance of the mean in (rad/s)^2, by the scatter of its blocks."""
-    return variance_of_standing_mean(rest, axis) if standing else segment_scatter(rest, axis)
+    scatter = variance_of_standing_mean(rest, axis) if standing else segment_scatter(rest, axis)
+    return max(scatter, LEAST_VARIANCE)
 
 
 @kernel

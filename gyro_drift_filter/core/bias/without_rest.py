@@ -27,7 +27,7 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 import math
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.bias.in_motion import BLOCK_SECONDS
+from gyro_drift_filter.core.bias.in_motion import BLOCK_SECONDS, LARGEST_GRAVITY, LEAST_GRAVITY
 from gyro_drift_filter.core.bias.records import Bias
 from gyro_drift_filter.core.bias.shared import (
     BIAS,
@@ -36,6 +36,7 @@ from gyro_drift_filter.core.bias.shared import (
     MotionBias,
     start_motion_bias,
 )
+from gyro_drift_filter.gravity import GRAVITY
 
 # Motion in s until anything counts, and the gates in standard deviations: a bias that is known to
 # be another one than assumed is followed closely.
@@ -44,6 +45,9 @@ LEAST_MOTION, FIRST_GATE, NEXT_GATE = 25.0, 3.0, 1.0
 # and in proportion to the velocity down to the least one, in m/s. In simulation three of these are
 # the largest errors of the first minutes, from hands and robots on legs to drones at 5 m/s.
 ERROR_SHARE, LEAST_SPEED = 2.3, 0.5 * SPEED
+# Who speeds up and brakes, and turns one way on the mean, has accelerations that look like a tilt
+# which lasts, by so much in rad: the rate that keeps it there is taken for a bias.
+LASTING_TILT = 0.05
 # The vertical is the mean direction of gravity over so many s of motion. It is that much shorter
 # than one where the body leans to all sides: by 26 degrees on the mean, about which gravity shows
 # the bias about the vertical, too.
@@ -70,8 +74,9 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     length = math.sqrt(x * x + y * y + z * z)
     if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
-    if state['beyond_max'] > 0:
-        return  # at rest, too, it is more than a bias can be
+    # At rest, too, it is more than a bias can be; or the driver takes gravity off.
+    if state['beyond_max'] > 0 or not _is_carried(unknown):
+        return
     up = (x / length, y / length, z / length)
     first, second = _across(up)
     # The axes of the ellipse that the covariance is across the vertical.
@@ -89,6 +94,13 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     if changed:
         state['corrected'] += 1
         _start_anew(state)
+
+
+@kernel
+def _is_carried(state: MotionBias) -> bool:
+    """Return whether it is gravity, on the mean, what the acceleration has along the vertical."""
+    carried = state['carried'] / (GRAVITY * state['moving_seconds'])
+    return bool(LEAST_GRAVITY < carried < LARGEST_GRAVITY)
 
 
 @kernel
@@ -132,7 +144,8 @@ def _covariance(state: MotionBias, first: Vector, second: Vector) -> float:
 def _error_variance(state: MotionBias, variance: float) -> float:
     """Return the variance of an error in (rad/s)^2, by what the filter takes it for."""
     share = ERROR_SHARE * max(state['speed_deviation'], LEAST_SPEED) / SPEED
-    return share * share * variance
+    turning = LASTING_TILT * state['turned'] / state['moving_seconds']
+    return share * share * variance + turning * turning
 
 
 @kernel

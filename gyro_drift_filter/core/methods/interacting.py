@@ -99,9 +99,9 @@ def combine_modes(
 ) -> tuple[float, float, float]:
     """Return what the modes say together: rate, its variance, and Q.
 
-    Noise that is correlated comes through a mode that averages over a time like its own enlarged,
-    so where the error of a mode is more than the noise it is the last sample that counts, if that
-    was `accepted`.
+    In motion noise that is correlated comes through a mode that averages over a time like its own
+    enlarged. So where the error of a mode is more than the noise it is the last sample that counts,
+    if that was `accepted`.
     """
     probability, rate = state['probability'], state['rate']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
@@ -114,7 +114,7 @@ def combine_modes(
     unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
     origin, sample = rate[MODES - 1], state['doubt']['last_sample']
     whole = largest_variance(state['noise'])
-    largest = whole if accepted else math.inf
+    largest = whole if accepted and not at_rest else math.inf
     for j in range(MODES):
         enlarged = error[j] > largest
         distance = (sample if enlarged else rate[j]) - origin

@@ -103,10 +103,10 @@ class Rest(TypedDict):
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
     restless: int  # blocks since the last rest
-    steady_seconds: float  # since then, for which gravity has stood
+    steady_seconds: float  # for which gravity has stood without a rest
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[Standing], STANDING, (3,)]
-    standing_blocks: int
+    standing_blocks: int  # for which it has stood, rest or not
     at_rest: bool
     samples: int  # since the start of the value, missing ones among them
     accepted: int  # of them

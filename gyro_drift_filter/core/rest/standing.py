@@ -29,8 +29,9 @@ from gyro_drift_filter.gravity import GRAVITY
 # that does not show.
 STEADY_GRAVITY, LEAST_GRAVITY = 0.2, 5.0
 LARGEST_TILT = STEADY_GRAVITY / GRAVITY
-# The noise of one axis has up to so many times the variance of the others.
-UNLIKE = 9.0
+# The noise of one axis has up to so many times the variance of the others. What scatters more than
+# this is shaken, which hides a turn: the means of blocks of slow noise scatter by half of it.
+UNLIKE, LARGEST_SCATTER = 9.0, 0.01  # rad/s
 
 
 @kernel
@@ -93,11 +94,12 @@ def variance_of_standing_mean(rest: Rest, axis: int) -> float:
 
 
 @kernel
-def are_alike(rest: Rest) -> bool:
-    """Return whether the three axes scatter alike, as noise does, and no turn about one of them."""
+def is_noise(rest: Rest) -> bool:
+    """Return whether the three axes scatter alike, and as little as noise does."""
     total = largest = 0.0
     for axis in range(3):
         scatter = standing_scatter(rest, axis) + LEAST_VARIANCE
         total += scatter
         largest = max(largest, scatter)
-    return bool(largest <= UNLIKE * 0.5 * (total - largest))
+    alike = largest <= UNLIKE * 0.5 * (total - largest)
+    return bool(alike and largest <= LARGEST_SCATTER * LARGEST_SCATTER)
