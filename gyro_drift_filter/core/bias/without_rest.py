@@ -21,7 +21,8 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 
 - across the vertical of the body, as it was on the mean of the motion, unless it leans far;
 - after so much motion that accelerations have come and gone;
-- where it lies far from what is subtracted, the farther the faster the body is.
+- where it lies far from what is subtracted: the farther, the faster the body is, and the more it
+  turns one way.
 """
 
 import math
