@@ -152,16 +152,28 @@ def misses(name: str, of_vehicle: Sequence[Judged]) -> list[str]:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; return 1 where a bar is checked and does not hold."""
+def parsed(description: str | None, arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options of a benchmark on vehicles, and on recordings if it is given any."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--seeds', type=int, default=6, help='default %(default)s')
     parser.add_argument('--only', nargs='+', choices=VEHICLES, default=list(VEHICLES))
     parser.add_argument('--check', action='store_true', help='exit 1 where a bar does not hold')
     parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def tell_misses(missed: Sequence[str], check: bool) -> int:
+    """Print the bars that do not hold; return 1 where there are any and they are checked."""
+    for line in missed:
+        print(f'FALLS SHORT  {line}')
+    return int(check and bool(missed))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; return 1 where a bar is checked and does not hold."""
+    options = parsed(__doc__, arguments)
     rows = [['', *(f'{name}: off  on  best' for name in FIGURES), 'inside, %']]
     missed, inside = [], []
     for name in options.only:
@@ -186,9 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(table(rows))
     if not INSIDE[0] <= np.mean(inside) <= INSIDE[1]:
         missed.append(f'{100.0 * np.mean(inside):.1f} % of the time within two deviations')
-    for line in missed:
-        print(f'FALLS SHORT  {line}')
-    return int(options.check and bool(missed))
+    return tell_misses(missed, options.check)
 
 
 if __name__ == '__main__':

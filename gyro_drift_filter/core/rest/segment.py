@@ -166,9 +166,13 @@ def value_variance(rest: Rest, index: int) -> float:
 @kernel
 def scatter_of_means(rest: Rest, signal: Signal) -> float:
     """Return the variance of the means in the segment."""
-    blocks = 1.0 * rest['blocks']
-    squares = signal['mean_squares'] - signal['means'] * signal['means'] / blocks
-    return float(max(squares, 0.0) / (blocks - 1.0))
+    return scatter_of(signal['means'], signal['mean_squares'], 1.0 * rest['blocks'])
+
+
+@kernel
+def scatter_of(total: float, squares: float, count: float) -> float:
+    """Return the variance of so many values, by their sum and the sum of their squares."""
+    return float(max(squares - total * total / count, 0.0) / (count - 1.0))
 
 
 @kernel

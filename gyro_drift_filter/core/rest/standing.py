@@ -22,7 +22,7 @@ than the others do.
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.noise import correlated_ratio
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments, scatter_of
 from gyro_drift_filter.gravity import GRAVITY
 
 # Gravity stands where the means of blocks stay within this, and is that, in m/s^2; the tilt in rad
@@ -81,8 +81,7 @@ def standing_mean(rest: Rest, axis: int) -> float:
 def standing_scatter(rest: Rest, axis: int) -> float:
     """Return the variance of the means of blocks of an axis while gravity stands."""
     standing, blocks = rest['standing'][axis], 1.0 * rest['standing_blocks']
-    squares = standing['mean_squares'] - standing['means'] * standing['means'] / blocks
-    return float(max(squares, 0.0) / (blocks - 1.0))
+    return scatter_of(standing['means'], standing['mean_squares'], blocks)
 
 
 @kernel
