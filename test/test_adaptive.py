@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
+from scipy.linalg import solve_discrete_lyapunov
 
 from benchmark.quality import make_world
 from benchmark.scenarios import stamps
@@ -394,6 +395,45 @@ def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
     assert (np.diff(modes['gain_rate'][:MODES]) > 0).all()
     stay = modes['transitions']['stay'][:, :MODES]
     assert ((stay > 0) & (stay < 1)).all()
+
+
+def error_of_a_mode(modes, j, first, second):
+    """Return the variance of a mode's rate: of mode and AR(2) noise as one linear system."""
+    b = (second - first**2) / (1.0 - first**2)
+    a = first * (1.0 - b)
+    r = modes['lag_ratio'][j]
+    gains = np.array([modes[f'gain_{name}'][j] for name in ('rate', 'acceleration', 'jerk')])
+    together = np.zeros((5, 5))
+    together[:3, :3] = np.array([[1.0, 1.0, 0.0], [0.0, r, 1.0], [0.0, 0.0, r]])
+    together[:3, :3] -= np.outer(gains, together[0, :3])
+    together[:3, 3:] = np.outer(gains, (a, b))
+    together[3, 3:], together[4, 3] = (a, b), 1.0
+    drive = np.concatenate([gains, [1.0, 0.0]])
+    innovation = 1.0 - a * first - b * second
+    return solve_discrete_lyapunov(together, innovation * np.outer(drive, drive))[0, 0]
+
+
+@pytest.mark.parametrize('rate', [10.0, 100.0, 1000.0])
+@pytest.mark.parametrize(
+    ('first', 'second'),
+    # White; AR(1); a low-pass of second order; vibrations of 0.18 and 0.37 of the sample rate.
+    [(0.0, 0.0), (0.6, 0.36), (-0.4, 0.16), (0.945, 0.81), (0.41, -0.61), (-0.67, -0.02)],
+)
+def test_the_error_of_a_mode_is_that_of_correlated_noise(rate, first, second):
+    """The larger one of what AR(1) and AR(2) noise leave."""
+    filter_ = Filter(Parameters(sample_rate=rate))
+    filter_.step(10**18, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    filter_.state['methods']['adaptive'][0]['noise']['autocorrelation'][:] = first, second
+    filter_.step(10**18 + round(1e9 / rate), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    modes = filter_.record[0]['coefficients']['methods']['adaptive']['modes']
+    error = filter_.record[0]['workspace']['methods']['adaptive']['axes'][0]['error']
+    ratios = error / error[-1]
+    expected = [
+        max(error_of_a_mode(modes, j, first, second), error_of_a_mode(modes, j, first, first**2))
+        for j in range(MODES)
+    ]
+    np.testing.assert_allclose(ratios, np.array(expected) / expected[-1], rtol=1e-6)
+    np.testing.assert_allclose(expected[-1], 1.0, rtol=1e-3)
 
 
 @pytest.mark.parametrize('rate', RATES)

@@ -74,6 +74,21 @@ def test_noise_behind_a_low_pass_is_not_enlarged_in_motion(rate, hertz, most, ra
     assert np.sqrt(np.mean(error**2)) < most * noise[moves].std()
 
 
+@pytest.mark.parametrize('hertz', [15.0, 18.0, 23.0, 28.0, 37.0, 45.0])
+def test_a_vibration_is_not_enlarged_in_motion(hertz, random):
+    """A mode that would follow motion of a motor's frequency overshoots with it."""
+    rate, n = 100.0, 6000
+    time = np.arange(n) / rate
+    vibration = np.sin(2.0 * np.pi * hertz * time)[:, None] * np.array([0.03, -0.02, 0.015])
+    noise = vibration + 0.004 * random.standard_normal((n, 3))
+    moves = time >= 20.0
+    hand = motion_below(4.0, random, n, rate) * np.clip(time - 20.0, 0.0, 1.0)[:, None]
+    truth = hand / hand.std()
+    results = Filter().run(stamps(n, rate), truth + noise, upright(random, n))
+    error = (results['angular_velocity'] + results['bias'] - truth)[moves]
+    assert np.sqrt(np.mean(error**2)) < 1.01 * np.sqrt(np.mean(noise[moves] ** 2))
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_the_rest_of_a_sensor_with_less_noise_than_a_count_is_found(seed):
     """A driver that rounds to hundredths: now and then a rate is the next one, and then back."""

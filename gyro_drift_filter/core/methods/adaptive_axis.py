@@ -24,7 +24,7 @@ from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
 from gyro_drift_filter.core.methods.noise import Noise
 from gyro_drift_filter.core.methods.outliers import Doubt, Jolt
 
-NoiseKey = Annotated[NDArray[np.float64], np.float64, (5,)]
+NoiseKey = Annotated[NDArray[np.float64], np.float64, (6,)]
 
 
 class Bridge(TypedDict):

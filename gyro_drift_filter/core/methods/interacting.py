@@ -27,7 +27,7 @@ import math
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.methods.adaptive_axis import AdaptiveAxis, AdaptiveAxisWorkspace
 from gyro_drift_filter.core.methods.mode_set import MODES, ModeSet, PerMode, Transitions
-from gyro_drift_filter.core.methods.noise import Noise, largest_variance
+from gyro_drift_filter.core.methods.noise import Noise, autoregression, largest_variance
 
 # A mode probability below this is none.
 SMALLEST = 1e-300
@@ -247,14 +247,17 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
         or of_noise[1] != noise['roughness']
         or of_noise[2] != correlation
         or of_noise[3] != largest
-        or of_noise[4] != noise['true_correlation']
+        or of_noise[4] != noise['autocorrelation'][0]
+        or of_noise[5] != noise['autocorrelation'][1]
     ):
         of_noise[0] = noise['variance']
         of_noise[1] = noise['roughness']
         of_noise[2] = correlation
         of_noise[3] = largest
-        of_noise[4] = noise['true_correlation']
-        _predict_variances(noise, correlation, largest, workspace, modes)
+        of_noise[4] = noise['autocorrelation'][0]
+        of_noise[5] = noise['autocorrelation'][1]
+        _predict_variances(noise, correlation, workspace, modes)
+        _find_errors(noise, largest, workspace['error'], modes)
     sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
     origin = rate[MODES - 1]
@@ -277,25 +280,16 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
 
 @kernel
 def _predict_variances(
-    noise: Noise,
-    correlation: float,
-    largest: float,
-    workspace: AdaptiveAxisWorkspace,
-    modes: ModeSet,
+    noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
 ) -> None:
-    """Write the variance of each mode's innovation, and of the error that noise leaves in its rate.
+    """Write the variance of each mode's innovation.
 
     With gain K the last residual holds 1 - K of the noise, so knowing it takes
     (correlation * (1 - K)) ** 2 off the variance. A fast mode sees less noise, as far as its own
     prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
-
-    Averages of correlated noise err more: by what AR(1) noise leaves in an exponential average of
-    the same gain, relative to white noise, within 5 % for the modes.
     """
-    variance, error = workspace['variance'], workspace['error']
-    half_precision, density = workspace['half_precision'], workspace['density']
-    gain, ratio, noise_ratio = modes['gain_rate'], modes['innovation_ratio'], modes['noise_ratio']
-    alike = noise['true_correlation']
+    variance, half_precision = workspace['variance'], workspace['half_precision']
+    density, gain, ratio = workspace['density'], modes['gain_rate'], modes['innovation_ratio']
     for j in range(MODES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
@@ -303,7 +297,55 @@ def _predict_variances(
         variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
         half_precision[j] = 0.5 / variance[j]
         density[j] = math.sqrt(half_precision[j])
-        error[j] = largest * noise_ratio[j] * (1.0 + alike * left) / (1.0 - alike * left)
+
+
+@kernel
+def _find_errors(noise: Noise, largest: float, error: PerMode, modes: ModeSet) -> None:
+    """Write the variance of the error that noise of variance `largest` leaves in each mode's rate.
+
+    Two lags don't tell a low-pass from a vibration: the first is nearer to AR(1) noise where a mode
+    is slow, the second to AR(2) noise. So what errs more counts.
+    """
+    first = noise['autocorrelation'][0]
+    first_of_two, second_of_two = autoregression(noise)
+    for j in range(MODES):
+        of_two = _error_ratio(first_of_two, second_of_two, first, modes, j)
+        error[j] = largest * max(of_two, _error_ratio(first, 0.0, first, modes, j))
+
+
+@kernel
+def _error_ratio(a: float, b: float, correlation: float, modes: ModeSet, mode: int) -> float:
+    """Return the variance of a mode's rate where noise of variance 1 is all that it is given.
+
+    The noise is r(n) = a r(n-1) + b r(n-2) in its autocorrelation r, which is `correlation` at n =
+    1. What it leaves in the mode's state follows x(k) = F x(k-1) + K v(k). White noise leaves the
+    covariance C, and the rates of two states that are n samples apart have (F**n C)[0, 0].
+    Correlated noise leaves the sum of this over all n, before and after, times r(n):
+
+        sum of r(n) F**n from n = 0 on = (I + (r(1) - a) F) (I - a F - b F F)^-1
+    """
+    r, kept = modes['lag_ratio'][mode], 1.0 - modes['gain_rate'][mode]
+    # The rows of F are (kept, kept, 0), (f10, f11, 1), (f20, f20, r).
+    f10, f20 = -modes['gain_acceleration'][mode], -modes['gain_jerk'][mode]
+    f11 = r + f10
+    m00 = 1.0 - a * kept - b * kept * (kept + f10)
+    m01 = -a * kept - b * kept * (kept + f11)
+    m02 = -b * kept
+    m10 = -a * f10 - b * (f10 * kept + f11 * f10 + f20)
+    m11 = 1.0 - a * f11 - b * (f10 * kept + f11 * f11 + f20)
+    m12 = -a - b * (f11 + r)
+    m20 = -a * f20 - b * f20 * (kept + f10 + r)
+    m21 = -a * f20 - b * f20 * (kept + f11 + r)
+    m22 = 1.0 - a * r - b * (f20 + r * r)
+    # I - a F - b F F, times x, is the first column of C; by Cramer's rule.
+    c0, c1 = modes['noise_rate'][mode], modes['noise_acceleration'][mode]
+    c2 = modes['noise_jerk'][mode]
+    minor0, minor1 = m11 * m22 - m12 * m21, m12 * m20 - m10 * m22
+    determinant = m00 * minor0 + m01 * minor1 + m02 * (m10 * m21 - m11 * m20)
+    x0 = c0 * minor0 + c1 * (m02 * m21 - m01 * m22) + c2 * (m01 * m12 - m02 * m11)
+    x1 = c0 * minor1 + c1 * (m00 * m22 - m02 * m20) + c2 * (m02 * m10 - m00 * m12)
+    one_way = (x0 + (correlation - a) * kept * (x0 + x1)) / determinant
+    return float(2.0 * one_way - c0)
 
 
 @kernel

@@ -81,12 +81,6 @@ DOWN_PER_TIME = (0.6, 2.3, 0.6)
 UP_FURTHER = 0.8
 UP_FURTHER_POWER = 1.2
 
-# Of the variance of a mode's rate, gain * R (12), this share is noise where the gain is small, and
-# all of it where the gain is one. The rest is lag, if the motion is the mode's own. But the modes
-# are told apart by innovations, which show a lag only where it stands out of the noise, so in a
-# real motion what lags unseen has about the variance of the noise that the mode lets through.
-NOISE_SHARE = 0.8
-
 LEAST_PROBABILITY = 1e-30  # of a mode
 
 PerMode = Annotated[NDArray[np.float64], np.float64, (MODES,)]
@@ -132,9 +126,12 @@ class ModeSet(TypedDict):
     innovation_ratio: PerMode
     innovation_logarithm: PerMode
     least_probability: PerMode
-    # Of the rate after a sample, relative to R: the variance that white noise leaves, and that of
-    # the lag behind a motion that nobody sees.
-    noise_ratio: PerMode
+    # What white noise leaves in the state after a sample, relative to R: the variance of its rate,
+    # and its covariances with acceleration and jerk.
+    noise_rate: PerMode
+    noise_acceleration: PerMode
+    noise_jerk: PerMode
+    # The variance of the lag behind a motion that nobody sees, relative to R.
     unseen_lag: PerMode
     up_further: PerMode  # of what reaches the mode below, the share that goes on to this one
     transitions: Annotated[Sequence[Transitions], TRANSITIONS, (len(Transition),)]
@@ -177,12 +174,16 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['least_probability'][j] = LEAST_PROBABILITY
         gain = covariance[0, 0] / innovation
         modes['gain_rate'][j] = gain
-        modes['noise_ratio'][j] = gain * (NOISE_SHARE + (1.0 - NOISE_SHARE) * gain)
+        # Of the variance of a mode's rate, gain * R (12), what is no noise is lag, if the motion is
+        # the mode's own. But the modes are told apart by innovations, which show a lag only where
+        # it stands out of the noise, so in a real motion what lags unseen has about the variance
+        # of the noise that the mode lets through.
         modes['unseen_lag'][j] = gain * (1.0 - gain)
         modes['gain_acceleration'][j] = covariance[0, 1] / innovation
         modes['gain_jerk'][j] = covariance[0, 2] / innovation
         scratch['acceleration_error'][j] = _error(covariance, 1, innovation)
         scratch['jerk_error'][j] = _error(covariance, 2, innovation)
+        _settle_noise(modes, j, scratch)  # the covariance above is overwritten
     _derive_kept_motion(modes, scratch)
     ratio, up_further = modes['innovation_ratio'], modes['up_further']
     up_further[0] = UP_FURTHER
@@ -298,6 +299,46 @@ def _settle_covariance(lag_ratio: float, process_ratio: float, scratch: Derivati
                 forward[i, k] = product[i, k]
         if largest_change <= 1e-13 * largest:
             break
+
+
+@kernel
+def _settle_noise(modes: ModeSet, mode: int, scratch: Derivation) -> None:
+    """Write what white noise of variance 1 leaves in the state of a mode after a sample.
+
+    Its covariance C = F C F' + K K' with F = (I - K H) A, equations (7), (10) and (11), is a sum
+    of powers of F that is doubled in each turn.
+    """
+    transposed, covariance = scratch['forward'], scratch['covariance']  # F', C
+    carried, change = scratch['carried'], scratch['change']
+    gain_rate, lag_ratio = modes['gain_rate'][mode], modes['lag_ratio'][mode]
+    gain_acceleration, gain_jerk = modes['gain_acceleration'][mode], modes['gain_jerk'][mode]
+    gains = gain_rate, gain_acceleration, gain_jerk
+    for i in range(3):
+        for k in range(3):
+            covariance[i, k] = gains[i] * gains[k]
+        transposed[0, i] = transposed[1, i] = -gains[i]
+        transposed[2, i] = 0.0
+    transposed[0, 0] += 1.0
+    transposed[1, 0] += 1.0
+    transposed[1, 1] += lag_ratio
+    transposed[2, 1] = 1.0
+    transposed[2, 2] = lag_ratio
+    for _ in range(60):
+        multiply(covariance, transposed, carried)
+        multiply_transposed(transposed, carried, change)
+        multiply(transposed, transposed, carried)
+        largest = largest_change = 0.0
+        for i in range(3):
+            for k in range(3):
+                largest = max(largest, abs(covariance[i, k]))
+                largest_change = max(largest_change, abs(change[i, k]))
+                covariance[i, k] += change[i, k]
+                transposed[i, k] = carried[i, k]
+        if largest_change <= 1e-13 * largest:
+            break
+    modes['noise_rate'][mode] = covariance[0, 0]
+    modes['noise_acceleration'][mode] = covariance[0, 1]
+    modes['noise_jerk'][mode] = covariance[0, 2]
 
 
 @kernel

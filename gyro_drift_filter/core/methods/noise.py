@@ -28,7 +28,10 @@ it let noise have: fast motion looks like it, too, where a block holds few sampl
 
 import math
 from enum import IntEnum
-from typing import TypedDict
+from typing import Annotated, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 
@@ -69,6 +72,11 @@ SLOWEST_LEARNING = 0.05
 LEAST_SHOWN = 4.0
 
 
+# At lags of one and two samples.
+LAGS = 2
+PerLag = Annotated[NDArray[np.float64], np.float64, (LAGS,)]
+
+
 class Bound(IntEnum):
     """What R is taken from before the first rest."""
 
@@ -81,10 +89,9 @@ class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
     variance: float  # R, (rad/s)^2
-    # of consecutive samples: phi of equation (2), as far as innovations are predicted by it; and
-    # as it is, for the error of averages
+    # of consecutive samples: phi of equation (2), as far as innovations are predicted by it
     correlation: float
-    true_correlation: float
+    autocorrelation: PerLag  # as it is, for the error of averages
     roughness: float  # share of R that no smooth prediction can follow
     blocks: int  # k of equation (13); 0 where the noise is not known yet
     seen: bool  # a block at rest has been learned from
@@ -95,7 +102,7 @@ class Noise(TypedDict):
     # the last block, which counts where the next one is at rest, too
     waiting: bool
     waiting_variance: float
-    waiting_correlation: float  # as it is
+    waiting_autocorrelation: PerLag
     waiting_roughness: float
     resolution: float  # rad/s, the smallest change seen; 0 before the first
     # the block under way
@@ -110,6 +117,8 @@ class Noise(TypedDict):
     moment: float
     first_difference_count: int
     first_differences: float  # sum of squares
+    second_lag_count: int
+    second_lag_differences: float  # sum of squares, to the sample before the last
     third_difference_count: int
     third_differences: float  # sum of squares
     before: PerAxis  # the three samples before, newest first
@@ -134,7 +143,9 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     # Of third differences, x(k) - 3 x(k-1) + 3 x(k-2) - x(k-3), of AR(1) noise.
     roughness = 1.0 - correlation * (1.5 - correlation * (0.6 - 0.1 * correlation))
     noise['roughness'] = max(roughness, LEAST_ROUGHNESS)
-    noise['correlation'] = noise['true_correlation'] = correlation
+    noise['correlation'] = correlation
+    noise['autocorrelation'][0] = correlation
+    noise['autocorrelation'][1] = correlation * correlation
     noise['resolution'] = 0.0
     restart_block(noise)
 
@@ -178,6 +189,8 @@ def restart_block(noise: Noise) -> None:
     noise['moment'] = 0.0
     noise['first_difference_count'] = 0
     noise['first_differences'] = 0.0
+    noise['second_lag_count'] = 0
+    noise['second_lag_differences'] = 0.0
     noise['third_difference_count'] = 0
     noise['third_differences'] = 0.0
 
@@ -215,6 +228,10 @@ def learn_noise(
         if change > 0.0 and (noise['resolution'] == 0.0 or change < noise['resolution']):
             noise['resolution'] = change
         noise['first_difference_count'] += 1
+    if run >= 2:
+        second = sample - before[1]
+        noise['second_lag_differences'] += second * second
+        noise['second_lag_count'] += 1
     if run >= 3:
         third = sample - 3.0 * before[0] + 3.0 * before[1] - before[2]
         noise['third_differences'] += third * third
@@ -306,11 +323,36 @@ def _let_wait(noise: Noise, rough: float) -> None:
     )
     variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
     first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
-    true_correlation = min(max(1.0 - first / variance, 0.0), LARGEST_CORRELATION)
-    correlation = min(true_correlation, STRONGEST_CORRELATION)
-    noise['waiting_correlation'] = true_correlation
+    second = noise['second_lag_differences'] / (2.0 * noise['second_lag_count'])
+    autocorrelation = noise['waiting_autocorrelation']
+    autocorrelation[0] = _limited(1.0 - first / variance)
+    autocorrelation[1] = _limited(1.0 - second / variance)
+    correlation = _predicting(autocorrelation[0])
     noise['waiting_variance'] = variance * (1.0 - LEFT_OUT * correlation * correlation)
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
+
+
+@kernel
+def _limited(correlation: float) -> float:
+    """Return a correlation, no stronger than a block can tell."""
+    return min(max(correlation, -LARGEST_CORRELATION), LARGEST_CORRELATION)
+
+
+@kernel
+def _predicting(correlation: float) -> float:
+    """Return the correlation of consecutive samples, as far as innovations are predicted by it."""
+    return min(max(correlation, 0.0), STRONGEST_CORRELATION)
+
+
+@kernel
+def autoregression(noise: Noise) -> tuple[float, float]:
+    """Return the coefficients of AR(2) noise: of the sample before, and of the one before that.
+
+    By the equations of Yule and Walker, from the autocorrelation.
+    """
+    first, second = noise['autocorrelation'][0], noise['autocorrelation'][1]
+    partial = _limited((second - first * first) / (1.0 - first * first))
+    return first * (1.0 - partial), partial
 
 
 @kernel
@@ -326,7 +368,8 @@ def _learn_from_rest(noise: Noise, block_forgetting: float) -> None:
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
     shape_weight = max(weight, SLOWEST_LEARNING)
-    waiting, before = noise['waiting_correlation'], noise['correlation']
-    noise['correlation'] += shape_weight * (min(waiting, STRONGEST_CORRELATION) - before)
-    noise['true_correlation'] += shape_weight * (waiting - noise['true_correlation'])
+    waiting, autocorrelation = noise['waiting_autocorrelation'], noise['autocorrelation']
+    noise['correlation'] += shape_weight * (_predicting(waiting[0]) - noise['correlation'])
+    for lag in range(LAGS):
+        autocorrelation[lag] += shape_weight * (waiting[lag] - autocorrelation[lag])
     noise['roughness'] += shape_weight * (noise['waiting_roughness'] - noise['roughness'])
