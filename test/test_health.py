@@ -485,7 +485,7 @@ def test_telemetry_is_that_of_the_state(random):
         'faults': checks['fault'],
         'truncated': state['quantisation']['truncated'],
         'count_size': np.zeros(3),
-        'noise_correlation': noise['correlation'],
+        'noise_correlation': noise['autocorrelation'][:, 0],
         'noise_blocks': noise['blocks'],
         'noise_block_seconds': pytest.approx(0.5, rel=1e-3),
         'steady_seconds': bias['rest']['steady_seconds'],

@@ -193,7 +193,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['divergences'][axis] = paper[axis]['divergences']
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
-        out['noise_correlation'][axis] = adaptive[axis]['noise']['correlation']
+        out['noise_correlation'][axis] = adaptive[axis]['noise']['autocorrelation'][0]
         out['noise_blocks'][axis] = adaptive[axis]['noise']['blocks']
         out['bias'][axis] = bias['bias'][axis]
         out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis))

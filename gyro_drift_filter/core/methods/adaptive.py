@@ -165,7 +165,9 @@ def derive(
     exponent = BLOCK_SECONDS / FORGETTING_SECONDS
     coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
     for axis in range(3):
-        workspace['axes'][axis]['of_noise'][0] = 0.0  # the variances are of other modes
+        # The variances are of other modes.
+        workspace['axes'][axis]['variance_key'][0] = 0.0
+        workspace['axes'][axis]['error_key'][0] = 0.0
 
 
 @kernel
@@ -188,7 +190,6 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     state['knocked'] = False
     state['bridge']['samples'] = 0
     state['bridge']['behind'] = False
-    state['sample_accepted'] = False
     state['accepted'] = rate
     start_doubt(state['doubt'], rate)
 
@@ -244,7 +245,6 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
     predict(state, workspace, axis, modes)
     own = workspace['axes'][axis]
     take_prediction(state, own)
-    state['sample_accepted'] = False
     note_missing(state['doubt'], own['typical_innovation'])
     interrupt_block(state['noise'])
 
@@ -424,7 +424,6 @@ def update(
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - accepted, sample - accepted)
-    state['sample_accepted'] = taken
     if taken or decision == Decision.PASS:
         state['accepted'] = sample
     if decision == Decision.ACCEPT and not own['hangs']:

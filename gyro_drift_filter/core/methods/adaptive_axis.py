@@ -24,7 +24,8 @@ from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
 from gyro_drift_filter.core.methods.noise import Noise
 from gyro_drift_filter.core.methods.outliers import Doubt, Jolt
 
-NoiseKey = Annotated[NDArray[np.float64], np.float64, (6,)]
+VarianceKey = Annotated[NDArray[np.float64], np.float64, (4,)]
+ErrorKey = Annotated[NDArray[np.float64], np.float64, (3,)]
 
 
 class Bridge(TypedDict):
@@ -53,7 +54,7 @@ class AdaptiveAxis(TypedDict):
     rate: PerMode
     acceleration: PerMode
     jerk: PerMode
-    sample_accepted: bool  # whether the last sample was
+    residual: PerMode  # of the sample before the last, which is noise if the mode is right
     accepted: float  # the last sample that was, rad/s
     noise: Noise
     doubt: Doubt
@@ -78,8 +79,9 @@ class AdaptiveAxisWorkspace(TypedDict):
     variance: PerMode
     half_precision: PerMode
     density: PerMode
+    variance_key: VarianceKey  # the noise that these three belong to, see `_predict_mixed`
     error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
-    of_noise: NoiseKey  # the noise that these four belong to, see `_predict_mixed`
+    error_key: ErrorKey  # the noise that it belongs to
     # What the mixing moves: probability, and by it rate, acceleration and jerk. What each mode
     # holds before, and what arrives in it.
     held: Terms

@@ -27,7 +27,12 @@ import math
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.methods.adaptive_axis import AdaptiveAxis, AdaptiveAxisWorkspace
 from gyro_drift_filter.core.methods.mode_set import MODES, ModeSet, PerMode, Transitions
-from gyro_drift_filter.core.methods.noise import Noise, autoregression, largest_variance
+from gyro_drift_filter.core.methods.noise import (
+    Noise,
+    autoregression,
+    largest_variance,
+    prediction_of,
+)
 
 # A mode probability below this is none.
 SMALLEST = 1e-300
@@ -103,6 +108,8 @@ def combine_modes(
     enlarged. So where the error of a mode is more than the noise it is the last sample that counts,
     if that was `accepted`.
     """
+    whole = largest_variance(state['noise'])
+    _find_errors(state['noise'], whole, workspace, modes)
     probability, rate = state['probability'], state['rate']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
     error, lag, ratio = workspace['error'], modes['unseen_lag'], modes['innovation_ratio']
@@ -113,7 +120,6 @@ def combine_modes(
     # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
     unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
     origin, sample = rate[MODES - 1], state['doubt']['last_sample']
-    whole = largest_variance(state['noise'])
     largest = whole if accepted and not at_rest else math.inf
     for j in range(MODES):
         enlarged = error[j] > largest
@@ -232,37 +238,34 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
     """Predict the sample with each mode, equation (7), and all together: mean and variance.
 
     The innovation of a mode is the sample less the predicted rate and less the noise that the last
-    residual predicts, correlation * residual: this makes the innovations of a slow mode white
-    although the sensor's noise is not.
+    two residuals predict: this makes the innovations of a slow mode white although the sensor's
+    noise is not.
     """
     rate, acceleration, jerk = workspace['rate'], workspace['acceleration'], workspace['jerk']
     expected, variance = workspace['expected'], workspace['variance']
     means, squares, others = workspace['means'], workspace['squares'], workspace['others']
-    prior, noise = workspace['prior'], state['noise']
+    prior, noise, residual = workspace['prior'], state['noise'], state['residual']
     lag_ratio, logarithm = modes['lag_ratio'], modes['innovation_logarithm']
-    correlation = noise['correlation'] if state['sample_accepted'] else 0.0
-    largest, of_noise = largest_variance(noise), workspace['of_noise']
+    of_last, of_before, predicted = prediction_of(noise)
+    key = workspace['variance_key']
     if (
-        of_noise[0] != noise['variance']
-        or of_noise[1] != noise['roughness']
-        or of_noise[2] != correlation
-        or of_noise[3] != largest
-        or of_noise[4] != noise['autocorrelation'][0]
-        or of_noise[5] != noise['autocorrelation'][1]
+        key[0] != noise['variance']
+        or key[1] != noise['roughness']
+        or key[2] != of_last
+        or key[3] != of_before
     ):
-        of_noise[0] = noise['variance']
-        of_noise[1] = noise['roughness']
-        of_noise[2] = correlation
-        of_noise[3] = largest
-        of_noise[4] = noise['autocorrelation'][0]
-        of_noise[5] = noise['autocorrelation'][1]
-        _predict_variances(noise, correlation, workspace, modes)
-        _find_errors(noise, largest, workspace['error'], modes)
+        key[0] = noise['variance']
+        key[1] = noise['roughness']
+        key[2] = of_last
+        key[3] = of_before
+        _predict_variances(noise, predicted, workspace, modes)
     sample = state['doubt']['last_sample']
     # Mean and variance by one pass, from the fastest mode, which is never far off.
     origin = rate[MODES - 1]
     for j in range(MODES):
-        predicted_noise = correlation * (sample - rate[j])
+        last_residual = sample - rate[j]
+        predicted_noise = of_last * last_residual + of_before * residual[j]
+        residual[j] = last_residual
         rate[j] += acceleration[j]
         expected[j] = rate[j] + predicted_noise
         acceleration[j] = lag_ratio[j] * acceleration[j] + jerk[j]
@@ -280,34 +283,42 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
 
 @kernel
 def _predict_variances(
-    noise: Noise, correlation: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+    noise: Noise, predicted: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
 ) -> None:
     """Write the variance of each mode's innovation.
 
-    With gain K the last residual holds 1 - K of the noise, so knowing it takes
-    (correlation * (1 - K)) ** 2 off the variance. A fast mode sees less noise, as far as its own
-    prediction follows the noise: from all of it at K = 0 to `roughness` at K = 1.
+    Of the noise's variance the share `predicted` is, if it is known. With gain K a residual holds
+    1 - K of the noise, so that takes predicted * (1 - K) ** 2 off the variance. A fast mode sees
+    less noise, as far as its own prediction follows the noise: from all of it at K = 0 to
+    `roughness` at K = 1.
     """
     variance, half_precision = workspace['variance'], workspace['half_precision']
     density, gain, ratio = workspace['density'], modes['gain_rate'], modes['innovation_ratio']
     for j in range(MODES):
         left = 1.0 - gain[j]
         rough = noise['roughness'] + (1.0 - noise['roughness']) * left
-        known = correlation * left
-        variance[j] = noise['variance'] * (ratio[j] * rough - known * known)
+        variance[j] = noise['variance'] * (ratio[j] * rough - predicted * left * left)
         half_precision[j] = 0.5 / variance[j]
         density[j] = math.sqrt(half_precision[j])
 
 
 @kernel
-def _find_errors(noise: Noise, largest: float, error: PerMode, modes: ModeSet) -> None:
+def _find_errors(
+    noise: Noise, largest: float, workspace: AdaptiveAxisWorkspace, modes: ModeSet
+) -> None:
     """Write the variance of the error that noise of variance `largest` leaves in each mode's rate.
 
     Two lags don't tell a low-pass from a vibration: the first is nearer to AR(1) noise where a mode
     is slow, the second to AR(2) noise. So what errs more counts.
     """
-    first = noise['autocorrelation'][0]
-    first_of_two, second_of_two = autoregression(noise)
+    first, second = noise['autocorrelation'][0], noise['autocorrelation'][1]
+    error, key = workspace['error'], workspace['error_key']
+    if key[0] == largest and key[1] == first and key[2] == second:
+        return
+    key[0] = largest
+    key[1] = first
+    key[2] = second
+    first_of_two, second_of_two = autoregression(first, second)
     for j in range(MODES):
         of_two = _error_ratio(first_of_two, second_of_two, first, modes, j)
         error[j] = largest * max(of_two, _error_ratio(first, 0.0, first, modes, j))

@@ -16,8 +16,8 @@
 
 R is learned over blocks of samples at rest (`rest/` finds it), and never from innovations, so
 that motion can't be booked as noise: that is what undoes equation (16) of the paper in motion.
-Where noise is correlated from sample to sample, half of what the sample before predicts of its
-variance is left out of R, as the modes take noise for independent and would lag behind motion.
+Noise that is correlated from sample to sample is an AR(2) process: as far as two samples tell the
+next one, it is predicted.
 
 Before the first rest R is a bound, as motion only adds to what the samples show: their variance in
 blocks that look like white noise, whose third differences have 20 times the variance of the noise,
@@ -61,12 +61,13 @@ RISE = 4.0
 # No MEMS gyroscope is quieter at 100 Hz, in rad/s; so is R until something is known. With less, as
 # of a simulator, the fastest mode would not follow a body that is shaken.
 LEAST_NOISE = 1e-4
-# Of noise that is smoother than this no innovation is predicted; a block tells no larger one.
-STRONGEST_CORRELATION, LARGEST_CORRELATION = 0.9, 0.995
-LEFT_OUT = 0.5  # of what the sample before predicts of the variance, where R is learned
+LARGEST_CORRELATION = 0.995  # that a block can tell
+# No more than this share of the variance is predicted, as if white noise were added: with more, a
+# smooth motion would be predicted as noise, too.
+LARGEST_PREDICTED = 0.72
 LEAST_ROUGHNESS = 0.003
-# Correlation and roughness never forget slower than this.
-SLOWEST_LEARNING = 0.05
+# Autocorrelation and roughness are means over ten blocks at the most: this is the weight of one.
+LEAST_WEIGHT = 0.1
 # What a block's third differences show of the noise is less than a part of it by this factor in one
 # of 10,000 blocks of 50 samples.
 LEAST_SHOWN = 4.0
@@ -89,9 +90,15 @@ class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
     variance: float  # R, (rad/s)^2
-    # of consecutive samples: phi of equation (2), as far as innovations are predicted by it
+    autocorrelation: PerLag  # of samples one apart, phi of equation (2), and two apart
+    # The first of these, of blocks in which it is not below zero: of white noise it is in half of
+    # them, by chance, and predicting that costs smoothing.
     correlation: float
-    autocorrelation: PerLag  # as it is, for the error of averages
+    # How a sample of it follows from the last one and from the one before, the share of its
+    # variance that these predict, and how it follows where only the last one is known.
+    coefficients: PerLag
+    predicted: float
+    coefficient_alone: float
     roughness: float  # share of R that no smooth prediction can follow
     blocks: int  # k of equation (13); 0 where the noise is not known yet
     seen: bool  # a block at rest has been learned from
@@ -134,7 +141,7 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     `phi` is the correlation of consecutive samples that goes with it, of AR(1) noise.
     """
     known = deviation > 0.0
-    correlation = min(max(phi, 0.0), STRONGEST_CORRELATION) if known else 0.0
+    correlation = min(max(phi, 0.0), LARGEST_CORRELATION) if known else 0.0
     noise['variance'] = (deviation if known else LEAST_NOISE) ** 2
     noise['blocks'] = KNOWN_BLOCKS if known else 0
     noise['seen'] = False
@@ -143,9 +150,10 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     # Of third differences, x(k) - 3 x(k-1) + 3 x(k-2) - x(k-3), of AR(1) noise.
     roughness = 1.0 - correlation * (1.5 - correlation * (0.6 - 0.1 * correlation))
     noise['roughness'] = max(roughness, LEAST_ROUGHNESS)
-    noise['correlation'] = correlation
     noise['autocorrelation'][0] = correlation
     noise['autocorrelation'][1] = correlation * correlation
+    noise['correlation'] = correlation
+    _derive_prediction(noise)
     noise['resolution'] = 0.0
     restart_block(noise)
 
@@ -160,14 +168,13 @@ def is_begun(noise: Noise) -> bool:
 def largest_variance(noise: Noise) -> float:
     """Return how large the variance of the noise may be, in (rad/s)^2.
 
-    R is less: before the first rest it is a share of what may be motion, or nothing is known at
-    all, and later what is correlated is left out of it.
+    R is less before the first rest: a share of what may be motion, or nothing is known at all.
     """
-    if not is_begun(noise):
-        if noise['bound'] == Bound.NONE:
-            return LARGEST_NOISE**2
-        return float(LEAST_SHOWN * noise['variance'] / UNKNOWN_SHARE)
-    return float(noise['variance'] / (1.0 - LEFT_OUT * noise['correlation'] * noise['correlation']))
+    if is_begun(noise):
+        return noise['variance']
+    if noise['bound'] == Bound.NONE:
+        return LARGEST_NOISE**2
+    return float(LEAST_SHOWN * noise['variance'] / UNKNOWN_SHARE)
 
 
 @kernel
@@ -327,8 +334,7 @@ def _let_wait(noise: Noise, rough: float) -> None:
     autocorrelation = noise['waiting_autocorrelation']
     autocorrelation[0] = _limited(1.0 - first / variance)
     autocorrelation[1] = _limited(1.0 - second / variance)
-    correlation = _predicting(autocorrelation[0])
-    noise['waiting_variance'] = variance * (1.0 - LEFT_OUT * correlation * correlation)
+    noise['waiting_variance'] = variance
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
 
 
@@ -339,20 +345,44 @@ def _limited(correlation: float) -> float:
 
 
 @kernel
-def _predicting(correlation: float) -> float:
-    """Return the correlation of consecutive samples, as far as innovations are predicted by it."""
-    return min(max(correlation, 0.0), STRONGEST_CORRELATION)
+def autoregression(first: float, second: float) -> tuple[float, float]:
+    """Return how AR(2) noise follows from the sample before, and from the one before that.
+
+    By the equations of Yule and Walker, from its autocorrelation.
+    """
+    partial = _limited((second - first * first) / (1.0 - first * first))
+    return first * (1.0 - partial), partial
 
 
 @kernel
-def autoregression(noise: Noise) -> tuple[float, float]:
-    """Return the coefficients of AR(2) noise: of the sample before, and of the one before that.
+def _derive_prediction(noise: Noise) -> None:
+    """Write how the noise of a sample follows from the two before, as far as that is used."""
+    first, second = noise['correlation'], noise['autocorrelation'][1]
+    a, b = autoregression(first, second)
+    predicted = a * first + b * (a * first + b)
+    if predicted > LARGEST_PREDICTED:
+        # White noise that is added lowers the autocorrelation.
+        share = math.sqrt(LARGEST_PREDICTED / predicted)
+        first, second = share * first, share * second
+        a, b = autoregression(first, second)
+        predicted = a * first + b * (a * first + b)
+    noise['coefficients'][0], noise['coefficients'][1] = a, b
+    noise['predicted'] = predicted
+    strongest = math.sqrt(LARGEST_PREDICTED)
+    noise['coefficient_alone'] = min(max(first, -strongest), strongest)
 
-    By the equations of Yule and Walker, from the autocorrelation.
+
+@kernel
+def prediction_of(noise: Noise) -> tuple[float, float, float]:
+    """Return how the noise of the next sample follows from the samples before.
+
+    The coefficients of the last sample and of the one before it, 0 where that was not accepted; and
+    the share of the variance that they predict.
     """
-    first, second = noise['autocorrelation'][0], noise['autocorrelation'][1]
-    partial = _limited((second - first * first) / (1.0 - first * first))
-    return first * (1.0 - partial), partial
+    if noise['run'] >= LAGS:
+        return noise['coefficients'][0], noise['coefficients'][1], noise['predicted']
+    alone = noise['coefficient_alone'] if noise['run'] > 0 else 0.0
+    return alone, 0.0, alone * alone
 
 
 @kernel
@@ -367,9 +397,10 @@ def _learn_from_rest(noise: Noise, block_forgetting: float) -> None:
     weight = (1.0 - block_forgetting) / (1.0 - block_forgetting ** float(noise['blocks']))  # (13)
     limited = min(variance, RISE * noise['variance'])
     noise['variance'] += weight * (limited - noise['variance'])
-    shape_weight = max(weight, SLOWEST_LEARNING)
+    shape_weight = max(1.0 / noise['blocks'], LEAST_WEIGHT)
     waiting, autocorrelation = noise['waiting_autocorrelation'], noise['autocorrelation']
-    noise['correlation'] += shape_weight * (_predicting(waiting[0]) - noise['correlation'])
     for lag in range(LAGS):
         autocorrelation[lag] += shape_weight * (waiting[lag] - autocorrelation[lag])
+    noise['correlation'] += shape_weight * (max(waiting[0], 0.0) - noise['correlation'])
+    _derive_prediction(noise)
     noise['roughness'] += shape_weight * (noise['waiting_roughness'] - noise['roughness'])
