@@ -35,7 +35,7 @@ from gyro_drift_filter.core.rest.standing import (
 )
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
-from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand
+from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, motion_below
 
 
 def run(filter_, rates, accelerations, rate=100.0, start=START):
@@ -806,3 +806,58 @@ def test_a_new_rest_is_not_compared_with_one_of_another_time(how, random):
     )
     assert np.flatnonzero(results['at_rest'])[0] < 260
     assert filter_.state['bias']['rest']['variance_ratio'] < 1.3 * ratio
+
+
+def driving(random, moves, rate, level=1.0):
+    """Return rates and accelerations of a vehicle, on the road where `moves` (n,) is 1, not 0.
+
+    It turns about the vertical, and the road shakes it, both at a level of 0 to 1.
+    """
+    n = len(moves)
+
+    def shaking(lowest, highest):
+        band = signal.butter(2, (lowest, highest), 'bandpass', fs=rate, output='sos')
+        noise = signal.sosfiltfilt(band, random.standard_normal((n, 3)), axis=0)
+        return moves[:, None] * noise / noise.std()
+
+    turns = motion_below(0.2, random, n, rate)[:, 2] * moves
+    rates = level * np.array([0.03, 0.03, 0.01]) * shaking(1.0, 12.0)
+    rates[:, 2] += level * 0.5 * turns / turns.std()
+    push = 0.6 * shaking(2.0, 20.0) + 0.3 * shaking(0.1, 0.5)
+    return rates, np.array([0.0, 0.0, 9.81]) + level * push + 0.03 * random.standard_normal((n, 3))
+
+
+def between(seconds, rate, spans):
+    """Return (n,) from 0 to 1, which is 1 in the spans of time, and takes a second to change."""
+    time = np.arange(round(seconds * rate)) / rate
+    return np.max([np.clip(np.minimum(time - a, b - time), 0.0, 1.0) for a, b in spans], axis=0)
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0])
+def test_a_bias_that_was_learned_on_the_road_is_replaced_where_the_robot_stops(rate):
+    """A smooth curve may pass for rest where there was none yet; what is far quieter shows it."""
+    bias, fooled = np.array([0.02, -0.01, 0.015]), 0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        truth, accelerations = driving(random, between(100.0, rate, [(-2.0, 70.0)]), rate, 0.3)
+        rates = truth + bias + 0.002 * random.standard_normal(truth.shape)
+        results = run(Filter(Parameters()), rates, accelerations, rate)
+        fooled += results['at_rest'][: round(69.0 * rate)].any()
+        assert np.abs(results['bias'][round(80.0 * rate)] - bias).max() < 0.1 * DEGREE
+    assert fooled >= 3
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0])
+@pytest.mark.parametrize('band', ['dead', 'rounded'])
+def test_a_driver_that_shows_no_noise_at_rest_learns_no_bias_on_the_road(band, rate):
+    """Its rates come alive when the robot starts, which is no device that was not ready."""
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        spans = [(15.0, 50.0), (65.0, 100.0)]
+        truth, accelerations = driving(random, between(110.0, rate, spans), rate, 0.3)
+        rates = truth + 0.002 + 0.0012 * random.standard_normal(truth.shape)
+        given = np.where(np.abs(rates) < 0.01, 0.0, rates) if band == 'dead' else np.round(rates, 2)
+        results = run(Filter(Parameters()), given, accelerations, rate)
+        assert np.abs(results['bias'][-1]).max() < 0.3 * DEGREE
+        turned = (results['angular_velocity'] - given).sum(axis=0) / rate
+        assert np.abs(turned).max() < 20.0 * DEGREE

@@ -39,7 +39,7 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord, State
-from gyro_drift_filter.core.rest.noise import forget_noise
+from gyro_drift_filter.core.rest.noise import doubt_noise, forget_noise
 from gyro_drift_filter.core.rest.records import derive_lengths
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
@@ -139,7 +139,7 @@ def _doubt_rest(filter_: FilterRecord) -> None:
     # A bias of the last run is no worse for it.
     if bias['segments'] > 0 or bias['provisional'][0] > 0.0:
         methods.start_over(filter_)
-        forget_noise(bias['rest'])
+        doubt_noise(bias['rest'])
         widen(bias, deviation * deviation)
 
 

@@ -57,8 +57,11 @@ from gyro_drift_filter.core.bias.slow_turn import (
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
+    forget_noise,
+    learn_noise,
     note_count,
     segment_variance,
+    shows_motion,
     unlearn_first_segment,
     variance_of_mean,
 )
@@ -172,13 +175,13 @@ def track_bias(
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
         moved = found == BlockOutcome.END_OF_REST
-        _take_segment(state, moved, lengths['block_seconds'], settings)
+        _take_segment(state, moved, lengths, settings)
     if rest['run'] < run:
         _forget_stillness(state)
 
 
 @kernel
-def _take_segment(state: Bias, moved: bool, block_seconds: float, settings: 'Settings') -> None:
+def _take_segment(state: Bias, moved: bool, lengths: RestLengths, settings: 'Settings') -> None:
     """Learn from a segment that is ready; `moved` where the rest ended with it."""
     rest = state['rest']
     if state['hint'] == Hint.MOVES:
@@ -188,8 +191,8 @@ def _take_segment(state: Bias, moved: bool, block_seconds: float, settings: 'Set
         # By itself, as the start of the motion may be in it.
         state['recent_count'] = 0
     else:
-        _note_stillness(state, block_seconds, settings['bias_calibration_time'])
-    if _is_bias(state, moved, block_seconds, settings['bias_max']):
+        _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
+    if _is_bias(state, moved, lengths, settings['bias_max']):
         _learn(state)
         next_segment(rest, moved)
     else:
@@ -250,7 +253,7 @@ def widen(state: Bias, variance: float) -> None:
 
 
 @kernel
-def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> bool:
+def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> bool:
     """Return whether the segment is rest: its rate is one that the bias can have.
 
     `moved` where the rest ended with it.
@@ -266,7 +269,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
-        return _is_bias_after_all(state, rest['blocks'] * block_seconds)
+        return _is_bias_after_all(state, lengths)
     if state['hint'] == Hint.STANDS:
         # The robot itself says that it stands, so that is how far the bias has come.
         for axis in range(3):
@@ -285,7 +288,7 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
         state['turning'] += 1
         state['doubt'] = DOUBTED
         take_back(state, turned)
-        return _is_bias_after_all(state, rest['blocks'] * block_seconds)
+        return _is_bias_after_all(state, lengths)
     # Otherwise two segments were needed to find one of rest, which lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
         state['doubt'] = max(state['doubt'] - 1, 0)
@@ -293,15 +296,19 @@ def _is_bias(state: Bias, moved: bool, block_seconds: float, largest: float) -> 
 
 
 @kernel
-def _is_bias_after_all(state: Bias, seconds: float) -> bool:
+def _is_bias_after_all(state: Bias, lengths: RestLengths) -> bool:
     """Return whether the segment, which lies where no bias can have come, is no turn either."""
-    largest = 0.0
+    rest, largest = state['rest'], 0.0
+    seconds = rest['blocks'] * lengths['block_seconds']
     for axis in range(3):
         largest = max(largest, state['variance'][axis] + state['reach'])
     turn = state['turn']
-    if is_back(turn, state['rest'], state['bias']):
+    if shows_motion(rest, lengths['block']):
+        forget_noise(rest)
+        learn_noise(rest, lengths['block'])
+    elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
-    elif is_slow_turn(turn, state['rest'], seconds, state['bias'], largest):
+    elif is_slow_turn(turn, rest, seconds, state['bias'], largest):
         return False
     elif turn['gave_up']:
         for axis in range(3):

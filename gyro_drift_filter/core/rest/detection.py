@@ -17,7 +17,11 @@
 import numpy as np
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
+from gyro_drift_filter.core.rest.noise import (
+    forget_noise,
+    learn_noise,
+    learn_variance_ratio,
+)
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
@@ -105,7 +109,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         note_gravity(rest, lengths['block_seconds'])
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
-        rest['known'] = False
+        forget_noise(rest)
     if not still:
         ready = _lasted(rest) and holds_together(rest, lengths)
         rest['at_rest'] = False

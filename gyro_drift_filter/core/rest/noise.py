@@ -17,7 +17,7 @@
 import math
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths
+from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths, Signal
 from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, scatter_of_means, segment_mean
 
 # The variance of a value that lies anywhere within a count, in counts squared.
@@ -30,6 +30,12 @@ LEARNING = 0.1
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # Of the variance of an acceleration at rest: with less, what has made the noise has stopped.
 QUIETER = 0.25
+# Of the variance of all signals: a body that stands shows a tenth to a hundredth of what it shows
+# in motion, and noise by itself does not change so much.
+FAR_QUIETER = 1.0 / 9.0
+# The means of blocks vary by no more than their values say, where a machine shakes a body that
+# stands. On the road they vary by eight times that and more.
+LARGEST_EXCESS = 3.0
 
 
 @kernel
@@ -41,15 +47,13 @@ def note_count(rest: Rest, axis: int, count: float) -> None:
 @kernel
 def learn_noise(rest: Rest, length: int) -> None:
     """Learn the noise from a segment that holds together."""
-    blocks = 1.0 * rest['blocks']
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
-    share = max(LEARNING, 1.0 / rest['learned'])
+    share = _weight(rest)
     if rest['learned'] == 1:
         rest['variance_ratio'] = _correlated_ratio(rest)
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        variance = signal['variances'] / blocks
-        scatter = max(scatter_of_means(rest, signal), variance / length)
+        variance, scatter = _noise_of_segment(rest, signal, length)
         if rest['learned'] == 1:
             signal['variance'] = variance
             signal['scatter'] = scatter
@@ -57,8 +61,22 @@ def learn_noise(rest: Rest, length: int) -> None:
             signal['variance'] += share * (variance - signal['variance'])
             signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
+    rest['calm_known'] = False
     rest['restless'] = 0
     rest['steady_seconds'] = 0.0
+
+
+@kernel
+def _weight(rest: Rest) -> float:
+    """Return the weight of the last segment that was learned from."""
+    return max(LEARNING, 1.0 / rest['learned'])
+
+
+@kernel
+def _noise_of_segment(rest: Rest, signal: Signal, length: int) -> tuple[float, float]:
+    """Return the variance of values in blocks of `length`, and of the means of these."""
+    variance = signal['variances'] / rest['blocks']
+    return variance, max(scatter_of_means(rest, signal), variance / length)
 
 
 @kernel
@@ -115,6 +133,45 @@ def learn_variance_ratio(rest: Rest) -> None:
 def forget_noise(rest: Rest) -> None:
     """Forget the noise: from now on a value is a mean of fewer samples."""
     rest['known'] = False
+    rest['calm_known'] = False
+
+
+@kernel
+def doubt_noise(rest: Rest) -> None:
+    """Forget the noise of the rates, and keep that of the accelerations as a bound."""
+    rest['calm_known'] = rest['known'] or rest['calm_known']
+    rest['known'] = False
+
+
+@kernel
+def is_calm(rest: Rest, signal: Signal) -> bool:
+    """Return whether an acceleration varies in the segment about as it did when it was at rest."""
+    variance = signal['variances'] / rest['blocks']
+    return bool(not rest['calm_known'] or FAR_QUIETER * variance <= signal['variance'])
+
+
+@kernel
+def shows_motion(rest: Rest, length: int) -> bool:
+    """Return whether the segment shows that what was taken for rest before it was motion.
+
+    The signals vary far less than before, by the geometric mean of how much, and the means of one
+    varied by more than its values said. The noise has been learned from the segment, in blocks of
+    `length` values, which is undone here.
+    """
+    if rest['learned'] < 2:
+        return False
+    share, moved = _weight(rest), False
+    quieter = signals = 0.0
+    for i in range(SIGNALS):
+        signal = rest['signals'][i]
+        variance, scatter = _noise_of_segment(rest, signal, length)
+        before = (signal['variance'] - share * variance) / (1.0 - share)
+        scatter_before = (signal['scatter'] - share * scatter) / (1.0 - share)
+        if before > 0.0:
+            signals += 1.0
+            quieter += math.log(max(variance / before, LEAST_VARIANCE))
+            moved = moved or length * scatter_before > LARGEST_EXCESS * before
+    return moved and quieter < signals * math.log(FAR_QUIETER)
 
 
 @kernel

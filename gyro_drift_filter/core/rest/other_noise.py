@@ -22,6 +22,7 @@ the noise at rest from now on. Where the noise falls again it is learned as alwa
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, start_rest
+from gyro_drift_filter.core.rest.noise import LARGEST_EXCESS
 from gyro_drift_filter.core.rest.records import (
     SEGMENT_BLOCKS,
     SIGNALS,
@@ -34,9 +35,6 @@ from gyro_drift_filter.core.rest.records import (
 CONFIRMING = 3  # segments
 # Times the variance of values: with less of it the noise that is known finds the rest.
 NOISIER = 2.0
-# Means of an eighth of a second, of vibration that is faster, vary by no more than the values say,
-# as far as segments tell. Of a vehicle on the road they vary by eight times that and more.
-LARGEST_EXCESS = 3.0
 # What has been neither rest nor of that noise for so long was motion.
 FORGOTTEN_SECONDS = 10.0
 

@@ -99,6 +99,7 @@ class Rest(TypedDict):
 
     signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
     known: bool  # what the noise is
+    calm_known: bool  # what that of the accelerations was, where `known` was doubted
     learned: int  # segments that it was learned from
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float

@@ -17,6 +17,7 @@
 import math
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.rest.noise import is_calm
 from gyro_drift_filter.core.rest.records import (
     BLOCK_SECONDS,
     HALF,
@@ -100,7 +101,7 @@ def holds_together(rest: Rest, lengths: RestLengths) -> bool:
             scatter = signal['scatter'] * rest['variance_ratio']
             if i < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
                 return False
-        elif not _is_stationary(rest, i, lengths):
+        elif not _is_stationary(rest, i, lengths) or (i >= 3 and not is_calm(rest, signal)):
             return False
         if i >= 3 and signal['before_blocks'] > 0:
             blocks = 1.0 * rest['blocks']
