@@ -74,6 +74,28 @@ def test_noise_behind_a_low_pass_is_not_enlarged_in_motion(rate, hertz, most, ra
     assert np.sqrt(np.mean(error**2)) < most * noise[moves].std()
 
 
+@pytest.mark.parametrize('share', [0.002, 0.01])
+def test_a_read_that_fails_is_held_whatever_value_the_driver_takes_for_it(share, random):
+    """A driver that does not look at the error takes its code, -1, for a count on all six axes."""
+    rate, n = 100.0, 6000
+    moves = np.clip(np.arange(n) / rate - 10.0, 0.0, 1.0)[:, None]
+    hand = motion_below(2.0, random, n, rate) * moves
+    truth = 2.0 * hand / hand.std()
+    count, force_count = np.radians(1.0 / 131.0), 9.81 / 16384.0
+    rates = np.round((truth + 1e-3 * random.standard_normal((n, 3))) / count) * count
+    accelerations = np.round(upright(random, n) / force_count) * force_count
+    failed = np.zeros(n, bool)
+    for first in np.flatnonzero(random.random(n) < share):
+        failed[max(first, 300) : first + random.integers(1, 4)] = True
+    rates[failed], accelerations[failed] = -count, -force_count
+    results = Filter().run(stamps(n, rate), rates, accelerations)
+    far = failed[:, None] & (np.abs(truth - rates) > np.radians(10.0))
+    assert (results['outlier'][far] > 0.0).mean() > 0.97
+    error = (results['angular_velocity'] + results['bias'] - truth)[1500:]
+    assert np.sqrt(np.mean(error[~failed[1500:]] ** 2)) < 1.1e-3
+    assert np.sqrt(np.mean(error[failed[1500:]] ** 2)) < 0.06
+
+
 @pytest.mark.parametrize('hertz', [15.0, 18.0, 23.0, 28.0, 37.0, 45.0])
 def test_a_vibration_is_not_enlarged_in_motion(hertz, random):
     """A mode that would follow motion of a motor's frequency overshoots with it."""

@@ -66,3 +66,12 @@ RESULT = record(Result)
 def is_usable(rate: float) -> bool:
     """Tell whether a value in rad/s can be a rate at all."""
     return abs(rate) <= LARGEST_RATE  # False for NaN
+
+
+@kernel
+def is_one_value(values: PerAxis) -> bool:
+    """Return whether all axes have the same value to the last bit, as where a read has failed.
+
+    It is 0, or another fixed value: -1 count where a driver takes an error code for a value.
+    """
+    return bool(values[0] == values[1] and values[1] == values[2])

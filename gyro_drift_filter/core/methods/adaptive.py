@@ -94,7 +94,7 @@ from gyro_drift_filter.core.methods.outliers import (
 from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.rest.detection import has_stood_still
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
-from gyro_drift_filter.core.sample import Sample, is_usable
+from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
 if TYPE_CHECKING:
@@ -266,8 +266,7 @@ def look_around(
     were filtered last are about the bias at rest (both (3,) in rad/s).
     """
     circumstances, shake, force = workspace['circumstances'], 0.0, sample['linear_acceleration']
-    # Zeros on all axes are of a driver that has nothing to report, or of no accelerometer.
-    measured = not (force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0)
+    measured = not is_one_value(force)
     still = has_stood_still(rest, STILL_BLOCKS)
     jolted = jolted_before = False
     shaken, settling = False, True
@@ -322,8 +321,11 @@ def compare_axes(
         if polling['bridged'] and _has_turned(state, own, rate[axis]):
             turned = True
     measured = checks['measured']
-    all_zero = measured[0] == 0.0 and measured[1] == 0.0 and measured[2] == 0.0
-    dropout = all_zero and fast and surprised and not checks['gives_zeros']
+    all_zero = is_one_value(measured) and measured[0] == 0.0
+    # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
+    force = sample['linear_acceleration']
+    failed = is_one_value(measured) and is_one_value(force) and force[0] != 0.0
+    dropout = (failed or (all_zero and not checks['gives_zeros'])) and fast and surprised
     circumstances['dropout'] = dropout and settings['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']

@@ -103,7 +103,8 @@ class Reason(IntEnum):
     CONSTANT = 3  # it has come so often that it is the rate
     # HOLD
     FAR = 4  # beyond both limits, or what no body does, and nothing shows that it is motion
-    ALL_ZERO = 5  # on all axes, and not as predicted: the sensor had nothing to report
+    # zeros on all axes, or a read that failed, and not as predicted: there was nothing to report
+    ALL_ZERO = 5
     # START_ANEW
     REACHED = 6  # as far as a body can come since the last sample that was measured
     PUSHED = 7  # the accelerometer was shaken by as much as the jump explains, or by a jolt before
