@@ -306,6 +306,7 @@ def _is_bias_after_all(state: Bias, lengths: RestLengths) -> bool:
     if shows_motion(rest, lengths['block']):
         forget_noise(rest)
         learn_noise(rest, lengths['block'])
+        turn['gave_up'] = False
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
     elif is_slow_turn(turn, rest, seconds, state['bias'], largest):

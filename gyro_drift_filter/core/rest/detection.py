@@ -17,11 +17,7 @@
 import numpy as np
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.noise import (
-    forget_noise,
-    learn_noise,
-    learn_variance_ratio,
-)
+from gyro_drift_filter.core.rest.noise import forget_noise, learn_noise, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
