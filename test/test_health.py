@@ -14,6 +14,7 @@
 
 """Health: each rule by itself, and what is said of messages that have gone through a filter."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -69,6 +70,11 @@ CASES = {
     'changing frame': ({'frame_changes': 1}, {'frame': 'imu'}, 'two sensors on one topic'),
     'not reported': ({'samples': 900}, {'samples': 901}, 'covariance starts with -1'),
     'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
+    'noise in degrees': (
+        {'rate_deviation_at_rest': 3 * [0.06], 'acceleration_deviation_at_rest': 3 * [0.03]},
+        {'rate_deviation_at_rest': 3 * [0.06], 'acceleration_deviation_at_rest': 3 * [0.3]},
+        'of more than 0.03 rad/s beside a calm accelerometer',
+    ),
     'clipped': ({'clipped': [0, 1, 0]}, {}, 'end of the measuring range'),
     'unusable': ({'unusable': [0, 0, 1]}, {}, 'no usable number'),
     'lost': ({'lost': 1}, {}, 'before the node took them'),
@@ -265,6 +271,20 @@ def test_a_single_spike_is_no_sign_of_degrees():
     messages = simulated(100)
     messages[50] = imu_message(imu_fields(messages[50]).stamp, (90.0, 1, 1), (0, 0, 9.8))
     assert report(messages)[0].level == Level.OK
+
+
+@pytest.mark.parametrize(('unit', 'told'), [(1.0, False), (180.0 / np.pi, True)])
+def test_slow_rates_in_degrees_are_told_by_their_noise(unit, told, random):
+    """A robot that stands, and whose driver has taken the bias off: no rate is too large."""
+    rates = unit * np.radians(0.06) * random.standard_normal((1000, 3))
+    accelerations = np.array([0.0, 0.0, 9.81]) + 0.03 * random.standard_normal((1000, 3))
+    messages = [
+        imu_message(10**18 + k * 10**7, rate, acceleration)
+        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
+    ]
+    input_, _ = report(messages, 10.0)
+    assert ('degrees per second' in input_.message) == told
+    assert input_.level == (Level.WARN if told else Level.OK)
 
 
 def test_health_reports_unusable_rates():
@@ -476,6 +496,7 @@ def test_telemetry_is_that_of_the_state(random):
         state['checks'],
         filter_.filter.record[0]['state']['methods']['adaptive']['noise'],
     )
+    deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
         **{name: checks[name] for name in ('unusable', 'clipped', 'mixed')},
@@ -488,6 +509,8 @@ def test_telemetry_is_that_of_the_state(random):
         'noise_correlation': noise['autocorrelation'][:, 0],
         'noise_blocks': noise['blocks'],
         'noise_block_seconds': pytest.approx(0.5, rel=1e-3),
+        'rate_deviation_at_rest': deviations[:3],
+        'acceleration_deviation_at_rest': deviations[3:],
         'steady_seconds': bias['rest']['steady_seconds'],
         # Sixteen blocks of 13 samples, one before them, and one after them.
         'least_rest_seconds': pytest.approx(18 * 0.13),

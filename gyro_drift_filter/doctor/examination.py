@@ -86,7 +86,8 @@ class Examined:
 
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
-    'degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
+    'degrees': {'noise in degrees', 'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
+    'noise in degrees': {'beyond bias.max', 'clipped', _INVENTED_RATE},
     'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},

@@ -205,7 +205,10 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
             fine('messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'),
         ),
         ({'zero', 'stuck', 'repeated', 'frozen axis', 'dead axis'}, fine('alive', 'all axes live')),
-        ({'clipped', 'degrees'}, fine('range', 'no rate is at the end of the range')),
+        (
+            {'clipped', 'degrees', 'noise in degrees'},
+            fine('range', 'no rate is at the end of the range'),
+        ),
         ({'truncated'}, cut),
         ({'low-pass'}, low_pass),
         (

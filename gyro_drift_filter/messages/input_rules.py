@@ -28,6 +28,10 @@ _SLOW_LOW_PASS = 15.0
 # or a driver that mixes its messages up do so all the time.
 _BACKWARD_SHARE = 0.05
 
+# No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
+# accelerometer by more than this, in m/s^2. In degrees, 0.06 deg/s of noise pass for 0.06 rad/s.
+_LARGEST_NOISE, _CALM = 0.03, 0.1
+
 # Each of these pairs is where an alarm is raised, and where it is taken back.
 
 # A driver that polls faster than the sensor measures by a twentieth repeats one sample in twenty; a
@@ -53,6 +57,12 @@ def _stamps_are_zero(span: Span) -> bool:
     # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
     none = zero >= span.recent - (now.not_measured - first.not_measured)
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
+
+
+def _has_noise_in_degrees(span: Span) -> bool:
+    state = span.now.telemetry
+    calm = 0.0 < max(state.acceleration_deviation_at_rest) < _CALM
+    return calm and min(state.rate_deviation_at_rest) > _LARGEST_NOISE
 
 
 def _frame_text(span: Span) -> str:
@@ -169,6 +179,13 @@ INPUT_RULES = (
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
         f'rates stay above {RANGE:g} rad/s: the driver may publish degrees per second where '
         'REP-103 asks for radians',
+    ),
+    Rule(
+        'noise in degrees',
+        Level.WARN,
+        _has_noise_in_degrees,
+        f'at rest the rates have a noise of more than {_LARGEST_NOISE:g} rad/s beside a calm '
+        'accelerometer: the driver may publish degrees per second where REP-103 asks for radians',
     ),
     Rule(
         'clipped',

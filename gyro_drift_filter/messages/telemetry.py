@@ -26,6 +26,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias.records import bias_variance
 from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
 from gyro_drift_filter.core.quantisation import known_count
+from gyro_drift_filter.core.rest.noise import deviation_of_values
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]
@@ -37,7 +38,8 @@ class Telemetry(NamedTuple):
 
     Counts begin anew at each reset; only segments, beyond_max and turning are kept, as the bias is.
     Bias and its deviation are those at rest, in rad/s; noise is a variance in
-    (rad/s)^2, of the last sample; the period and what ends in seconds are in s, rest_seconds since
+    (rad/s)^2, of the last sample, and what deviates at rest in rad/s and m/s^2, 0 while that is not
+    known; the period and what ends in seconds are in s, rest_seconds since
     the start where segments is 0. count_size is the rate in rad/s that a count of the sensor stands
     for, 0 where no counts are seen; faults are members of `AxisFault`; mixed is 1 for an axis that
     was clipped before a driver has calibrated it.
@@ -75,6 +77,8 @@ class Telemetry(NamedTuple):
     noise_correlation: Values
     noise_blocks: Counts
     noise_block_seconds: float
+    rate_deviation_at_rest: Values
+    acceleration_deviation_at_rest: Values
     bias_known: bool
     bias_corrected: bool
     bias: Values
@@ -182,6 +186,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     for axis in range(3):
         if checks['measured'][axis] != 0.0:
             out['all_zero'] = False
+        out['rate_deviation_at_rest'][axis] = deviation_of_values(bias['rest'], axis)
+        out['acceleration_deviation_at_rest'][axis] = deviation_of_values(bias['rest'], 3 + axis)
         out['faults'][axis] = checks['fault'][axis]
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]

@@ -200,9 +200,12 @@ def variance_of_mean(rest: Rest, axis: int, blocks: float) -> float:
 
 
 @kernel
-def deviation_of_values(rest: Rest, axis: int) -> float:
-    """Return the standard deviation in rad/s of values at rest; 0 while not known."""
-    return math.sqrt(rest['signals'][axis]['variance']) if rest['known'] else 0.0
+def deviation_of_values(rest: Rest, signal: int) -> float:
+    """Return the standard deviation of the values of a signal at rest; 0 while not known.
+
+    In rad/s, or in m/s^2 for signals 3 to 5, which are the accelerations.
+    """
+    return math.sqrt(rest['signals'][signal]['variance']) if rest['known'] else 0.0
 
 
 @kernel
