@@ -31,6 +31,7 @@ _BACKWARD_SHARE = 0.05
 # No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
 # accelerometer by more than this, in m/s^2. In degrees, 0.06 deg/s of noise pass for 0.06 rad/s.
 _LARGEST_NOISE, _CALM = 0.03, 0.1
+_IN_DEGREES = 'the driver may publish degrees per second where REP-103 asks for radians'
 
 # Each of these pairs is where an alarm is raised, and where it is taken back.
 
@@ -177,15 +178,14 @@ INPUT_RULES = (
         'degrees',
         Level.WARN,
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
-        f'rates stay above {RANGE:g} rad/s: the driver may publish degrees per second where '
-        'REP-103 asks for radians',
+        f'rates stay above {RANGE:g} rad/s: {_IN_DEGREES}',
     ),
     Rule(
         'noise in degrees',
         Level.WARN,
         _has_noise_in_degrees,
         f'at rest the rates have a noise of more than {_LARGEST_NOISE:g} rad/s beside a calm '
-        'accelerometer: the driver may publish degrees per second where REP-103 asks for radians',
+        f'accelerometer: {_IN_DEGREES}',
     ),
     Rule(
         'clipped',

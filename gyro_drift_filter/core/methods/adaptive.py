@@ -320,12 +320,11 @@ def compare_axes(
             fast = True
         if polling['bridged'] and _has_turned(state, own, rate[axis]):
             turned = True
-    measured = checks['measured']
-    all_zero = is_one_value(measured) and measured[0] == 0.0
-    # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
-    force = sample['linear_acceleration']
-    failed = is_one_value(measured) and is_one_value(force) and force[0] != 0.0
-    dropout = (failed or (all_zero and not checks['gives_zeros'])) and fast and surprised
+    measured, force, dropout = checks['measured'], sample['linear_acceleration'], False
+    if fast and surprised and is_one_value(measured):
+        # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
+        failed = is_one_value(force) and force[0] != 0.0
+        dropout = failed or (measured[0] == 0.0 and not checks['gives_zeros'])
     circumstances['dropout'] = dropout and settings['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']

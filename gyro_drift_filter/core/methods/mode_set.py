@@ -285,20 +285,26 @@ def _settle_covariance(lag_ratio: float, process_ratio: float, scratch: Derivati
         multiply_transposed(forward, product, change)
         multiply(forward, weight, product)
         multiply(product, information, weight)
-        largest = largest_change = 0.0
         for i in range(3):
             for k in range(3):
-                largest = max(largest, abs(covariance[i, k]))
-                largest_change = max(largest_change, abs(change[i, k]))
-                covariance[i, k] += change[i, k]
                 for m in range(3):
                     information[i, k] += weight[i, m] * forward[k, m]
         multiply(forward, carried, product)
-        for i in range(3):
-            for k in range(3):
-                forward[i, k] = product[i, k]
-        if largest_change <= 1e-13 * largest:
+        if _has_settled(covariance, change, forward, product):
             break
+
+
+@kernel
+def _has_settled(covariance: Matrix, change: Matrix, forward: Matrix, doubled: Matrix) -> bool:
+    """Close a turn of doubling: add the change, take F doubled; return whether it was the last."""
+    largest = largest_change = 0.0
+    for i in range(3):
+        for k in range(3):
+            largest = max(largest, abs(covariance[i, k]))
+            largest_change = max(largest_change, abs(change[i, k]))
+            covariance[i, k] += change[i, k]
+            forward[i, k] = doubled[i, k]
+    return largest_change <= 1e-13 * largest
 
 
 @kernel
@@ -327,14 +333,7 @@ def _settle_noise(modes: ModeSet, mode: int, scratch: Derivation) -> None:
         multiply(covariance, transposed, carried)
         multiply_transposed(transposed, carried, change)
         multiply(transposed, transposed, carried)
-        largest = largest_change = 0.0
-        for i in range(3):
-            for k in range(3):
-                largest = max(largest, abs(covariance[i, k]))
-                largest_change = max(largest_change, abs(change[i, k]))
-                covariance[i, k] += change[i, k]
-                transposed[i, k] = carried[i, k]
-        if largest_change <= 1e-13 * largest:
+        if _has_settled(covariance, change, transposed, carried):
             break
     modes['noise_rate'][mode] = covariance[0, 0]
     modes['noise_acceleration'][mode] = covariance[0, 1]

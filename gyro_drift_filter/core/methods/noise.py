@@ -62,9 +62,10 @@ RISE = 4.0
 # of a simulator, the fastest mode would not follow a body that is shaken.
 LEAST_NOISE = 1e-4
 LARGEST_CORRELATION = 0.995  # that a block can tell
-# No more than this share of the variance is predicted, as if white noise were added: with more, a
-# smooth motion would be predicted as noise, too.
-LARGEST_PREDICTED = 0.72
+# Where more than this share of the variance can be predicted, the autocorrelation is lowered as if
+# white noise were added, which leaves a share of 0.55 to 0.78: with more, a smooth motion would be
+# predicted as noise, too.
+LARGEST_UNALTERED = 0.72
 LEAST_ROUGHNESS = 0.003
 # Autocorrelation and roughness are means over ten blocks at the most: this is the weight of one.
 LEAST_WEIGHT = 0.1
@@ -360,16 +361,15 @@ def _derive_prediction(noise: Noise) -> None:
     first, second = noise['correlation'], noise['autocorrelation'][1]
     a, b = autoregression(first, second)
     predicted = a * first + b * (a * first + b)
-    if predicted > LARGEST_PREDICTED:
+    if predicted > LARGEST_UNALTERED:
         # White noise that is added lowers the autocorrelation.
-        share = math.sqrt(LARGEST_PREDICTED / predicted)
+        share = math.sqrt(LARGEST_UNALTERED / predicted)
         first, second = share * first, share * second
         a, b = autoregression(first, second)
         predicted = a * first + b * (a * first + b)
     noise['coefficients'][0], noise['coefficients'][1] = a, b
     noise['predicted'] = predicted
-    strongest = math.sqrt(LARGEST_PREDICTED)
-    noise['coefficient_alone'] = min(max(first, -strongest), strongest)
+    noise['coefficient_alone'] = min(first, math.sqrt(LARGEST_UNALTERED))
 
 
 @kernel
