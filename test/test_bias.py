@@ -848,6 +848,33 @@ def test_a_bias_that_was_learned_on_the_road_is_replaced_where_the_robot_stops(r
 
 
 @pytest.mark.parametrize('rate', [50.0, 100.0])
+@pytest.mark.parametrize('starts', ['at rest', 'on the road'])
+def test_a_simulator_without_noise_learns_no_bias_on_the_road(starts, rate):
+    """It measures a rest to the last bit, so that what varies is none."""
+    first = 15.0 if starts == 'at rest' else -2.0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        moves = between(110.0, rate, [(first, 50.0), (65.0, 100.0)])
+        rates, accelerations = driving(random, moves, rate, 0.3)
+        accelerations[moves == 0.0] = 0.0, 0.0, 9.81
+        results = run(Filter(Parameters()), rates, accelerations, rate)
+        stood = round(65.0 * rate)
+        assert np.abs(results['bias'][stood:]).max() < 0.05 * DEGREE
+        turned = (results['angular_velocity'] - rates)[stood:].sum(axis=0) / rate
+        assert np.abs(turned).max() < 2.0 * DEGREE
+        assert starts == 'on the road' or not results['at_rest'].any()
+
+
+def test_a_device_that_is_not_ready_keeps_the_bias_of_the_last_run(random):
+    """Its rates are zeros, and its accelerometer gives one value."""
+    filter_ = Filter()
+    filter_.set_bias((0.01, -0.02, 0.03), (1e-4, 1e-4, 1e-4))
+    n = 500
+    run(filter_, np.zeros((n, 3)), np.tile((0.0, 0.0, 9.81), (n, 1)))
+    np.testing.assert_allclose(filter_.state['bias']['bias'], (0.01, -0.02, 0.03), atol=1e-6)
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('band', ['dead', 'rounded'])
 def test_a_driver_that_shows_no_noise_at_rest_learns_no_bias_on_the_road(band, rate):
     """Its rates come alive when the robot starts, which is no device that was not ready."""

@@ -171,6 +171,19 @@ def says_nothing(checks: SensorChecks) -> bool:
 
 
 @kernel
+def measures_exact_rest(checks: SensorChecks, period: float) -> bool:
+    """Return whether all is the same for `STUCK_SECONDS`, the rates 0, and gravity there.
+
+    A simulator without noise measures a rest so. A bus that hangs repeats what came last, or gives
+    zeros alone.
+    """
+    rate, force = checks['measured'], checks['acceleration']
+    turns = rate[0] != 0.0 or rate[1] != 0.0 or rate[2] != 0.0
+    falls = force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0
+    return bool(_is_long(checks['equal_all'], period) and not turns and not falls)
+
+
+@kernel
 def _is_long(equal: int, period: float) -> bool:
     return bool(equal >= STUCK_SAMPLES and equal * period >= STUCK_SECONDS)
 

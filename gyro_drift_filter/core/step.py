@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
 from gyro_drift_filter.core.bias.records import bias_variance, is_learned
 from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, motion_variance
@@ -39,7 +39,7 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord, State
-from gyro_drift_filter.core.rest.noise import doubt_noise, forget_noise
+from gyro_drift_filter.core.rest.noise import doubt_noise, expect_no_noise, forget_noise
 from gyro_drift_filter.core.rest.records import derive_lengths
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
@@ -50,7 +50,12 @@ from gyro_drift_filter.core.sample import (
     SampleStatus,
     is_usable,
 )
-from gyro_drift_filter.core.sensor_checks import has_fault, note_values, says_nothing
+from gyro_drift_filter.core.sensor_checks import (
+    has_fault,
+    measures_exact_rest,
+    note_values,
+    says_nothing,
+)
 from gyro_drift_filter.core.settings import Settings
 
 # Of a sample in the sum: a start of motion may be any number.
@@ -79,9 +84,12 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
         result['status'] = SampleStatus.FILTERED
         undone = _is_truncated(sample, missing, filter_)
-    note_values(state['checks'], sample, _message_period(state), state['bias']['rest'])
+    message_period = _message_period(state)
+    note_values(state['checks'], sample, message_period, state['bias']['rest'])
     if state['checks']['comes_alive']:
         _doubt_rest(filter_)
+    if measures_exact_rest(state['checks'], message_period):
+        _forget_rest(filter_)
     if message == Message.REPEAT:
         _repeat_result(result)
         return
@@ -141,6 +149,19 @@ def _doubt_rest(filter_: FilterRecord) -> None:
         methods.start_over(filter_)
         doubt_noise(bias['rest'])
         widen(bias, deviation * deviation)
+
+
+@kernel
+def _forget_rest(filter_: FilterRecord) -> None:
+    """Forget the rests there were: a sensor that measures rest exactly has no noise in one."""
+    bias = filter_['state']['bias']
+    # A device that is not ready may do so, too: a bias of the last run is no worse for it.
+    if bias['known'] and bias['segments'] == 0:
+        return
+    if is_learned(bias) or bias['corrected'] > 0:
+        methods.start_over(filter_)
+        forget_bias(bias, filter_['settings']['bias_turn_on_deviation'])
+    expect_no_noise(bias['rest'])
 
 
 @kernel

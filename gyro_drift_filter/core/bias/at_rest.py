@@ -114,6 +114,15 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
 
 
 @kernel
+def forget_bias(state: Bias, turn_on_deviation: float) -> None:
+    """Begin anew with no bias, as uncertain as `turn_on_deviation` in rad/s says."""
+    for axis in range(3):
+        state['bias'][axis] = 0.0
+        state['variance'][axis] = np.inf
+    start_bias(state, state['bias'], state['variance'], turn_on_deviation)
+
+
+@kernel
 def leave_rest(state: Bias) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])

@@ -144,6 +144,16 @@ def doubt_noise(rest: Rest) -> None:
 
 
 @kernel
+def expect_no_noise(rest: Rest) -> None:
+    """Forget the noise, and take none of the accelerations for the bound of what is rest."""
+    rest['known'] = False
+    rest['calm_known'] = True
+    rest['restless'] = 0
+    for i in range(3, SIGNALS):
+        rest['signals'][i]['variance'] = 0.0
+
+
+@kernel
 def is_calm(rest: Rest, signal: Signal) -> bool:
     """Return whether an acceleration varies in the segment about as it did when it was at rest."""
     variance = signal['variances'] / rest['blocks']
