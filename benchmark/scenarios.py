@@ -219,3 +219,19 @@ def bridge(rates: Array, mask: Mask) -> Array:
         for k in np.flatnonzero(mask[:, axis]):
             out[k, axis] = out[k - 1, axis] + 0.8 * (out[k - 1, axis] - out[k - 2, axis])
     return out
+
+
+def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a foot: each second it swings, and strikes.
+
+    It swings up to 24 rad/s in 0.4 s, stops in 25 ms, and shakes the accelerometer by a deviation
+    of `shake` in m/s^2, which decays in 20 ms.
+    """
+    time = np.arange(round(12 * rate)) / rate
+    phase = np.where(time < 3.0, 0.9, time % 1.0)
+    swing = np.where(phase < 0.4, 0.5 - 0.5 * np.cos(np.pi * phase / 0.4), 17.0 - 40.0 * phase)
+    swing = np.clip(swing, 0.0, 1.0)[:, None]
+    struck = np.where(phase > 0.4, shake * np.exp(-(phase - 0.4) / 0.02), 0.0)
+    shaken = np.maximum(np.where(phase < 0.4, 1.0, 0.02), struck)[:, None]
+    rates = 24.0 * swing * [0.1, 1.0, -0.05] + 0.005 * random.standard_normal((len(time), 3))
+    return rates, [0.0, 0.0, GRAVITY] + shaken * random.standard_normal((len(time), 3))

@@ -172,8 +172,8 @@ def look_around(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) 
         shared['circumstances']['possibly_missing'] = possibly_missing
         axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
         rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
-        calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
-        adaptive.look_around(axes, shared, tracking, sample, rest, filtered, bias, calm_samples)
+        coefficients = filter_['coefficients']['methods']['adaptive']
+        adaptive.look_around(axes, shared, tracking, sample, rest, filtered, bias, coefficients)
 
 
 @kernel

@@ -80,6 +80,7 @@ from gyro_drift_filter.core.methods.outliers import (
     Reason,
     decision_of,
     derive_limits,
+    explained_jump,
     feel_jolt,
     has_returned,
     is_constant,
@@ -187,7 +188,7 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     state['held_angle'] = 0.0
     state['recent_angle'] = 0.0
     state['compensation'] = 0.0
-    state['knocked'] = False
+    state['knock_angle'] = 0.0
     state['bridge']['samples'] = 0
     state['bridge']['behind'] = False
     state['accepted'] = rate
@@ -258,14 +259,15 @@ def look_around(
     rest: Rest,
     filtered: PerAxis,
     bias: PerAxis,
-    calm_samples: int,
+    coefficients: AdaptiveCoefficients,
 ) -> None:
     """Look at the accelerometer and at all axes together, before the prediction of a sample.
 
-    A body may stand where the accelerometer has been calm for `calm_samples`, and the rates that
-    were filtered last are about the bias at rest (both (3,) in rad/s).
+    A body may stand where the accelerometer has been calm for some samples, and the rates that were
+    filtered last are about the bias at rest (both (3,) in rad/s).
     """
-    circumstances, shake, force = workspace['circumstances'], 0.0, sample['linear_acceleration']
+    circumstances, force = workspace['circumstances'], sample['linear_acceleration']
+    shake = usual_shake = 0.0
     measured = not is_one_value(force)
     still = has_stood_still(rest, STILL_BLOCKS)
     jolted = jolted_before = False
@@ -280,13 +282,17 @@ def look_around(
             jolted_before = True
         change = shake_along(jolt, still)
         shake += change * change
+        usual_shake += jolt['usual_change'] * jolt['usual_change']
         shaken = shaken or jolt['calm_samples'] < JOLT_SAMPLES
-        calm = jolt['calm_samples'] >= calm_samples
+        calm = jolt['calm_samples'] >= coefficients['calm_samples']
         near = NEAR_REST * NEAR_REST * axes[axis]['noise']['variance']
         settling = settling and calm and rate * rate < near
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
+    limits, usual = coefficients['limits'], math.sqrt(usual_shake)
+    hit = 0.0 if still else explained_jump(circumstances['shake'], usual, limits)
+    circumstances['explained_jump'] = hit
     circumstances['still'] = still
     circumstances['at_rest'] = has_stood_still(rest, SEGMENT_BLOCKS)
     transition = Transition.SETTLING if settling else Transition.MOVING

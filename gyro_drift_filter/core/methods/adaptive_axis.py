@@ -59,7 +59,7 @@ class AdaptiveAxis(TypedDict):
     noise: Noise
     doubt: Doubt
     jolt: Jolt  # of the accelerometer along the same axis
-    knocked: bool  # a jolt was felt while samples were held back
+    knock_angle: float  # rad, the most that knocks explain of what the held samples turned
     held_angle: float  # rad, what the held samples turned beyond what was put out
     recent_angle: float  # rad, that was smoothed away of late while the sensor seemed to stand
     bridge: Bridge

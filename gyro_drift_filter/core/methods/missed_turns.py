@@ -28,7 +28,12 @@ from gyro_drift_filter.core.methods.adaptive_axis import (
     AdaptiveAxisWorkspace,
     Bridge,
 )
-from gyro_drift_filter.core.methods.outliers import Circumstances, Decision, decision_of
+from gyro_drift_filter.core.methods.outliers import (
+    CONFIRMED_HIT,
+    Circumstances,
+    Decision,
+    decision_of,
+)
 
 # What was motion among held samples, and what smoothing has not put out in motion, is given back
 # with these time constants, so that the heading holds: the second where it is no more than noise
@@ -63,19 +68,21 @@ def compensate(
     decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
     if decision == Decision.HOLD:
         # What has come back was an outlier; or a knock, which turns a body by a small angle.
-        small = state['knocked'] and abs(state['held_angle']) <= LARGEST_KNOCK
-        if returned and not small:
+        if returned and abs(state['held_angle']) > state['knock_angle']:
             state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
-        state['knocked'] = state['knocked'] or circumstances['jolted']
+        knock = circumstances['explained_jump'] / CONFIRMED_HIT * period
+        if circumstances['jolted']:
+            knock = max(knock, LARGEST_KNOCK)
+        state['knock_angle'] = max(state['knock_angle'], knock)
     elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
-        largest = LARGEST_KNOCK if state['knocked'] else 0.0
+        largest = state['knock_angle']
         if (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned:
             largest = LARGEST_COMPENSATION
         if abs(state['held_angle']) <= largest:
             missed = state['held_angle']
         state['held_angle'] = 0.0
-        state['knocked'] = False
+        state['knock_angle'] = 0.0
     missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
     if decision == Decision.ACCEPT:
         # A motion is seen only when a block of samples has shown it: what was smoothed away since

@@ -16,12 +16,12 @@
 
 A sample far outside the prediction is not accepted, and the prediction stands in for it. What the
 next sample is decides. Back near the prediction: it was an outlier, and leaves no trace, unless the
-accelerometer felt a knock: then its angle is given back. A smooth growth with the same sign, or a
-run of agreeing samples that is longer than outliers last: it was motion, and the filter starts anew
-at the sample at hand. Neither: that sample is held back, too, for a bounded number of samples. A
-jump that comes with a jolt of the accelerometer is a knock, and the filter starts anew at the next
-sample that is still away; a message that is corrupted as a whole has a jolt, too, but does not
-repeat.
+accelerometer felt a knock: then its angle is given back. A smooth growth with the same sign, steps
+that go on as the jump has begun, or a run of agreeing samples that is longer than outliers last: it
+was motion, and the filter starts anew at the sample at hand. None of these: that sample is held
+back, too, for a bounded number of samples. A jump that comes with a jolt of the accelerometer is a
+knock, and the filter starts anew at the next sample that is still away; a message that is corrupted
+as a whole has a jolt, too, but does not repeat.
 
 At rest noise alone says what is far. In motion it has to be more than a body reaches in a sample
 period, too, and no more than a push that shakes the accelerometer explains. After samples that were
@@ -56,7 +56,7 @@ LARGEST_REVERSAL = 16.0
 JERK_FROM_REST = 250.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
-BODY_LIMIT = 1000.0  # rad/s^2: no body does more, so a jump beyond needs ...
+BODY_LIMIT = 1000.0  # rad/s^2: what is not hit does no more, so a jump beyond needs ...
 BODY_LIMIT_SAMPLES = 2  # ... so many samples more to be accepted
 SAME = 0.01  # standard deviations of the noise: repeats closer than this ...
 SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
@@ -75,6 +75,13 @@ PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each 
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
 JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_REVERSAL`
 FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
+# A foot that strikes the ground, or a body that falls, stops from any rate, with up to 6,000
+# rad/s^2. So in motion a shake of so many usual ones excuses a jump of any size, if it explains the
+# jump at this distance from the axis, in levers. Behind a sample that was held back less is enough,
+# as most outliers are alone.
+HIT_RATIO, FIRST_HIT, CONFIRMED_HIT = 3.0, 1.5, 1.0 / 3.0
+# The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
+STEADY = 0.4
 
 # Of usual changes and innovations: the weight of a sample; more than so many times the usual one
 # counts as this much; and none is less, as processors are slow with denormal numbers.
@@ -107,18 +114,20 @@ class Reason(IntEnum):
     ALL_ZERO = 5
     # START_ANEW
     REACHED = 6  # as far as a body can come since the last sample that was measured
-    PUSHED = 7  # the accelerometer was shaken by as much as the jump explains, or by a jolt before
-    JOLTED = 8  # the accelerometer has jumped, and the next sample is still away
-    CONFIRMED = 9  # a jump that only rest makes doubtful, and that the next sample confirms
-    GROWN = 10  # further away, as a motion is that has only begun
-    GROWN_AGAIN = 11  # further away for the second time
-    AGREED = 12  # more in a row agree than outliers do
-    HELD_LONGEST = 13  # no more are held back
-    CROWDED_WHILE_HELD = 14  # as CROWDED, with samples held back
+    STAYED = 7  # where the last accepted one was, as a motion may end at once
+    PUSHED = 8  # the accelerometer was shaken by as much as explains the jump, or by a jolt before
+    JOLTED = 9  # the accelerometer has jumped, and the next sample is still away
+    CONFIRMED = 10  # a jump that only rest makes doubtful, and that the next sample confirms
+    GROWN = 11  # further away, as a motion is that has only begun
+    GROWN_AGAIN = 12  # further away for the second time
+    GONE_ON = 13  # by steps like the first one, as a body does that is stopped
+    AGREED = 14  # more in a row agree than outliers do
+    HELD_LONGEST = 15  # no more are held back
+    CROWDED_WHILE_HELD = 16  # as CROWDED, with samples held back
     # BRIDGE
-    REPEATED = 15  # the sensor has not measured since the sample before
+    REPEATED = 17  # the sensor has not measured since the sample before
     # PASS
-    AT_LIMIT = 16  # at the end of the range
+    AT_LIMIT = 18  # at the end of the range
 
 
 class Circumstances(TypedDict):
@@ -133,6 +142,7 @@ class Circumstances(TypedDict):
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
+    explained_jump: float  # rad/s, of a body that is hit in motion, see `explained_jump`
     transition: int  # a member of Transition: what the modes are expected to do
 
 
@@ -162,6 +172,7 @@ class Doubt(TypedDict):
     agreeing: int  # of them, the last ones that agree
     growing: int  # of them, the last ones that were each further away than the one before
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
+    step: float  # rad/s, from the last but one to the last; 0 where these do not follow each other
     typical_innovation: float  # rad/s, when the first one came
     first_size: float  # rad/s, of its innovation; 0 where it was not measured
     # of every sample
@@ -220,6 +231,15 @@ def shake_along(jolt: Jolt, still: bool) -> float:
     if not still:
         return change
     return 0.0 if change < _change_of_noise(jolt) else change
+
+
+@kernel
+def explained_jump(shake: float, usual_shake: float, limits: OutlierLimits) -> float:
+    """Return the jump in rad/s that a shake explains in motion, `LEVER` from the axis of rotation.
+
+    It is 0 where the shake is not much more than the usual one, both in m/s^2.
+    """
+    return shake / limits['least_shake'] if shake > HIT_RATIO * usual_shake else 0.0
 
 
 @kernel
@@ -299,6 +319,7 @@ def judge(
     usual = limits['threshold'] * doubt['usual_innovation']
     jump = max(limits['threshold'] * typical_innovation, usual)
     held, jolted = doubt['held'], circumstances['jolted']
+    explained = circumstances['explained_jump']
     if doubt['share_held'] > CROWDED and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     still = circumstances['still']
@@ -312,16 +333,19 @@ def judge(
     if reach > 0.0 and abs(sample - accepted) <= reach and not dropout:
         return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
-        # At rest a shake is no excuse of a large jump: a message that is corrupted as a whole has
+        if dropout:
+            return Reason.ALL_ZERO
+        if not doubtful:
+            return Reason.EXPECTED
+        if _stays(sample, prediction, accepted):
+            return Reason.STAYED
+        # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
         # one, too.
         shaken = circumstances['shake'] > limits['least_shake'] * size
         shaken = shaken and (not still or size <= limits['reached'])
         knocked = circumstances['jolted_before'] or shaken
-        if doubtful and knocked and not dropout and size < jolt_limit:
-            return Reason.PUSHED
-        if dropout:
-            return Reason.ALL_ZERO
-        return Reason.FAR if doubtful else Reason.EXPECTED
+        pushed = knocked and size < jolt_limit
+        return Reason.PUSHED if pushed or explained > FIRST_HIT * size else Reason.FAR
     lasted = held >= limits['longest_hold']
     if dropout:
         # One more than other runs: two drop-outs of two samples each may follow each other.
@@ -334,13 +358,17 @@ def judge(
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction on the other side it has come back as well: the prediction was off.
     away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
-    if near and not away and apart <= beyond:
-        return Reason.RETURNED
     change = abs(sample - doubt['last_sample'])
+    # A sample that lies by those held back belongs to them, wherever the prediction has gone.
+    nearer = size < change or offset == 0.0
+    if near and nearer and not away and apart <= beyond:
+        return Reason.RETURNED
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = same_side and abs(offset) <= limits['reached'] and change < limits['growth_limit']
     if small:
         return Reason.CONFIRMED
+    if explained > CONFIRMED_HIT * size:
+        return Reason.PUSHED
     # A burst of outliers jumps with its first sample, further than a hit turns a body with each.
     if jolted and doubt['first_size'] < jolt_limit and size < jolt_limit * (held + 1.0):
         return Reason.JOLTED
@@ -352,6 +380,8 @@ def judge(
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
+    if _goes_on(doubt, sample, accepted):
+        return Reason.GONE_ON
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
     if alike and doubt['agreeing'] >= run:
@@ -375,6 +405,32 @@ def _reach(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) ->
         change = min(LARGEST_RATE_CHANGE * doubt['usual_rate_change'], limits['body_limit'])
         reach = max(reach, change * (possible + 1.0))
     return reach
+
+
+@kernel
+def _stays(sample: float, prediction: float, accepted: float) -> bool:
+    """Return whether a rate has changed by no more than was predicted, if the other way.
+
+    A motion may end at once, and an outlier hardly lies there. But a rate that has not changed at
+    all was not measured. All arguments in rad/s.
+    """
+    return 0.0 < abs(sample - accepted) <= abs(prediction - accepted)
+
+
+@kernel
+def _goes_on(doubt: Doubt, sample: float, accepted: float) -> bool:
+    """Return whether a sample goes on as those held back: by like steps, as a body that is stopped.
+
+    A burst of outliers begins with a jump that is larger than its steps. Sample and last accepted
+    one in rad/s.
+    """
+    step, before = sample - doubt['last_sample'], doubt['step']
+    if step * before <= 0.0:
+        return False
+    begun = abs(sample - step - before - accepted) / (doubt['held'] - 1.0)
+    largest = max(abs(step), abs(before), begun)
+    least = max(STEADY * largest, LARGEST_RATE_CHANGE * doubt['usual_rate_change'])
+    return min(abs(step), abs(before)) >= least
 
 
 @kernel
@@ -415,7 +471,10 @@ def note_held(
         doubt['first_size'] = 0.0 if dropout else abs(innovation)
         doubt['agreeing'] = 0
         doubt['growing'] = 0
+        doubt['step'] = 0.0
     else:
+        follows = not dropout and doubt['offset'] != 0.0
+        doubt['step'] = sample - doubt['last_sample'] if follows else 0.0
         if not _continues(doubt, change, dropout, limits):
             doubt['agreeing'] = 0
         further = _grows(doubt, innovation, change, limits)
@@ -437,6 +496,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
     doubt['growing'] = 0
     doubt['agreeing'] = 0
     doubt['offset'] = 0.0
+    doubt['step'] = 0.0
 
 
 @kernel

@@ -1,0 +1,95 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bodies that are hit: how far what is held back turns the orientation.
+
+    python -m benchmark.impacts [--data FOLDER]
+
+A simulated foot that swings and strikes the ground (`scenarios.py`), and recordings. The raw rates
+and the filtered ones, with the bias added, are both integrated; the table has the largest angle
+between the two orientations in deg, and the one in the end, with `outlier.enabled` on and off.
+
+FOLDER holds a `.npz` for each recording, with `stamps` (n,) in ns, `rates` (n, 3) in rad/s and
+`accelerations` (n, 3) in m/s^2.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.scenarios import foot, stamps
+from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.rotations import (
+    from_vectors,
+    inverse,
+    multiply,
+    running_products,
+    to_vectors,
+)
+
+Array = NDArray[np.float64]
+
+SAMPLE_RATES = (100.0, 200.0, 400.0, 1000.0)
+SHAKES = (1.0, 10.0, 30.0)  # m/s^2, of the strike
+LONGEST_STEP = 3.0  # median steps of the stamps: what lasts longer is a gap, in which nobody knows
+
+
+def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array, Array]]:
+    """Yield a name, stamps, rates and accelerations of each."""
+    for rate in SAMPLE_RATES:
+        for shake in SHAKES:
+            rates, accelerations = foot(np.random.default_rng(0), rate, shake)
+            yield (
+                f'foot, {rate:g} Hz, {shake:g} m/s^2',
+                stamps(len(rates), rate),
+                rates,
+                accelerations,
+            )
+    for path in sorted(folder.glob('*.npz')) if folder else []:
+        with np.load(path, allow_pickle=False) as data:
+            yield path.stem, data['stamps'], data['rates'] * 1.0, data['accelerations'] * 1.0
+
+
+def lost(times: NDArray[np.int64], rates: Array, accelerations: Array, enabled: bool) -> Array:
+    """Return the angle between the orientations by filtered and by raw rates, (n,) in deg."""
+    results = Filter(Parameters(outlier_enabled=enabled)).run(times, rates, accelerations)
+    filtered = results['angular_velocity'] + results['bias']
+    filtered = np.where(np.isfinite(filtered), filtered, rates)
+    steps = np.diff(times, prepend=times[0]) * 1e-9
+    seconds = np.clip(steps, 0.0, LONGEST_STEP * np.median(steps))[:, None]
+    raw, ours = (running_products(from_vectors(turned * seconds)) for turned in (rates, filtered))
+    between = to_vectors(multiply(inverse(raw), ours))
+    return np.asarray(np.degrees(np.linalg.norm(between, axis=1)))
+
+
+def main() -> None:
+    """Tell a table of all worlds."""
+    parser = argparse.ArgumentParser(prog='python -m benchmark.impacts', description=__doc__)
+    parser.add_argument('--data', type=Path, help='folder of recordings')
+    rows = [['', 'largest, deg', 'in the end', 'largest, rule off', 'in the end']]
+    for name, times, rates, accelerations in worlds(parser.parse_args().data):
+        rows.append([name])
+        for enabled in (True, False):
+            angle = lost(times, rates, accelerations, enabled)
+            rows[-1] += [f'{angle.max():.2f}', f'{angle[-1]:.2f}']
+    tell(table(rows))
+
+
+if __name__ == '__main__':
+    main()
