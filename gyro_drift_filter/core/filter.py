@@ -69,9 +69,9 @@ class Filter:
 
     @property
     def bias_shift(self) -> BiasShift:
-        """By how much the bias in motion is another one than that at rest.
+        """The bias in motion less that at rest.
 
-        It leaves out what gravity shows, in motion, of the bias at rest itself: that is subtracted
+        What gravity has shown in motion of the bias at rest itself is not in it: that is subtracted
         in motion, too, but learned anew after each rest.
         """
         shift, variance = np.empty((2, 3))
@@ -105,7 +105,7 @@ class Filter:
         self.record['coefficients']['period'] = 0.0
 
     def reset(self) -> None:
-        """Forget all samples, counts and what was learned of them, but for bias and rest."""
+        """Forget all samples, counts and what was learned from them, except bias and rest."""
         bias = self.record['state']['bias'].copy()
         self.record['state'] = np.zeros(1, STATE)
         self.record['state']['bias'] = bias

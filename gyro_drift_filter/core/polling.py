@@ -17,8 +17,8 @@
 A loop that reads the registers at 1,000 Hz sends each measurement of a sensor with 100 Hz ten
 times. Such repeats are no samples: their noise looks correlated, and their rates are those of a
 body that turns in steps. So where most measurements come behind two repeats or more, a repeat is no
-step of the filter, and the sample period is that of the sensor. Up to two messages for each
-measurement the methods see all of them, and `adaptive` predicts what was not measured.
+step of the filter, and the sample period is that of the sensor. With up to two messages for each
+measurement the methods get every message, and `adaptive` predicts what was not measured.
 
 A message is a repeat if its rates are the same to the last bit as before, and that far more often
 than by chance. A value of a coarse sensor stays the same now and then although others have changed.
@@ -34,13 +34,13 @@ from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.sample import Sample
 from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
-# Values that are the same are a repeat where that is less likely by chance than this; or, where the
-# sensor is polled faster, than this share of how often they are.
+# Equal values are a repeat if they are less likely by chance than this; or, while the sensor is
+# polled faster, than this share of how often values are equal.
 BY_CHANCE, OF_THEM_BY_CHANCE = 1e-3, 0.1
-# Before anything is known each value stays the same: as if in so many changes. Of so many changes
-# the older ones count half.
+# Before anything is known each value counts as if it had stayed the same in so many changes. After
+# so many changes all counts are halved.
 PRIOR_CHANGES, MEMORY_CHANGES = 1, 128
-# From so many changes on rates that always change are known to.
+# After so many changes it is known how often a value stays the same by chance.
 KNOWN_CHANGES = 10
 # Of so many measurements, fewer at the start, the share that comes behind so many repeats: the
 # sensor is polled faster from the first share on, and below the second one it no longer is.
@@ -50,7 +50,7 @@ FASTER, NOT_FASTER = 0.5, 0.15
 # for one measurement.
 LARGEST_RATIO = 250
 LARGEST_SAME = MEMORY_CHANGES * LARGEST_RATIO
-# So many repeats in a row beside accelerations that change are none.
+# So many equal rates in a row, while accelerations change, are no repeats: the body is at rest.
 LONGEST_RUN = 30
 
 
@@ -72,8 +72,8 @@ class Polling(TypedDict):
     first: int  # number of the message before them
     window: int  # measurements until the pace is judged
     repeated: int  # of them, those behind at least REPEATS
-    extra: int  # messages beyond theirs, repeats, of which a hang counts so many
-    hung: int  # and the others
+    extra: int  # repeats behind these measurements, up to LARGEST_RATIO for each
+    hung: int  # repeats beyond that, of a bus that hangs
     faster: bool  # polled so fast that repeats are no samples
     samples_per_message: float  # then, of late; else 1
 
@@ -152,7 +152,7 @@ def _measurements(polling: Polling, number: int) -> int:
 
 @kernel
 def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> bool:
-    """Return whether rates that are those of the message before are so for no chance."""
+    """Return whether rates equal to those of the message before are too unlikely by chance."""
     rates, accelerations = checks['rates'], checks['accelerations']
     acceleration, before = sample['linear_acceleration'], checks['acceleration']
     x, y, z = acceleration[0], acceleration[1], acceleration[2]

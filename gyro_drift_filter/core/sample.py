@@ -19,7 +19,7 @@ from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 
-# A rate beyond this is no rate: 50,000 times what the fastest gyroscopes measure, in rad/s.
+# A rate beyond this is no rate: nearly 30,000 times what the fastest gyroscopes measure, in rad/s.
 LARGEST_RATE = 1.0e6
 
 # Nor is an acceleration beyond this: ten times the range of accelerometers for impacts, in m/s^2.

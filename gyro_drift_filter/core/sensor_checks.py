@@ -32,21 +32,21 @@ RANGE = 35.0
 # when the bus hangs. From so many equal samples on it says nothing of the bias.
 STUCK_SECONDS = 1.0
 STUCK_SAMPLES = 20
-# A coarse gyroscope at rest does the same, so there has to be noise of more than a step, or motion:
-# a turn about another axis of so many steps, of which each axis of any gyroscope shows a hundredth,
-# or a change of the acceleration by so many m/s^2, which nobody gives a robot without turning it.
+# A coarse gyroscope at rest does the same. So the noise has to exceed a step, or the body to move:
+# another axis turns by so many steps, of which each axis of any gyroscope shows a hundredth, or the
+# acceleration changes by so many m/s^2, which no robot does without turning.
 CROSS_STEPS = 100.0
 LEAST_PUSH = 1.0
-# A rate that is the same so many times is the end of the range, where the one before was so many
-# steps of the resolution off, as at the top of a turn it is not, and where no rate that was stopped
-# at like this was faster. The smallest range, 75 deg/s, is above this, in rad/s.
+# A rate that comes CLIPPED_SAMPLES times in a row is the end of the range if the step to it was
+# more than so many steps of the resolution, which it is not at the top of a turn, and if no larger
+# rate was held like this. It exceeds CLIPPED_RATE (rad/s): the smallest range is 75 deg/s.
 CLIPPED_RATE = 1.25
 CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
 # A driver that calibrates mixes a little of the other axes into a rate at the end of its range, so
-# that it does not stay the same. But it stops there from one sample to the next: its change falls
-# to so small a share, from so many deviations of the noise. And the noise is gone: for so many
-# samples the change changes by less than this share of it, as noise does by chance in one of six.
+# that it moves. But it stops abruptly: its change falls to 1 / CORNER from one sample to the next,
+# from more than CORNER deviations of the noise. And the noise is gone: FLAT_SAMPLES times in a row
+# the change varies by less than FLAT deviations, as noise does by chance in one of six.
 CORNER, FLAT, FLAT_SAMPLES = 20.0, 0.5, 5
 MIXED = 0.06  # the largest share of other axes, which moves the end of the range by as much
 
@@ -80,13 +80,13 @@ class SensorChecks(TypedDict):
     measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
     acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
-    largest: PerAxis  # |rate| of those that were stopped at, rad/s
+    largest: PerAxis  # largest |rate| so far that was the end of the range, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
-    entered: PerAxis  # last change of the rate, rad/s
+    entered: PerAxis  # size of the last change of the rate, rad/s
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
-    mixed: CountPerAxis  # 1 where the end of the range was met so, else 0
+    mixed: CountPerAxis  # 1 where the end of the range was found by `_is_flat`, else 0
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
     comes_alive: bool  # an axis does with this sample
@@ -304,8 +304,8 @@ def _is_flat(
 ) -> bool:
     """Return whether a rate of a size has stopped in full motion, and its noise with it.
 
-    Its last step but one has changed by `change_before`, and its noise has the deviation `noise`, 0
-    while that is not known; all in rad/s.
+    By `change_before` the two steps before the last one differ; `noise` is the deviation at rest,
+    0 while that is not known; all in rad/s.
     """
     step, before, flat = checks['step'][axis], checks['step_before'][axis], checks['flat']
     stays = 0.0 < abs(step) * FLAT_SAMPLES < MIXED * size  # what stays the same is told by that

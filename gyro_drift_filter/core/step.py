@@ -58,7 +58,7 @@ from gyro_drift_filter.core.sensor_checks import (
 )
 from gyro_drift_filter.core.settings import Settings
 
-# Of a sample in the sum: a start of motion may be any number.
+# The most that one sample adds to the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
 
 
@@ -129,7 +129,7 @@ def _repeat_result(result: Result) -> None:
 
 @kernel
 def _start_over(filter_: FilterRecord) -> None:
-    """Start over with the sample period of the sensor: so far its repeats were samples, too."""
+    """Start over with the sensor's own sample period: so far each repeat counted as a sample."""
     state, sample_rate = filter_['state'], filter_['settings']['sample_rate']
     lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'], sample_rate)
     methods.start_over(filter_)
@@ -139,12 +139,12 @@ def _start_over(filter_: FilterRecord) -> None:
 
 @kernel
 def _doubt_rest(filter_: FilterRecord) -> None:
-    """Doubt what was learned at rest: an axis that has not changed so far may not have measured.
+    """Doubt what was learned at rest: an axis has changed for the first time.
 
-    So it is with a device that is not ready when its driver is.
+    Its device may not have been ready when the driver was, so that it has not measured so far.
     """
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
-    # A bias of the last run is no worse for it.
+    # A bias that is kept from the last run does not depend on it.
     if bias['segments'] > 0 or bias['provisional'][0] > 0.0:
         methods.start_over(filter_)
         doubt_noise(bias['rest'])
@@ -155,7 +155,7 @@ def _doubt_rest(filter_: FilterRecord) -> None:
 def _forget_rest(filter_: FilterRecord) -> None:
     """Forget the rests there were: a sensor that measures rest exactly has no noise in one."""
     bias = filter_['state']['bias']
-    # A device that is not ready may do so, too: a bias of the last run is no worse for it.
+    # A device that is not ready may do so, too, and a bias of the last run does not depend on it.
     if bias['known'] and bias['segments'] == 0:
         return
     if is_learned(bias) or bias['corrected'] > 0:
@@ -172,7 +172,7 @@ def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
     undone = is_undone(quantisation, mode)
     if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
         before, undone = undone, is_undone(quantisation, mode)
-        # What was learned of the bias had another part of a count in it.
+        # The bias was learned with half a count more or less in the rates.
         if (before or undone) and is_learned(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
     return undone
@@ -180,7 +180,7 @@ def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
 
 @kernel
 def _take_acceleration_off(sample: Sample, acceleration: PerAxis, settings: Settings) -> None:
-    """Take off the rates what the acceleration adds to them, and nothing to the bias."""
+    """Subtract from the rates what the acceleration adds to them, so that no bias contains it."""
     rate, sensitivity = sample['angular_velocity'], settings['calibration_acceleration_sensitivity']
     usable, now = True, sample['linear_acceleration']
     for axis in range(3):
@@ -235,9 +235,9 @@ def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
 
 @kernel
 def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRecord) -> None:
-    """Predict all axes, then take in what the sample is on all of them.
+    """Predict all axes, then update them with the sample.
 
-    So many samples are `missing` before it, or as many as `possible` may be.
+    Before it `missing` samples were lost for sure, and up to `possible` may have been.
     """
     rate, result = sample['angular_velocity'], filter_['state']['result']
     filtered = filter_['state']['filtered']
@@ -316,7 +316,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
 
 @kernel
 def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
-    """Follow the bias in motion with the rates of the sample, or the filter's where it is none."""
+    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
@@ -344,7 +344,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
 def _follow(
     motion: MotionBias, sample: Sample, clipped: float, seconds: float, filter_: FilterRecord
 ) -> None:
-    """Take the rates of the workspace in, the largest one at its limit `clipped`, in rad/s."""
+    """Update by the workspace's rates; `clipped` (rad/s) is the largest at its limit, or 0."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     if state['result']['status'] == SampleStatus.REFUSED:
         lose_direction(motion)  # nobody knows how the body turns about an axis without any rate

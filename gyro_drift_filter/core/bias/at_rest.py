@@ -76,8 +76,9 @@ if TYPE_CHECKING:
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.
 REST_SHARE = 0.003
-# How fast the bias walks is learned from how well it was predicted: this share per segment, down to
-# this share of the variance that the parameter allows.
+# How fast the bias walks is learned from how well it was predicted, with LEARNING per segment. A
+# squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk is
+# at least LEAST_WALK of what the parameter allows.
 LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
@@ -91,7 +92,7 @@ HINT_SECONDS = 1.0
 def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation: float) -> None:
     """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known.
 
-    Then it is as uncertain as `turn_on_deviation` in rad/s says. Its shift in motion is set before.
+    Where it is infinite, `turn_on_deviation` (rad/s) takes its place. Call `set_shift` before.
     """
     leave_rest(state)
     state['known'] = True
@@ -240,7 +241,7 @@ def calibrate_bias(state: Bias) -> None:
 
 @kernel
 def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
-    """Widen the bias for a change of temperature (deg C) since the last one that was as large."""
+    """Widen the bias if the temperature (deg C) is a step away from that of the last widening."""
     if not abs(temperature) < np.inf:
         return
     change = temperature - state['temperature']
@@ -291,14 +292,14 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
     note_segment(state)
     turned = turned_segments(state)
     if turned > 0 and moved:
-        # The motion to come may be in it, which says nothing of the rests to come.
+        # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
     if turned > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED
         take_back(state, turned)
         return _is_bias_after_all(state, lengths)
-    # Otherwise two segments were needed to find one of rest, which lifts no doubt.
+    # A segment put together from the halves of two lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
         state['doubt'] = max(state['doubt'] - 1, 0)
     return bool(state['doubt'] == 0)
@@ -335,7 +336,7 @@ def _learn(state: Bias) -> None:
     """Take the segment into the bias."""
     rest, anew = state['rest'], not state['known']
     if anew:
-        # What was no rest may have been a turn: the first one replaces it.
+        # What came before was no rest and may have been a turn: the first rest replaces it.
         for axis in range(3):
             state['bias'][axis] = segment_mean(rest, axis)
             state['variance'][axis] = segment_variance(rest, axis)

@@ -70,11 +70,11 @@ BLOCK_SECONDS = 0.4
 # The largest time without samples over which the body's turn is known well enough, in s.
 LONGEST_GAP = 0.05
 
-# A velocity is another one after so long, in s. What is faster than `SPEED` keeps its velocity for
-# longer in proportion, as it gains and loses it no faster: a car. What it has been of late counts,
-# if more, for so many s: what has been fast will be again. A velocity that swings to and fro, or
-# lasts, comes no further than so many of its deviations, and no robot on the road or in the air has
-# a larger one than the last of these, in m/s: a tilt that is taken for speed must not feed itself.
+# A velocity is another one after SPEED_SECONDS; above `SPEED` it lasts longer in proportion, as a
+# car accelerates no more than a hand. A higher speed is remembered for SPEED_MEMORY s. The
+# deviation is the largest velocity over SPEED_DEVIATIONS, as a swing or a constant velocity goes no
+# further. LARGEST_SPEED (m/s) is beyond robots on the road and in the air, so that a tilt that is
+# taken for speed does not feed itself.
 SPEED_SECONDS, SPEED_MEMORY = 2.1, 120.0
 SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 # Standard deviations at the start: of the direction, the velocity in m/s and the accelerometer's
@@ -86,10 +86,10 @@ DIRECTION_WALK, VELOCITY_WALK = 1e-3, 0.05
 # Error of the scale and the alignment of a gyroscope's axes, which tilts what is turned.
 SCALE_ERROR = 0.01
 LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
-# With a wide prior a bias would be taken for speed all the same, so that the velocity stays within
-# `SPEED`. What it has been, by its own deviation, on the mean of so many s, is only noted. A body
-# that walks and turns has an acceleration that stays the same in its axes, as the bias of an
-# accelerometer would be: standard deviation in m/s^2, of 0.7 m/s at 0.7 rad/s.
+# With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
+# speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s. A body that walks and turns
+# has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
+# in m/s^2, of 0.7 m/s at 0.7 rad/s.
 WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
 # The first direction is that of the mean acceleration over so many s.
 WIDE_DIRECTION_SECONDS = 1.0

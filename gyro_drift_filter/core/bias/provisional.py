@@ -46,8 +46,8 @@ PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at 
 PROVISIONAL_DEVIATION = 1.5e-3  # rad/s, besides that of the mean
 LESS_STEADY = 9.0  # times the variance of its mean: not by chance
 SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
-# Gravity has to stand for so long that a tilt which does not show is a small rate, in s. In so many
-# blocks, of the start and of now, it has not been looked at yet.
+# Gravity has to stand for so many s that a tilt too small to show is a small rate. It is not looked
+# at in so many blocks: the first ones and the one under way.
 STANDING_SECONDS, UNSEEN_BLOCKS = 10.0, 3
 
 
@@ -98,7 +98,7 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
         return
     for axis in range(3):
         state['bias'][axis] = _mean(rest, axis, standing)
-        # As a segment would have it: what comes later is compared by segments.
+        # Scaled to the length of a segment, as later segments are compared with it.
         share = rest['standing_blocks'] / SEGMENT_BLOCKS if standing else 1.0
         state['provisional'][axis] = _scatter(rest, axis, standing) * share
         state['variance'][axis] = _variance(rest, axis, standing, unseen)

@@ -47,7 +47,7 @@ def note_segment(state: Bias) -> None:
 
 @kernel
 def turned_segments(state: Bias) -> int:
-    """Return how many of the last segments lie together where no bias can have come, 0 for none."""
+    """Return how many of the last segments have a mean that no bias can have reached, or 0."""
     recent = state['recent']
     for axis in range(3):
         total = noise = 0.0

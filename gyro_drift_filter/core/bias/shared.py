@@ -14,12 +14,11 @@
 
 """What the bias at rest and that in motion share: both, their covariances, and the shift.
 
-The bias at rest is another one by a shift, but most of what moves the one moves the other. So it is
-in the same filter, of which each rest measures it, and what is known of the shift is what is known
-of the difference. A rest brings the bias in motion to that at rest and the shift; what a motion
-showed of the shift stays. What motion teaches of the bias at rest counts in here alone:
-`at_rest.py` learns it from rests, so that a flight does not change what is subtracted after the
-landing.
+The two biases differ by a shift, but most of what moves one moves the other, too. So both are in
+one filter, and each rest measures the bias at rest. That corrects the bias in motion as well, and
+leaves what motion has shown of the shift. What motion shows of the bias at rest counts in here
+alone: `at_rest.py` learns that bias from rests, so that a flight does not change what is subtracted
+after the landing.
 """
 
 import math
@@ -35,15 +34,15 @@ from gyro_drift_filter.core.matrices import Matrix
 STATES = 12
 DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
 
-# Vibration moves a bias by up to a share of what it makes of the values' deviation at rest, and by
-# no more than this, in rad/s: on ten flights of EuRoC by 0.2, 0.8, and 1.2e-3. What is no more than
-# a share of the noise does no harm where it is mistaken.
+# Vibration shifts a bias by a standard deviation of up to a share of that which it gives the values
+# at rest, and of no more than this, in rad/s: on ten flights of EuRoC it shifted by 0.2, 0.8 and
+# 1.2e-3. What is no more than a share of the noise does no harm where it is mistaken.
 SHIFT_SHARE, LARGEST_SHIFT = 0.1, 1e-3
-# A prior beyond this would have what is not seen, the bias about the vertical, torn along by what
-# is not in the model.
+# With a larger prior, errors of the model would move the bias about the vertical, of which gravity
+# shows nothing.
 LARGEST_PRIOR = 1.5e-3  # rad/s
-# Where next to nothing is known of the bias a rest tells far more, and most robots have one soon:
-# for so many seconds of motion the prior is the first of these, then the second.
+# A bias less certain than UNKNOWN (rad/s) is better left to the next rest, as most robots have one
+# soon: in the first UNKNOWN_SECONDS of motion its prior is UNKNOWN_PRIOR, then LATER_PRIOR.
 UNKNOWN, UNKNOWN_SECONDS, UNKNOWN_PRIOR, LATER_PRIOR = 0.02, 15.0, 5e-4, 2e-3
 
 # The velocity in m/s that a robot or a hand has until it shows a larger one.
@@ -51,7 +50,7 @@ SPEED = 0.7
 
 
 class BiasShift(NamedTuple):
-    """By how much the bias in motion is another one than that at rest.
+    """The bias in motion less that at rest.
 
     Attributes:
         shift: (3,) in rad/s.

@@ -80,10 +80,9 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 def is_slow_turn(
     turn: SlowTurn, rest: Rest, seconds: float, bias: PerAxis, variance: float
 ) -> bool:
-    """Take a segment of rest, which is no bias, in, and return whether its rate can be a turn.
+    """Update by a segment whose rate is not the bias; return whether that rate can be a turn.
 
-    If it can't, `gave_up` says whether it may have been one nevertheless: nothing but that it has
-    lasted speaks against it.
+    If it can't, `gave_up` says whether only its duration speaks against a turn.
 
     Args:
         turn: The rate of the segments before.

@@ -21,7 +21,7 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 
 - across the vertical of the body, as it was on the mean of the motion, unless it leans far;
 - after so much motion that accelerations have come and gone;
-- where it lies far from what is subtracted: the farther, the faster the body is, and the more it
+- where it is far enough from what is subtracted: by more, the faster the body is, and the more it
   turns one way.
 """
 
@@ -39,8 +39,8 @@ from gyro_drift_filter.core.bias.shared import (
 )
 from gyro_drift_filter.gravity import GRAVITY
 
-# Motion in s until anything counts, and the gates in standard deviations: a bias that is known to
-# be another one than assumed is followed closely.
+# Motion in s until anything counts, and the gates in standard deviations: the second one once a
+# first correction has shown that the assumed bias is wrong.
 LEAST_MOTION, FIRST_GATE, NEXT_GATE = 25.0, 3.0, 1.0
 # The error is so many of the filter's own standard deviations where the velocity has been `SPEED`,
 # and in proportion to the velocity down to the least one, in m/s. In simulation three of these are

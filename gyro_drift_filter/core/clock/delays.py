@@ -22,8 +22,8 @@ from gyro_drift_filter.core.clock.records import Clock
 # In periods. A missing sample makes all those after it late by one. Stamps that are off by up to
 # 40 % of the period either way are late by up to 0.8: what is later may be a gap.
 SUSPICIOUS = 0.95
-# And such stamps are 1.2 periods apart at least where one is missing between them; those of a
-# sensor that has become slower by less are no sign of it.
+# Where one is missing, such stamps are at least 1.2 periods apart. Shorter steps are no sign of it:
+# the sensor may have become slower.
 LONG_STEP = 1.05
 # Where steps are even, one over a gap is nearer to two periods than to one, so that the small
 # deviations of a driver that sleeps between two readings add up to no gap. The first of these is
@@ -47,7 +47,7 @@ FIRST_SHARE = 0.75
 # more than a period beyond, in one stretch: a driver that hung once is not one that often does.
 DELAY_MEMORY = 10.0
 MEAN_DELAY_WEIGHT = 0.25
-# In periods, the delays seen reach up to a little less than the longest one.
+# In periods: the longest delay that was seen is a little below the longest possible.
 LIMIT_MARGIN = 0.05
 
 

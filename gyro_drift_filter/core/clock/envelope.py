@@ -122,7 +122,7 @@ def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float
         clock['restarts'] += 1
         _start_envelope(clock)
         return TIME_JUMP
-    # Backward, but not before its time: it is the one before that was late.
+    # A stamp before its time: the clock was set back. If not, the stamp before it was just late.
     if elapsed < 0.0 and clock['lateness'] + elapsed - clock['mean_period'] < clock['earliest']:
         _start_envelope(clock)
         return 0

@@ -24,19 +24,19 @@ Each method is a module with the same verbs, kernels that mostly take the record
     update               take a sample in: its innovation, and whether it counts as an outlier
     estimate             rate and variance after that, with Q and R
 
-For each sample `step.py` calls the first of these lines on all axes, then the second, then the
-third:
+For each sample `step.py` calls the first of these lines on all axes, then the second, and so on:
 
-    start, if this is the first sample
+    start, if this is the first sample; look_around, once for all axes
     coast for each sample that is missing before it; predict, or coast where it is no number
+    compare_axes, once for all axes
     innovation_variance; update, unless the sample is no number; estimate
 
-So the first sample goes through `predict` and `update`, too; the paper's methods begin with the
-second, so their branches ask whether the method is `starting`. Coefficients are those of the sample
-period before the step; where the clock has found another one, `change_period` follows. The verbs at
-the end are for methods that need them: `change_period` for what is counted per sample,
-`is_noise_known` for noise that is learned, `change_model` for what parameters replace, and
-`take_over` for a start at the rate of another method.
+So the first sample goes through `predict` and `update`, too; the paper's methods skip both there,
+by `starting`. Coefficients are those of the sample period before the step; if the clock finds
+another one in the step, `change_period` ends it. The other verbs are for methods that need them:
+`look_around` and `compare_axes` for what all axes show together, `change_period` for what is
+counted per sample, `start_over` and `is_noise_known` for noise that is learned, `change_model` for
+what parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -70,7 +70,7 @@ class Method(NamedTuple):
 
     Attributes:
         name: What users write.
-        state: The field of `MethodStates` that it works on: methods of one state can take turns.
+        state: Its field of `MethodStates`; a switch between methods that share one keeps the state.
         advice: What to do where it does not fit its sensor; without its own, general texts.
     """
 
@@ -100,7 +100,7 @@ class MethodCoefficients(TypedDict):
 class MethodStates(TypedDict):
     """The state of each method, by axis."""
 
-    tracking: CountPerAxis  # 1 where the method stands at the sample before, else 0
+    tracking: CountPerAxis  # 1 where the method holds a state, 0 where the next sample starts it
     paper: Annotated[Sequence[PaperAxis], PAPER_AXIS, (3,)]
     adaptive: Annotated[Sequence[AdaptiveAxis], ADAPTIVE_AXIS, (3,)]
 
@@ -251,7 +251,7 @@ def start_over(filter_: 'FilterRecord') -> None:
 
 @kernel
 def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
-    """Return whether innovations can be judged, which they can't be before the noise is known."""
+    """Return whether the innovation can be judged: noise is known, and the sample was measured."""
     if filter_['settings']['method'] == ADAPTIVE:
         repeated = filter_['workspace']['methods']['adaptive']['circumstances']['repeated']
         known = filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
@@ -261,7 +261,7 @@ def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
 
 @kernel
 def change_model(filter_: 'FilterRecord', settings: 'Settings') -> None:
-    """Replace what was learned of a part of the model that other settings give anew."""
+    """Replace what was learned of those parts of the model that new settings change."""
     before, state = filter_['settings'], filter_['state']
     states, coefficients = state['methods'], filter_['coefficients']['methods']['paper']
     for axis in range(3):

@@ -104,8 +104,8 @@ if TYPE_CHECKING:
 # Zeros on all axes are no drop-out where no axis was faster than this, in rad/s: some drivers give
 # zeros for slow rates, of one degree a second at most.
 LARGEST_DEAD_ZONE = 0.02
-# Where noise is of more than a step the same rate comes four times in a row once in 50 times at the
-# most: it is that of a bus that hangs.
+# Where the noise exceeds a step, a measured rate comes four times in a row in at most one of 50
+# cases: such a rate is that of a bus that hangs.
 LEAST_HANG = 3  # repeats
 REPEAT_CHANGE = 3.0  # standard deviations of the noise: below, a repeat does no harm
 # Blocks of samples in a row that have to be still (`rest/`) for outliers to be judged by noise.
@@ -221,9 +221,9 @@ def change_model(state: AdaptiveAxis, before: 'Settings', after: 'Settings', axi
 def change_period(state: AdaptiveAxis, periods: float) -> None:
     """Get ready for gains of a sample period of `periods` old ones.
 
-    Acceleration and jerk are per sample. They have followed the samples, and it is the clock that
-    has learned late how far these lie apart. But with a shorter period the gains are smaller, and
-    what the larger ones have learned is noisier than they expect, so that it shrinks.
+    Acceleration and jerk are per sample and have followed the samples: where the clock learns the
+    period late, they are right already. But the gains of a shorter period are smaller and expect
+    less noise in them than the larger gains have left, so then they are scaled down.
     """
     if periods < 1.0:
         acceleration, jerk = state['acceleration'], state['jerk']
@@ -339,7 +339,7 @@ def compare_axes(
 
 @kernel
 def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int) -> bool:
-    """Return whether the rate of an axis has come more often in a row than noise lets it."""
+    """Return whether an axis has shown one rate more often in a row than its noise lets it."""
     if checks['equal'][axis] < LEAST_HANG or checks['at_limit'][axis]:
         return False
     step = state['noise']['resolution']
@@ -348,7 +348,7 @@ def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int) -> bool:
 
 @kernel
 def _has_turned(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: float) -> bool:
-    """Return whether more was predicted to change since the sample before than noise would."""
+    """Return whether the predicted change since the last sample is more than noise explains."""
     change, noise = abs(sample - workspace['prediction']), state['noise']
     return bool(is_begun(noise) and change > REPEAT_CHANGE * usual_deviation(noise))
 
@@ -387,7 +387,7 @@ def update(
     dropout, accepted = circumstances['dropout'], state['accepted']
     unseen = doubt['unseen']
     reason = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
-    # After the judgement, which it overrules: it has to see every sample.
+    # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:
         reason = Reason.CONSTANT
@@ -422,7 +422,7 @@ def update(
         correct(state, own, sample, steps, coefficients['modes'])
     if own['hangs'] and decision != Decision.BRIDGE:
         note_missing(doubt, typical)
-        doubt['unseen'] = unseen + 1  # it does not end with a value that is taken meanwhile
+        doubt['unseen'] = unseen + 1  # a value that is used meanwhile was not measured either
     doubt['last_sample'] = sample
     if doubt['unseen'] == 0:
         doubt['behind_gap'] = unseen > 0
@@ -446,7 +446,7 @@ def update(
 
 @kernel
 def _is_behind(sample: float, prediction: float, typical_innovation: float) -> bool:
-    """Return whether a rate is no larger than its prediction, as at the end of the range."""
+    """Return whether a rate is no larger than predicted, as one is that its range has cut off."""
     size = sample if sample > 0.0 else -sample
     predicted = prediction if sample > 0.0 else -prediction
     return bool(predicted >= size - typical_innovation)
@@ -468,7 +468,7 @@ def estimate(
     own = workspace['axes'][axis]
     circumstances = workspace['circumstances']
     at_rest = circumstances['at_rest']
-    # Without a sample there was no decision: what stands there is of an earlier one.
+    # Without a sample there was no decision: `reason` is left over from an earlier one.
     measured, decision = sample == sample, decision_of(own['reason'])
     accepted = measured and decision == Decision.ACCEPT
     rate, variance, process_noise = combine_modes(state, own, modes, at_rest, accepted)

@@ -34,7 +34,7 @@ from gyro_drift_filter.core.methods.noise import (
     prediction_of,
 )
 
-# A mode probability below this is none.
+# The least divisor in place of a mode probability: smaller ones are zero.
 SMALLEST = 1e-300
 
 
@@ -104,9 +104,9 @@ def combine_modes(
 ) -> tuple[float, float, float]:
     """Return what the modes say together: rate, its variance, and Q.
 
-    In motion noise that is correlated comes through a mode that averages over a time like its own
-    enlarged. So where the error of a mode is more than the noise it is the last sample that counts,
-    if that was `accepted`.
+    Correlated noise comes out enlarged from a mode that averages over about its correlation time.
+    So in motion the last sample, if it was `accepted`, stands in for the rate of each mode whose
+    error exceeds the noise.
     """
     whole = largest_variance(state['noise'])
     _find_errors(state['noise'], whole, workspace, modes)
@@ -287,10 +287,9 @@ def _predict_variances(
 ) -> None:
     """Write the variance of each mode's innovation.
 
-    Of the noise's variance the share `predicted` is, if it is known. With gain K a residual holds
-    1 - K of the noise, so that takes predicted * (1 - K) ** 2 off the variance. A fast mode sees
-    less noise, as far as its own prediction follows the noise: from all of it at K = 0 to
-    `roughness` at K = 1.
+    Residuals predict the share `predicted` of the noise's variance. With gain K a residual holds
+    1 - K of the noise, so this takes predicted * (1 - K) ** 2 off the variance. The prediction of
+    a fast mode follows the noise itself, which leaves all of it at K = 0 and `roughness` at K = 1.
     """
     variance, half_precision = workspace['variance'], workspace['half_precision']
     density, gain, ratio = workspace['density'], modes['gain_rate'], modes['innovation_ratio']
@@ -308,8 +307,8 @@ def _find_errors(
 ) -> None:
     """Write the variance of the error that noise of variance `largest` leaves in each mode's rate.
 
-    Two lags don't tell a low-pass from a vibration: the first is nearer to AR(1) noise where a mode
-    is slow, the second to AR(2) noise. So what errs more counts.
+    Two lags can't tell noise behind a low-pass, which in slow modes is nearer to AR(1), from a
+    vibration, which is nearer to AR(2). So the larger of both errors counts.
     """
     first, second = noise['autocorrelation'][0], noise['autocorrelation'][1]
     error, key = workspace['error'], workspace['error_key']
@@ -398,7 +397,7 @@ def correct(
 
 @kernel
 def _exponential(exponent: float) -> float:
-    """Return exp(exponent), or that of the nearest of -80 to 0, within 1e-7 of it from -10 on.
+    """Return exp(exponent), limited to exponents of -80 to 0; to 1e-7 of it from -10 on.
 
     By its series for a 128th of it, and seven squares. Unlike `math.exp` it can be a vector
     instruction.

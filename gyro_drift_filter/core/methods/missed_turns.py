@@ -35,11 +35,11 @@ from gyro_drift_filter.core.methods.outliers import (
     decision_of,
 )
 
-# What was motion among held samples, and what smoothing has not put out in motion, is given back
-# with these time constants, so that the heading holds: the second where it is no more than noise
-# makes of it, within so many deviations. As longest_hold bounds the number of held samples, and the
-# range of gyroscopes their rate, it is no more than the first angle. The second is more than a
-# knock turns a body that stays where it is.
+# Two angles are given back so that the heading holds: that of held samples that were motion, with
+# the first time constant in s; and that which smoothing has removed in motion, with the second one
+# while it is within so many deviations of noise, else with the first. A held angle is at most
+# LARGEST_COMPENSATION, by the range of gyroscopes and `longest_hold`; that of a knock, on a body
+# that stays where it is, at most LARGEST_KNOCK.
 COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
 LARGEST_COMPENSATION = 2.0  # rad
@@ -184,9 +184,9 @@ def _cross_bridge(
 
 @kernel
 def _turned_beyond(bridge: Bridge, after: float, slope_after: float) -> float:
-    """Return what `_cross_bridge` does, for the rate after the bridge and the slope there.
+    """Return what repeated samples turned beyond what was put out, in rad/s times samples.
 
-    In rad/s and rad/s per sample.
+    `after` (rad/s) and `slope_after` (rad/s per sample) are rate and slope behind the bridge.
     """
     intervals = bridge['samples'] + 1.0
     curve = (bridge['slope_before'] - slope_after) * intervals * intervals / 12.0

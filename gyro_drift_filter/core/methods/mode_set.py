@@ -65,11 +65,11 @@ LAG_PER_TIME = 8.0
 SHORTEST_LAG = 0.03
 LONGEST_LAG = 1.2
 
-# Motion grows UP_RATE times a second at the fastest modes. The others last for about their own
-# time: their probability to go up per sample is at most that times UP_PER_TIME * period / time. The
-# same holds for going down, of which DOWN is the probability per sample and per further mode. By
-# `Transition`: once a motion begins, any mode may be left at once; a body that stands has come to
-# rest from whatever mode it was in.
+# UP_RATE motions begin in a second, as the fastest modes see it. Slower modes last for about their
+# own time, so the probability to leave one upwards is at most that times UP_PER_TIME * period /
+# time; likewise downwards, where DOWN is the probability per sample, and again for each further
+# mode. By `Transition`: when a motion begins, any mode may be left at once; a body that stands has
+# come to rest from whatever mode it was in.
 UP_RATE = 3.0
 UP_PER_TIME = (0.65, 3.0, math.inf)
 DOWN = (0.1, 0.6, 0.1)
@@ -174,10 +174,9 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         modes['least_probability'][j] = LEAST_PROBABILITY
         gain = covariance[0, 0] / innovation
         modes['gain_rate'][j] = gain
-        # Of the variance of a mode's rate, gain * R (12), what is no noise is lag, if the motion is
-        # the mode's own. But the modes are told apart by innovations, which show a lag only where
-        # it stands out of the noise, so in a real motion what lags unseen has about the variance
-        # of the noise that the mode lets through.
+        # By (12) a mode's rate has the variance gain * R: noise, and lag behind the mode's own
+        # motion. But innovations show a lag only where it exceeds the noise, so in real motion the
+        # unseen lag has about the variance of the noise that the mode lets through.
         modes['unseen_lag'][j] = gain * (1.0 - gain)
         modes['gain_acceleration'][j] = covariance[0, 1] / innovation
         modes['gain_jerk'][j] = covariance[0, 2] / innovation

@@ -19,11 +19,11 @@ that motion can't be booked as noise: that is what undoes equation (16) of the p
 Noise that is correlated from sample to sample is an AR(2) process: as far as two samples tell the
 next one, it is predicted.
 
-Before the first rest R is a bound, as motion only adds to what the samples show: their variance in
-blocks that look like white noise, whose third differences have 20 times the variance of the noise,
-and of other blocks, and of all at low rates, a share of these differences. In motion R falls where
-they are smaller than R says, and a block that looks like noise gives no more than the others before
-it let noise have: fast motion looks like it, too, where a block holds few samples.
+Before the first rest motion may be in all that is measured, so R is kept low. A block that looks
+like white noise, whose third differences have 20 times the variance of the noise, gives its own
+variance; any other, and every block at low rates, gives a small share of what its third differences
+show. R falls in motion where these show less. Fast motion looks like noise, too, where a block
+holds few samples, so such a block counts for no more than the blocks before it allow.
 """
 
 import math
@@ -51,7 +51,7 @@ LEAST_THIRDS = 10  # third differences, without which a block says nothing
 WHITE = 0.3
 LONGEST_WHITE_PERIOD = 0.0204  # s
 LARGEST_NOISE = 0.2  # rad/s
-LARGEST_BOUND = 2.0  # times the lowest bound, whatever their mean is: motion can only raise them
+LARGEST_BOUND = 2.0  # R in lowest bounds, at most: motion can only raise a bound
 # Of what third differences show of another block before the first rest, the share that is taken for
 # noise: a hand in motion shows 5 to 200 times the variance of a quiet sensor's noise. Too low costs
 # smoothing until a block looks like noise, too high costs motion.
@@ -69,8 +69,8 @@ LARGEST_UNALTERED = 0.72
 LEAST_ROUGHNESS = 0.003
 # Autocorrelation and roughness are means over ten blocks at the most: this is the weight of one.
 LEAST_WEIGHT = 0.1
-# What a block's third differences show of the noise is less than a part of it by this factor in one
-# of 10,000 blocks of 50 samples.
+# In one of 10,000 blocks of 50 samples third differences show less of the noise than a part of it
+# by this factor.
 LEAST_SHOWN = 4.0
 
 
@@ -92,8 +92,8 @@ class Noise(TypedDict):
 
     variance: float  # R, (rad/s)^2
     autocorrelation: PerLag  # of samples one apart, phi of equation (2), and two apart
-    # The first of these, of blocks in which it is not below zero: of white noise it is in half of
-    # them, by chance, and predicting that costs smoothing.
+    # Mean of the first of these, where a negative one counts as 0: by chance it is negative in half
+    # of all blocks of white noise, and predicting such noise costs smoothing.
     correlation: float
     # How a sample of it follows from the last one and from the one before, the share of its
     # variance that these predict, and how it follows where only the last one is known.
@@ -277,7 +277,7 @@ def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: 
     A motion is noticed some time after it has begun, so a block waits for the next one.
     """
     rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
-    # The first rest is found when it has lasted for longer than a block.
+    # When the first rest is found, it has already lasted for longer than a block.
     if at_rest and (noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)):
         _learn_from_rest(noise, block_forgetting)
     _let_wait(noise, rough)

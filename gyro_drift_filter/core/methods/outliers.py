@@ -14,18 +14,18 @@
 
 """Outliers or motion: a doubtful sample is held back until those after it say what it was.
 
-A sample far outside the prediction is not accepted, and the prediction stands in for it. What the
-next sample is decides. Back near the prediction: it was an outlier, and leaves no trace, unless the
-accelerometer felt a knock: then its angle is given back. A smooth growth with the same sign, steps
-that go on as the jump has begun, or a run of agreeing samples that is longer than outliers last: it
-was motion, and the filter starts anew at the sample at hand. None of these: that sample is held
+A sample far outside the prediction is held back, and the prediction stands in for it. The next
+sample decides. If it is back near the prediction, the first one was an outlier and leaves no trace,
+unless the accelerometer felt a knock: then its angle is given back. If the samples grow smoothly
+with one sign, go on by steps like the first one, or agree for longer than outliers last, they were
+motion, and the filter starts anew at the sample at hand. If none of this holds, that sample is held
 back, too, for a bounded number of samples. A jump that comes with a jolt of the accelerometer is a
 knock, and the filter starts anew at the next sample that is still away; a message that is corrupted
 as a whole has a jolt, too, but does not repeat.
 
 At rest noise alone says what is far. In motion it has to be more than a body reaches in a sample
 period, too, and no more than a push that shakes the accelerometer explains. After samples that were
-missing or repeated an extrapolation says little, and what a body can have come to is no outlier.
+missing or repeated an extrapolation says little: a rate that a body can have reached is no outlier.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
 so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
@@ -46,12 +46,12 @@ if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
 
 RETURN = 0.5  # back by half the jump: the jump was an outlier
-EXTRAPOLATION_POWER = 1.5  # what an extrapolation over n samples may miss grows as n to this power
+EXTRAPOLATION_POWER = 1.5  # the error of an extrapolation over n samples grows as n to this power
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample ...
 GROWTH_LIMIT = 500.0  # rad/s^2: ... and by no more than an arm can do
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
-# Over a longer period than `FORESEEN_SECONDS` the least jump in motion grows as what is not
-# foreseen, but no further than by what a hand does that turns back, in rad/s.
+# At sample periods above `FORESEEN_SECONDS` the least jump in motion grows with what the modes fail
+# to foresee, up to the change of a hand that reverses its turn, in rad/s.
 LARGEST_REVERSAL = 16.0
 JERK_FROM_REST = 250.0  # rad/s^3: a motion that begins faster shows in the next sample
 AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
@@ -83,10 +83,10 @@ HIT_RATIO, FIRST_HIT, CONFIRMED_HIT = 3.0, 1.5, 1.0 / 3.0
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
 
-# Of usual changes and innovations: the weight of a sample; more than so many times the usual one
-# counts as this much; and none is less, as processors are slow with denormal numbers.
+# Running means of changes and innovations: the weight of a sample, its largest size in such means,
+# and the least mean, as processors are slow with denormal numbers.
 USUAL_MEMORY, USUAL_LIMIT, LEAST_USUAL = 0.05, 5.0, 1e-9
-# A rate that goes to and fro changes by up to so many times what it does in the mean.
+# The largest change of a rate that swings to and fro, in mean changes.
 LARGEST_RATE_CHANGE = 3.0
 
 
@@ -109,7 +109,7 @@ class Reason(IntEnum):
     RETURNED = 2  # back at the prediction from before those that were held back
     CONSTANT = 3  # it has come so often that it is the rate
     # HOLD
-    FAR = 4  # beyond both limits, or what no body does, and nothing shows that it is motion
+    FAR = 4  # beyond the limits; or, after held ones, neither back nor shown to be motion
     # zeros on all axes, or a read that failed, and not as predicted: there was nothing to report
     ALL_ZERO = 5
     # START_ANEW
@@ -138,7 +138,7 @@ class Circumstances(TypedDict):
     repeated: bool  # the sensor has not measured since the sample before
     polled: bool  # samples are repeated now and then
     still: bool  # the sensor has stood still for some blocks of samples before it,
-    at_rest: bool  # or for so many that a block of noise is of them alone
+    at_rest: bool  # and for so many that a whole block of noise lies within them
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
@@ -165,12 +165,12 @@ class OutlierLimits(TypedDict):
 class Doubt(TypedDict):
     """The samples of one axis that are held back, and the last one."""
 
-    held: int  # how many in a row, missing ones among them
-    unseen: int  # how many in a row, up to the last one, that were not measured
+    held: int  # consecutive samples that were held back or are missing
+    unseen: int  # consecutive samples that were not measured, up to the last one
     behind_gap: bool  # the last one that was measured came behind some that were not
     # These mean nothing where none is held.
-    agreeing: int  # of them, the last ones that agree
-    growing: int  # of them, the last ones that were each further away than the one before
+    agreeing: int  # how many of the latest agree
+    growing: int  # how many of the latest were each further away than the one before
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
     step: float  # rad/s, from the last but one to the last; 0 where these do not follow each other
     typical_innovation: float  # rad/s, when the first one came
@@ -325,7 +325,7 @@ def judge(
     still = circumstances['still']
     least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
     jolt_limit = JOLT_LIMIT if still else limits['jolt_limit']
-    # Whatever the modes expect, no body jumps so far, but back from where outliers have led to.
+    # No body jumps this far, whatever the modes expect, except back from where outliers led.
     beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - accepted), abs(sample - doubt['before_restart']))
     doubtful = (size > jump and size > least_jump) or apart > beyond
@@ -356,7 +356,7 @@ def judge(
     same_side = innovation * offset > 0.0
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
-    # Beyond the prediction on the other side it has come back as well: the prediction was off.
+    # Beyond the prediction, on its other side, it is back as well: the prediction was off.
     away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
     change = abs(sample - doubt['last_sample'])
     # A sample that lies by those held back belongs to them, wherever the prediction has gone.
@@ -369,7 +369,7 @@ def judge(
         return Reason.CONFIRMED
     if explained > CONFIRMED_HIT * size:
         return Reason.PUSHED
-    # A burst of outliers jumps with its first sample, further than a hit turns a body with each.
+    # The first sample of a burst of outliers jumps further than a hit turns a body in a sample.
     if jolted and doubt['first_size'] < jolt_limit and size < jolt_limit * (held + 1.0):
         return Reason.JOLTED
     # Outliers do not go away further and further, as a body does that gains speed.

@@ -19,8 +19,8 @@ Gyroscope Random Drift Error", IOP Conf. Ser.: Mater. Sci. Eng. 187 (2017) 01200
 are the paper's. State X = [r, x]: the angular rate and the autoregressive drift, both in rad/s;
 A = [1 1; 0 phi], Gamma = [0 1]', H = [1 0].
 
-Where the printed equations can't be run as they stand, or die of it, a safeguard departs from
-them. Each is named where it stands:
+Where the printed equations can't be run as they stand, or diverge, a safeguard departs from them.
+Each is named where it stands:
 
 - *first sample*: it sets X and counts as k = 1, so adaptation starts at k = 2. At k = 1
   equation (13) gives d = 1, and one sample would replace r, q, R and Q altogether.
@@ -262,6 +262,7 @@ def update(
     expected_square = predicted * predicted + innovation_variance  # J of (18)
     outlier = abs(sample * sample - expected_square) > epsilon
     used = innovation
+    # (19) only shortens: a square below the band is flagged, and used as it is, as in print.
     if outlier and abs(sample) > np.sqrt(expected_square):
         used = sample * (np.sqrt(expected_square) / abs(sample)) - predicted  # (19)
     state['rate'] = predicted + gain_rate * (used - mean)  # (11), (20)

@@ -28,10 +28,10 @@ just let go, and of a thousand segments of plain rest one or two look like that.
 before there is another segment, that half counts, once the noise is known.
 
 What the noise is on each signal, within blocks and from block to block, is learned from segments
-that hold together. The first one may have noise of any spectrum: what tells it is that no mean
-moves from its first half to its second, neither of a rate nor of gravity, by the scatter that this
-sensor's own means have, that the values vary alike in both halves, and that this scatter is one
-that a body at rest can have. Noise that is correlated varies more from block to block, and so may
+that hold together. The first one may have noise of any spectrum. It is accepted if no mean, of a
+rate or of gravity, moves from its first half to its second by more than such means scatter, if the
+values vary alike in both halves, and if the means scatter no more than those of a body at rest can.
+Noise that is correlated varies more from block to block, and so may
 blocks and segments of it. A machine that is switched on later makes another noise, which is looked
 for beside the one that is known. How much more the means of segments vary than the blocks within
 them say, as slow noise makes them, is begun with the correlation of one block and the next, and

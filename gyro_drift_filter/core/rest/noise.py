@@ -25,8 +25,9 @@ COUNT_VARIANCE = 1.0 / 12.0
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 # The noise is learned with this weight per segment.
 LEARNING = 0.1
-# The ratio of variances is learned slower, as a segment says less of it. It starts at one, as if
-# the first segments and so many more had said so, and one step counts for so large a ratio at most.
+# The ratio of variances is learned slower, as a segment says less of it. It starts with the
+# correlation of the first segment's blocks, which counts as RATIO_PRIOR + 1 segments; one step
+# counts for LARGEST_RATIO at most.
 RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
 # Of the variance of an acceleration at rest: with less, what has made the noise has stopped.
 QUIETER = 0.25
@@ -131,7 +132,7 @@ def learn_variance_ratio(rest: Rest) -> None:
 
 @kernel
 def forget_noise(rest: Rest) -> None:
-    """Forget the noise: from now on a value is a mean of fewer samples."""
+    """Forget the noise: the next segment is judged as the first one was."""
     rest['known'] = False
     rest['calm_known'] = False
 

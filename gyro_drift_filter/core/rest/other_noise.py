@@ -33,7 +33,7 @@ from gyro_drift_filter.core.rest.records import (
 
 # A motion may pass for noise once.
 CONFIRMING = 3  # segments
-# Times the variance of values: with less of it the noise that is known finds the rest.
+# The variance of values over the known one: below this the noise that is known finds the rest.
 NOISIER = 2.0
 # What has been neither rest nor of that noise for so long was motion.
 FORGOTTEN_SECONDS = 10.0

@@ -33,8 +33,8 @@ from gyro_drift_filter.core.rest.segment import (
     segment_mean,
 )
 
-# A block varies as noise does up to 1 + so many deviations of a variance of n values.
-# With 8, one of some 100,000 blocks of plain noise is none, and a short rest lost.
+# A block is noise up to a variance of 1 + so many deviations of the variance of n values. With 8,
+# one of some 100,000 blocks of plain noise would exceed it, and a short rest be lost.
 VARIANCE_DEVIATIONS = 10.0
 # So does the scatter of the means of a segment.
 SCATTER_DEVIATIONS = 8.0
@@ -51,12 +51,12 @@ GRAVITY_DEVIATIONS = 6.0
 # While the noise is not known, the values of one half may vary by so much more than those of the
 # other: a hand that comes to rest trembles a hundred times as much before as after.
 LARGEST_RATIO_OF_HALVES = 9.0
-# While the noise is not known, the means may scatter as the noisiest sensors and a running motor
-# make them: by less than this where they are averages over a second, and by the root of the time
-# more where they are of less. It is an angle random walk of 34 deg/sqrt(h), some 25 times that of a
-# cheap gyroscope; a body in motion has five times as much. The same for gravity. Noise that is
-# correlated over a part of BLOCK_SECONDS has passed a low-pass, and so is less: a hand that holds
-# the sensor sways like that.
+# While the noise is not known, the means may scatter as those of the noisiest sensors and of a
+# running motor: less than this if averaged over a second, and by the root of the time more if over
+# less. It is an angle random walk of 34 deg/sqrt(h), some 25 times that of a cheap gyroscope; a
+# body in motion has five times as much. The second is that of gravity. Noise that is correlated
+# within a block may scatter less: it has passed a low-pass, and a hand that holds the sensor sways
+# like that.
 LARGEST_RANDOM_WALK = 0.01  # rad/s^(1/2)
 LARGEST_VELOCITY_RANDOM_WALK = 0.1  # m/s^(3/2)
 # Of means that alternate, the share of their scatter that counts at least: a body that is swung to
