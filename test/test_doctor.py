@@ -29,6 +29,7 @@ from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.doctor.repeats import judge_repeats
+from gyro_drift_filter.doctor.rests import judge_resolution, look_at_rests
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.recordings.examined import read_recording
@@ -288,6 +289,17 @@ def test_counts_that_are_rounded_are_sound(found):
     findings = found(rates_of(simulation, np.round(simulation.angular_velocity / count) * count))
     assert faults(findings) == set()
     assert 'truncation' in of_verdict(findings, Verdict.SOUND)
+
+
+def test_the_noise_of_a_rest_that_is_shorter_than_a_second_is_not_known(random):
+    columns = tuple(0.01 * random.standard_normal((6, 500)))
+    resting = np.zeros(500)
+    resting[100:220] = 1.0
+    seen = look_at_rests(resting, columns[:3], columns[3:], 0.01)
+    assert seen.samples > 0
+    finding = judge_resolution(np.full(3, 1e-3), seen)
+    assert finding.verdict == Verdict.UNKNOWN
+    assert 'nan' not in finding.text
 
 
 def test_counts_that_are_coarse(found):

@@ -64,7 +64,7 @@ class AtRest:
     Attributes:
         stretches: Where they are.
         samples: How many samples they have together.
-        noise: (3,) deviation of the rates within a second, in rad/s; NaN without a rest.
+        noise: (3,) deviation of the rates within a second, in rad/s; NaN without a rest so long.
         forces: (r, 3) mean acceleration in m/s^2.
         force_noise: (3,) as `noise`, of the accelerations in m/s^2.
     """
@@ -184,8 +184,9 @@ def judge_resolution(count_size: Floats, seen: AtRest) -> Finding:
     if not count_size.any():
         return Finding(name, Verdict.SOUND, 'the rates have no counts to be seen', values=values)
     counts = f'a count is {np.degrees(count_size.max()):.3g} deg/s'
-    if not seen.samples:
-        return Finding(name, Verdict.UNKNOWN, f'{counts}; without a rest its noise is not known')
+    if not np.isfinite(seen.noise).all():
+        text = f'{counts}; without a rest of a second its noise is not known'
+        return Finding(name, Verdict.UNKNOWN, text)
     coarse = [axis for axis in range(3) if count_size[axis] > _COARSE * seen.noise[axis]]
     if coarse:
         return Finding(
