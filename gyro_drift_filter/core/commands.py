@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import (
-    HINT_SECONDS,
     calibrate_bias,
     leave_rest,
     start_bias,
@@ -141,13 +140,6 @@ def read_shift(
     motion = filter_[0]['state']['bias']['motion']
     for axis in range(3):
         shift[axis], variance[axis] = shift_of(motion, axis), shift_variance(motion, axis)
-
-
-@entry_kernel(FILTER, int)
-def give_hint(filter_: NDArray[np.void], hint: int) -> None:
-    """Take a member of `Hint`."""
-    filter_[0]['state']['bias']['hint'] = hint
-    filter_[0]['state']['bias']['hint_seconds'] = HINT_SECONDS
 
 
 @entry_kernel(FILTER, float)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
+from gyro_drift_filter.core.bias.at_rest import HINT_SECONDS
 from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
 from gyro_drift_filter.core.bias.shared import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
@@ -135,7 +136,9 @@ class Filter:
 
     def hint(self, moves: bool) -> None:
         """Take a hint of the robot on whether it moves; it holds for a second."""
-        commands.give_hint(self.record, int(Hint.MOVES if moves else Hint.STANDS))
+        bias = self.state['bias']
+        bias['hint'] = Hint.MOVES if moves else Hint.STANDS
+        bias['hint_seconds'] = HINT_SECONDS
 
     def note_temperature(self, temperature: float) -> None:
         """Take the sensor's temperature in deg C; a change makes the bias uncertain."""

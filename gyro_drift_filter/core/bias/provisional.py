@@ -102,7 +102,8 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
         share = rest['standing_blocks'] / SEGMENT_BLOCKS if standing else 1.0
         state['provisional'][axis] = _scatter(rest, axis, standing) * share
         state['variance'][axis] = _variance(rest, axis, standing, unseen)
-        noise = standing_scatter(rest, axis) if standing else value_variance(rest, axis)
+        signal = rest['signals'][axis]
+        noise = standing_scatter(rest, axis) if standing else value_variance(rest, signal)
         limit_shift(state['motion'], axis, noise)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     # The direction of gravity has turned with the bias so far.

@@ -34,6 +34,7 @@ from gyro_drift_filter.core.methods.noise import (
     prediction_of,
 )
 
+LEAST_PROBABILITY = 1e-30  # of a mode
 # The least divisor in place of a mode probability: smaller ones are zero.
 SMALLEST = 1e-300
 
@@ -378,7 +379,6 @@ def correct(
     gain_rate, gain_acceleration = modes['gain_rate'], modes['gain_acceleration']
     gain_jerk = modes['gain_jerk']
     half_precision, density = workspace['half_precision'], workspace['density']
-    least = modes['least_probability']
     share = 1.0 / steps
     for j in range(MODES):
         innovation = sample - predicted_rate[j]
@@ -392,7 +392,7 @@ def correct(
         probability[j] = prior[j] * density[j] * _exponential(probability[j] - largest)
     whole = 1.0 / _sum(probability)
     for j in range(MODES):
-        probability[j] = max(probability[j] * whole, least[j])
+        probability[j] = max(probability[j] * whole, LEAST_PROBABILITY)
 
 
 @kernel

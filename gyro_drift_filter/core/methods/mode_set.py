@@ -81,8 +81,6 @@ DOWN_PER_TIME = (0.6, 2.3, 0.6)
 UP_FURTHER = 0.8
 UP_FURTHER_POWER = 1.2
 
-LEAST_PROBABILITY = 1e-30  # of a mode
-
 PerMode = Annotated[NDArray[np.float64], np.float64, (MODES,)]
 # By mode: of probability, rate, acceleration and jerk, side by side as all are moved alike.
 Terms = Annotated[NDArray[np.float64], np.float64, (MODES, 4)]
@@ -125,7 +123,6 @@ class ModeSet(TypedDict):
     process_ratio: PerMode
     innovation_ratio: PerMode
     innovation_logarithm: PerMode
-    least_probability: PerMode
     # What white noise leaves in the state after a sample, relative to R: the variance of its rate,
     # and its covariances with acceleration and jerk.
     noise_rate: PerMode
@@ -171,7 +168,6 @@ def derive_mode_set(period: float, modes: ModeSet, scratch: Derivation) -> None:
         innovation = covariance[0, 0] + 1.0  # (9), with R = 1
         modes['innovation_ratio'][j] = innovation
         modes['innovation_logarithm'][j] = math.log(innovation)
-        modes['least_probability'][j] = LEAST_PROBABILITY
         gain = covariance[0, 0] / innovation
         modes['gain_rate'][j] = gain
         # By (12) a mode's rate has the variance gain * R: noise, and lag behind the mode's own

@@ -18,7 +18,13 @@ import math
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths, Signal
-from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, scatter_of_means, segment_mean
+from gyro_drift_filter.core.rest.segment import (
+    LEAST_VARIANCE,
+    mean_square_step,
+    scatter_of_means,
+    segment_mean,
+    value_variance,
+)
 
 # The variance of a value that lies anywhere within a count, in counts squared.
 COUNT_VARIANCE = 1.0 / 12.0
@@ -76,7 +82,7 @@ def _weight(rest: Rest) -> float:
 @kernel
 def _noise_of_segment(rest: Rest, signal: Signal, length: int) -> tuple[float, float]:
     """Return the variance of values in blocks of `length`, and of the means of these."""
-    variance = signal['variances'] / rest['blocks']
+    variance = value_variance(rest, signal)
     return variance, max(scatter_of_means(rest, signal), variance / length)
 
 
@@ -90,8 +96,8 @@ def _correlated_ratio(rest: Rest) -> float:
     correlation = 0.0
     for i in range(3):
         signal = rest['signals'][i]
-        steps = signal['steps'] / (rest['blocks'] - 1.0)
-        correlation += _correlation(steps, scatter_of_means(rest, signal)) / 3.0
+        steps, scatter = mean_square_step(rest, signal), scatter_of_means(rest, signal)
+        correlation += _correlation(steps, scatter) / 3.0
     return _ratio(correlation)
 
 
@@ -157,7 +163,7 @@ def expect_no_noise(rest: Rest) -> None:
 @kernel
 def is_calm(rest: Rest, signal: Signal) -> bool:
     """Return whether an acceleration varies in the segment about as it did when it was at rest."""
-    variance = signal['variances'] / rest['blocks']
+    variance = value_variance(rest, signal)
     return bool(not rest['calm_known'] or FAR_QUIETER * variance <= signal['variance'])
 
 

@@ -158,9 +158,15 @@ def last_mean(rest: Rest, index: int) -> float:
 
 
 @kernel
-def value_variance(rest: Rest, index: int) -> float:
-    """Return the variance of values about the mean of their block, of signal `index`."""
-    return float(rest['signals'][index]['variances'] / rest['blocks'])
+def value_variance(rest: Rest, signal: Signal) -> float:
+    """Return the variance of the values in the segment about the means of their blocks."""
+    return float(signal['variances'] / rest['blocks'])
+
+
+@kernel
+def mean_square_step(rest: Rest, signal: Signal) -> float:
+    """Return the mean square of the step from the mean of one block to that of the next."""
+    return float(signal['steps'] / (rest['blocks'] - 1.0))
 
 
 @kernel

@@ -29,8 +29,10 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
     block_moments,
+    mean_square_step,
     scatter_of_means,
     segment_mean,
+    value_variance,
 )
 
 # A block is noise up to a variance of 1 + so many deviations of the variance of n values. With 8,
@@ -118,11 +120,11 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     signal, length = rest['signals'][index], 1.0 * lengths['block']
     scatter = scatter_of_means(rest, signal)
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
-    variance = signal['variances'] / rest['blocks']
+    variance = value_variance(rest, signal)
     alike = _alike_values(scatter, variance, length)
     limit = _variance_limit(alike, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
-    steps = 0.5 * signal['steps'] / (rest['blocks'] - 1.0)
+    steps = 0.5 * mean_square_step(rest, signal)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
     smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
     # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
@@ -160,7 +162,7 @@ def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
 @kernel
 def _is_smooth(rest: Rest, signal: Signal, scatter: float) -> bool:
     """Return whether means that scatter differ little from one to the next, as in a slow turn."""
-    return bool(0.5 * signal['steps'] / (rest['blocks'] - 1.0) < LEAST_STEPS * scatter)
+    return bool(0.5 * mean_square_step(rest, signal) < LEAST_STEPS * scatter)
 
 
 @kernel
@@ -204,7 +206,7 @@ def tilts(rest: Rest, block_seconds: float) -> bool:
         turned -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
         moved += change * change
         unexplained += (change - turned * seconds) * (change - turned * seconds)
-        noise += signal['steps'] / (rest['blocks'] - 1.0)
+        noise += mean_square_step(rest, signal)
     largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
     largest = max(largest, LEAST_TURN)
     return bool(math.sqrt(moved) > largest)
