@@ -29,7 +29,11 @@ from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.doctor.repeats import judge_repeats
-from gyro_drift_filter.doctor.rests import judge_resolution, look_at_rests
+from gyro_drift_filter.doctor.rests import (
+    judge_accelerometer,
+    judge_resolution,
+    look_at_rests,
+)
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.recordings.examined import read_recording
@@ -300,6 +304,12 @@ def test_the_noise_of_a_rest_that_is_shorter_than_a_second_is_not_known(random):
     finding = judge_resolution(np.full(3, 1e-3), seen)
     assert finding.verdict == Verdict.UNKNOWN
     assert 'nan' not in finding.text
+
+
+def test_the_accelerations_of_a_foot_that_never_rests_are_no_fault(random):
+    columns = tuple(30.0 * random.standard_normal((3, 500)))
+    seen = look_at_rests(np.zeros(500), columns, columns, 0.01)
+    assert judge_accelerometer(seen, columns).verdict == Verdict.UNKNOWN
 
 
 def test_counts_that_are_coarse(found):

@@ -154,17 +154,25 @@ def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Find
                 f'{remedy} in the driver (REP-103)',
                 values,
             )
-    if len(seen.forces) or abs(size / GRAVITY - 1.0) > _UNIT_MARGIN:
-        worst = float(sizes[np.argmax(np.abs(sizes - GRAVITY))])
-        if abs(worst / GRAVITY - 1.0) > _ACCELEROMETER:
-            return Finding(
-                'scale of acceleration',
-                Verdict.FAULT,
-                f'the accelerometer shows gravity as {sizes.min():.2f} to {sizes.max():.2f} m/s^2 '
-                f'{where}: off by more than a tenth',
-                'calibrate it, or look at the measuring range that the driver converts by',
-                values,
-            )
+    if not len(seen.forces) and abs(size / GRAVITY - 1.0) > _UNIT_MARGIN:
+        return Finding(
+            name,
+            Verdict.UNKNOWN,
+            f'the accelerations are {size:.3g} m/s^2 on the median, without a rest: a motion may '
+            'be as strong, or the scale may be wrong',
+            'record the sensor at rest for some seconds, too',
+            values,
+        )
+    worst = float(sizes[np.argmax(np.abs(sizes - GRAVITY))])
+    if len(seen.forces) and abs(worst / GRAVITY - 1.0) > _ACCELEROMETER:
+        return Finding(
+            'scale of acceleration',
+            Verdict.FAULT,
+            f'the accelerometer shows gravity as {sizes.min():.2f} to {sizes.max():.2f} m/s^2 '
+            'at rest: off by more than a tenth',
+            'calibrate it, or look at the measuring range that the driver converts by',
+            values,
+        )
     return Finding(name, Verdict.SOUND, f'gravity is {size:.2f} m/s^2 {where}', values=values)
 
 
