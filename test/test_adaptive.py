@@ -622,7 +622,7 @@ def test_each_reason_is_given_for_some_sample(random):
         way = np.sign(rates[first, 0] - rates[first - 1, 0])
         size = (first // 40 % 4 + 2) / 3
         rates[first : first + 5, 0] += way * size * np.array([2.0, 3.5, 6.0, 8.0, 10.0])
-    rates[2900:3000] = rates[2900:3000].clip(-7.0, 7.0)  # the end of the range
+    rates[2900:3000] = rates[2900:3000].clip(-7.5, 7.5)  # the end of the range
     rates[3500:3520, 2] += 5.0 * (-1.0) ** np.arange(20)  # no motion, and no outliers either
     rates[3700:3740, 1] = 3.0  # a constant
     kept = np.ones(n, bool)

@@ -162,16 +162,16 @@ def test_the_covariance_stays_one(random):
 
 
 def swing(plateau):
-    """Return rates and accelerations of a body that swings about the vertical at up to 4 rad/s.
+    """Return rates and accelerations of a body that swings about the vertical at up to 3.3 rad/s.
 
-    One swing stops at 3 rad/s for so many samples, as if that were the end of the range.
+    One swing stops at some 3 rad/s for so many samples, as if that were the end of the range.
     """
     time = np.arange(1000) / 100.0
     rates = np.zeros((len(time), 3))
-    rates[:, 2] = np.round(4.0 * np.sin(2.0 * np.pi * time), 3)
+    rates[:, 2] = np.round(3.3 * np.sin(2.0 * np.pi * time), 3)
     rates[::2, :2] = 0.001  # the other axes live
     begin = 800 + int(np.argmax(rates[800:, 2] >= 3.0))
-    rates[begin : begin + plateau, 2] = 3.0
+    rates[begin : begin + plateau, 2] = rates[begin, 2]
     return rates[: begin + plateau + 1], np.tile([0.0, 0.0, 9.81], (begin + plateau + 1, 1))
 
 

@@ -161,3 +161,20 @@ def test_a_bias_of_the_last_run_is_no_less_sure_for_the_first_samples(random):
     filter_.set_bias((0.01, -0.02, 0.03), (1e-3, 1e-3, 1e-3))
     run(filter_, *at_rest(random, 1.0, (0.01, -0.02, 0.03)))
     assert (filter_.bias_deviation < 1.1e-3).all()
+
+
+def test_a_rate_that_a_body_has_passed_is_not_the_end_of_the_range():
+    """At the top of a turn a coarse rate comes three times, and faster turns have been seen."""
+    time = np.arange(3000) / 200.0
+    size = np.where(time % 4.0 < 2.0, 20.0, 6.0)
+    rates = np.outer(size * np.sin(2.0 * np.pi * time), [0.0, 1.0, 0.0])
+    rates = np.round(rates / 0.05) * 0.05 + 1e-3 * (np.arange(3000) % 2)[:, None] * [1.0, 0.0, 1.0]
+    tops = [k for k in range(600, 2990) if 5.9 < rates[k, 1] == rates[k - 1, 1] < 6.1]
+    for top in tops:
+        rates[top - 2 : top + 2, 1] = rates[top, 1]
+        rates[top - 3, 1] = rates[top, 1] - 0.6
+    filter_ = Filter()
+    run(filter_, rates, np.tile([0.0, 0.0, 9.81], (len(rates), 1)))
+    assert tops
+    assert not filter_.state['checks']['clipped'].any()
+    assert not filter_.state['checks']['at_limit'].any()

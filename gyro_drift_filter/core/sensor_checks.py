@@ -49,6 +49,8 @@ CLIPPED_SAMPLES = 3
 # the change varies by less than FLAT deviations, as noise does by chance in one of six.
 CORNER, FLAT, FLAT_SAMPLES = 20.0, 0.5, 5
 MIXED = 0.06  # the largest share of other axes, which moves the end of the range by as much
+# No rate is the end of the range that so many samples in a row have passed: outliers are fewer.
+PASSED_SAMPLES = 4
 
 
 # Zeros on all axes so many times in a row are no drop-out of a sample or two.
@@ -81,6 +83,7 @@ class SensorChecks(TypedDict):
     acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
     largest: PerAxis  # largest |rate| so far that was the end of the range, rad/s
+    passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row were at least, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     entered: PerAxis  # size of the last change of the rate, rad/s
     step: PerAxis  # change of the rate with the last sample, rad/s
@@ -273,10 +276,11 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
+    _note_passed(checks, axis, rate)
     earlier, before = checks['step_before'][axis], checks['step'][axis]
     checks['step_before'][axis] = before
     checks['step'][axis] = rate - checks['measured'][axis]
-    if size <= CLIPPED_RATE:
+    if size <= CLIPPED_RATE or _is_passed(checks, axis, size):
         checks['flat'][axis] = 0
         return False
     if checks['mixed'][axis] and size > (1.0 + MIXED) * largest[axis]:
@@ -296,6 +300,26 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
         checks['clipped'][axis] += 1
     return True
+
+
+@kernel
+def _note_passed(checks: SensorChecks, axis: int, rate: float) -> None:
+    """Note the rate that this sample and the three before it have passed to one side."""
+    first = checks['measured'][axis]
+    second = first - checks['step'][axis]
+    third = second - checks['step_before'][axis]
+    if rate * first > 0.0 and rate * second > 0.0 and rate * third > 0.0:
+        slowest = min(min(abs(rate), abs(first)), min(abs(second), abs(third)))
+        checks['passed'][axis] = max(checks['passed'][axis], slowest)
+    if _is_passed(checks, axis, checks['largest'][axis]):
+        checks['largest'][axis] = 0.0  # it was none
+        checks['mixed'][axis] = 0
+
+
+@kernel
+def _is_passed(checks: SensorChecks, axis: int, size: float) -> bool:
+    """Return whether rates were faster than this size in rad/s, beyond what other axes mix in."""
+    return bool((1.0 - MIXED) * checks['passed'][axis] > (1.0 + MIXED) * size)
 
 
 @kernel
