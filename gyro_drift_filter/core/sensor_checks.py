@@ -276,7 +276,8 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
         entered[axis] = change
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
-    _note_passed(checks, axis, rate)
+    if size > CLIPPED_RATE and size > checks['passed'][axis]:
+        _note_passed(checks, axis, rate)
     earlier, before = checks['step_before'][axis], checks['step'][axis]
     checks['step_before'][axis] = before
     checks['step'][axis] = rate - checks['measured'][axis]
