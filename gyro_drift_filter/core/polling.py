@@ -31,7 +31,7 @@ from enum import IntEnum
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import kernel, record
-from gyro_drift_filter.core.sample import Sample
+from gyro_drift_filter.core.sample import Sample, is_zero
 from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
 # Equal values are a repeat if they are less likely by chance than this; or, while the sensor is
@@ -93,7 +93,7 @@ def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number:
     """Say what a message of this number is, before `checks` take it in."""
     rate, before = sample['angular_velocity'], checks['measured']
     same = rate[0] == before[0] and rate[1] == before[1] and rate[2] == before[2]
-    if same and not polling['faster'] and rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0:
+    if same and not polling['faster'] and is_zero(rate):
         return Message.SAMPLE  # of a driver that takes slow rates for none
     if same or polling['faster'] or polling['repeats'] > 0:
         return _judge(polling, checks, sample, same, number)

@@ -26,6 +26,7 @@ from enum import IntEnum
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.sample import is_zero
 
 # A count is known when so many changes more were one of it than were a part of one. Where so many
 # changes have not told, there is none: the rates are calibrated or averaged.
@@ -137,11 +138,10 @@ def _note_landing(state: Quantisation, axis: int, change: float, rate: PerAxis) 
     """Take in that the rate of an axis has come from afar; return whether that says anything."""
     # On the way through zero, not back from an outlier to where the bias is.
     on_the_way = change * state['change'][axis] > 0.25 * change * change
-    # Zeros on all axes are of a sensor that has nothing to report.
-    nothing = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
     counts = abs(rate[axis]) / state['count'][axis]
     whole = math.floor(counts + 0.5)
-    if nothing or not on_the_way or abs(counts - whole) > PART:
+    # Zeros on all axes are of a sensor that has nothing to report.
+    if is_zero(rate) or not on_the_way or abs(counts - whole) > PART:
         return False
     wide, neighbours = state['wide_zero'], state['whole_neighbours']
     wide += ZERO_IF_WIDE if whole == 0.0 else OTHER_IF_WIDE

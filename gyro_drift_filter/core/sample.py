@@ -69,6 +69,12 @@ def is_usable(rate: float) -> bool:
 
 
 @kernel
+def is_zero(values: PerAxis) -> bool:
+    """Return whether all axes are exactly 0."""
+    return bool(values[0] == 0.0 and values[1] == 0.0 and values[2] == 0.0)
+
+
+@kernel
 def is_one_value(values: PerAxis) -> bool:
     """Return whether all axes have the same value to the last bit, as where a read has failed.
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.sample import Sample, is_usable
+from gyro_drift_filter.core.sample import Sample, is_usable, is_zero
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
@@ -180,10 +180,8 @@ def measures_exact_rest(checks: SensorChecks, period: float) -> bool:
     A simulator without noise measures a rest so. A bus that hangs repeats what came last, or gives
     zeros alone.
     """
-    rate, force = checks['measured'], checks['acceleration']
-    turns = rate[0] != 0.0 or rate[1] != 0.0 or rate[2] != 0.0
-    falls = force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0
-    return bool(_is_long(checks['equal_all'], period) and not turns and not falls)
+    stands = is_zero(checks['measured']) and not is_zero(checks['acceleration'])
+    return stands and _is_long(checks['equal_all'], period)
 
 
 @kernel
@@ -243,10 +241,9 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
     stays = checks['rates']
     if same:
         stays['same'] += 1
-        none = rate[0] == 0.0 and rate[1] == 0.0 and rate[2] == 0.0
         lasts = min(equal[0], equal[1], equal[2]) >= LONG_ZEROS
         living = checks['living']
-        if none and lasts and living[0] and living[1] and living[2]:
+        if is_zero(rate) and lasts and living[0] and living[1] and living[2]:
             checks['gives_zeros'] = True
     for axis in range(3):
         if rate[axis] == measured[axis]:
