@@ -56,7 +56,9 @@ from gyro_drift_filter.core.bias.shared import (
     Values,
     limit_prior,
     settle_growth,
+    widen_shift,
 )
+from gyro_drift_filter.core.bias.vibration import interrupt_vibration, note_vibration
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
 from gyro_drift_filter.core.rest.noise import random_walk_of
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
@@ -135,6 +137,7 @@ def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
     state['missed_turn'] = 0.0
+    interrupt_vibration(state['vibration'])
     _forget_accelerations(state)
     _start_value(state)
 
@@ -201,12 +204,15 @@ def _take_value(
     _turn_by_value(state, workspace)
     if rest['at_rest']:
         state['moving'] = False
+        interrupt_vibration(state['vibration'])
         size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
         if size > 0.0:
             for axis in range(3):
                 step = speed[axis] / size - values[DIRECTION + axis]
                 values[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
         return
+    if not state['wide'] and note_vibration(state['vibration'], state['angle'], speed, seconds):
+        widen_shift(state)
     if not state['moving']:
         _start_motion(state, REST_DIRECTION)
         return
