@@ -19,11 +19,12 @@ that motion can't be booked as noise: that is what undoes equation (16) of the p
 Noise that is correlated from sample to sample is an AR(2) process: as far as two samples tell the
 next one, it is predicted.
 
-Before the first rest motion may be in all that is measured, so R is kept low. A block that looks
-like white noise, whose third differences have 20 times the variance of the noise, gives its own
-variance; any other, and every block at low rates, gives a small share of what its third differences
-show. R falls in motion where these show less. Fast motion looks like noise, too, where a block
-holds few samples, so such a block counts for no more than the blocks before it allow.
+Before the first rest motion may be in all that is measured, so R is kept low. The third differences
+of white noise have 20 times its variance. A block that looks like white noise gives the geometric
+mean of its variance and of what its third differences show; any other, and every block at low
+rates, gives a small share of the latter. R falls in motion where these show less. Fast motion looks
+like noise, too, where a block holds few samples, so such a block counts for no more than the blocks
+before it allow.
 """
 
 import math
@@ -292,7 +293,9 @@ def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: 
         if white:
             if noise['bound'] == Bound.OF_MOTION:
                 shown = LEAST_SHOWN * noise['lowest'] / (UNKNOWN_SHARE * WHITE)
-            _bound_noise(noise, min(variance, shown), Bound.OF_NOISE)
+            # It may be motion in part, or noise that is correlated: R lies between the two.
+            between = math.sqrt(rough * variance)
+            _bound_noise(noise, min(variance, between, shown), Bound.OF_NOISE)
         else:
             _bound_noise(noise, UNKNOWN_SHARE * rough, Bound.OF_MOTION)
             if noise['bound'] == Bound.OF_NOISE:
