@@ -287,13 +287,13 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
     bias, result = state['bias'], state['result']
     if missing == TIME_JUMP:
         leave_rest(bias)
-    accepted = result['status'] == SampleStatus.FILTERED and not says_nothing(state['checks'])
+    trusted = result['status'] == SampleStatus.FILTERED and not says_nothing(state['checks'])
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
-            accepted = False
+            trusted = False
     lengths = filter_['coefficients']['rest']
     quantisation = state['quantisation']
-    track_bias(bias, sample, accepted, max(missing, 0), elapsed, quantisation, lengths, settings)
+    track_bias(bias, sample, trusted, max(missing, 0), elapsed, quantisation, lengths, settings)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
     if settings['bias_in_motion']:

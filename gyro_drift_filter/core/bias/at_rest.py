@@ -148,7 +148,7 @@ def _forget_stillness(state: Bias) -> None:
 def track_bias(
     state: Bias,
     sample: Sample,
-    accepted: bool,
+    trusted: bool,
     missing: int,
     elapsed: float,
     quantisation: Quantisation,
@@ -157,7 +157,8 @@ def track_bias(
 ) -> None:
     """Take a sample in, with `missing` ones before it.
 
-    `elapsed` is the time in s since the last sample.
+    `trusted` where it is no outlier and its sensor measures; `elapsed` is the time in s since the
+    last sample.
     """
     rest = state['rest']
     state['hint_seconds'] -= elapsed
@@ -171,8 +172,8 @@ def track_bias(
     state['growth'] += growth
     state['motion']['growth'] += growth
     state['unknown']['growth'] += growth
-    accepted = accepted and state['hint'] != Hint.MOVES
-    if not note_sample(rest, sample, accepted, missing, lengths):
+    trusted = trusted and state['hint'] != Hint.MOVES
+    if not note_sample(rest, sample, trusted, missing, lengths):
         return
     for axis in range(3):
         note_count(rest, axis, likely_count(quantisation, axis))

@@ -191,7 +191,7 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     state['knock_angle'] = 0.0
     state['bridge']['samples'] = 0
     state['bridge']['behind'] = False
-    state['accepted'] = rate
+    state['last_accepted'] = rate
     start_doubt(state['doubt'], rate)
 
 
@@ -322,7 +322,7 @@ def compare_axes(
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
             surprised = True
-        if abs(state['accepted']) > LARGEST_DEAD_ZONE:
+        if abs(state['last_accepted']) > LARGEST_DEAD_ZONE:
             fast = True
         if polling['bridged'] and _has_turned(state, own, rate[axis]):
             turned = True
@@ -357,7 +357,7 @@ def _has_turned(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: f
 def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: float) -> bool:
     """Return whether a sample is far from its prediction and from the one before."""
     noise = state['noise']
-    surprise = min(abs(sample - workspace['prediction']), abs(sample - state['accepted']))
+    surprise = min(abs(sample - workspace['prediction']), abs(sample - state['last_accepted']))
     usual = DROPOUT * usual_deviation(noise)
     return bool(is_begun(noise) and surprise > max(usual, workspace['typical_innovation']))
 
@@ -384,9 +384,9 @@ def update(
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
-    dropout, accepted = circumstances['dropout'], state['accepted']
+    dropout, last_accepted = circumstances['dropout'], state['last_accepted']
     unseen = doubt['unseen']
-    reason = judge(doubt, sample, prediction, accepted, typical, circumstances, limits)
+    reason = judge(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:
@@ -397,8 +397,8 @@ def update(
         reason = Reason.AT_LIMIT
     decision = decision_of(reason)
     own['reason'] = reason
-    own['accepted'] = accepted
-    own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, accepted)
+    own['accepted_before'] = last_accepted
+    own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, last_accepted)
     if decision == Decision.HOLD or decision == Decision.BRIDGE:
         if decision == Decision.HOLD:
             note_held(doubt, sample, prediction, typical, dropout, limits)
@@ -408,7 +408,7 @@ def update(
         stay_within_reach(state, limits['growth_limit'] * doubt['held'])
     elif constant or decision != Decision.ACCEPT:
         put_modes_at(state, sample)
-        doubt['before_restart'] = accepted
+        doubt['before_restart'] = last_accepted
         if decision == Decision.START_ANEW:
             jump = abs(sample - prediction)
             make_certain(state, mode_of(jump, noise['variance'], coefficients['modes']))
@@ -427,12 +427,12 @@ def update(
     if doubt['unseen'] == 0:
         doubt['behind_gap'] = unseen > 0
     held = decision == Decision.HOLD and not dropout
-    note_decision(doubt, sample - prediction, sample - accepted, held, limits)
+    note_decision(doubt, sample - prediction, sample - last_accepted, held, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
-        note_prediction(state['bridge'], prediction - accepted, sample - accepted)
+        note_prediction(state['bridge'], prediction - last_accepted, sample - last_accepted)
     if taken or decision == Decision.PASS:
-        state['accepted'] = sample
+        state['last_accepted'] = sample
     if decision == Decision.ACCEPT and not own['hangs']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
         at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
@@ -473,7 +473,8 @@ def estimate(
     accepted = measured and decision == Decision.ACCEPT
     rate, variance, process_noise = combine_modes(state, own, modes, at_rest, accepted)
     if measured and decision == Decision.BRIDGE:
-        rate = own['accepted'] + predictable(state['bridge']) * (rate - own['accepted'])
+        origin = own['accepted_before']
+        rate = origin + predictable(state['bridge']) * (rate - origin)
     if measured and not circumstances['dropout']:
         rate += compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']

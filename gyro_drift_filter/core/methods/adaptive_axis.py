@@ -55,7 +55,7 @@ class AdaptiveAxis(TypedDict):
     acceleration: PerMode
     jerk: PerMode
     residual: PerMode  # of the sample before the last, which is noise if the mode is right
-    accepted: float  # the last sample that was, rad/s
+    last_accepted: float  # the last sample that was, rad/s
     noise: Noise
     doubt: Doubt
     jolt: Jolt  # of the accelerometer along the same axis
@@ -95,7 +95,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction_variance: float  # of the innovation
     typical_innovation: float  # rad/s, by which outliers are judged
     reason: int  # of the decision on the sample: a member of Reason
-    accepted: float  # the sample that was accepted before it, rad/s
+    accepted_before: float  # `last_accepted` before it, rad/s
     returned: bool  # it lies there again, after one that was held back
     at_limit: bool  # the rate is at the end of the range
     hangs: bool  # it has come so often in a row that it was not measured anew

@@ -78,9 +78,9 @@ def take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> No
 @kernel
 def stay_within_reach(state: AdaptiveAxis, reach: float) -> None:
     """Keep an extrapolation within `reach` (rad/s) of the last sample that was accepted."""
-    rate, accepted = state['rate'], state['accepted']
+    rate, origin = state['rate'], state['last_accepted']
     for j in range(MODES):
-        rate[j] = min(max(rate[j], accepted - reach), accepted + reach)
+        rate[j] = min(max(rate[j], origin - reach), origin + reach)
 
 
 @kernel

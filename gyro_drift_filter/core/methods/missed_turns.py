@@ -122,8 +122,8 @@ def turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
     x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
     if x == 0.0 and y == 0.0 and z == 0.0:
         return
-    a, b = axes[0]['accepted'] * period, axes[1]['accepted'] * period
-    c = axes[2]['accepted'] * period
+    a, b = axes[0]['last_accepted'] * period, axes[1]['last_accepted'] * period
+    c = axes[2]['last_accepted'] * period
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
     across, within = rotation_terms(square)
     axes[0]['compensation'] = x - across * (b * z - c * y) + within * (a * along - x * square)
@@ -158,21 +158,21 @@ def _cross_bridge(
     It shows with the second sample after them, by the cubic that has the rates and the slopes at
     both ends. `sample` and what is put out for it are in rad/s.
     """
-    decision, accepted = decision_of(workspace['reason']), workspace['accepted']
+    decision, accepted_before = decision_of(workspace['reason']), workspace['accepted_before']
     repeated, turned = decision == Decision.BRIDGE, 0.0
     if workspace['hangs'] and not repeated:
         # The bridge ends with a rate that was not measured: how the body turned nobody knows.
         bridge['samples'], bridge['behind'] = 0, False
         return 0.0
     if bridge['behind']:
-        slope = predictable(bridge) * (sample - accepted)
+        slope = predictable(bridge) * (sample - accepted_before)
         slope = bridge['slope_before'] if repeated else slope
-        turned = _turned_beyond(bridge, accepted, slope)
+        turned = _turned_beyond(bridge, accepted_before, slope)
     if repeated and (bridge['samples'] == 0 or bridge['behind']):
         bridge['samples'] = 0
         bridge['angular_velocity'] = 0.0
-        bridge['before'] = accepted
-        bridge['slope_before'] = predictable(bridge) * (workspace['prediction'] - accepted)
+        bridge['before'] = accepted_before
+        bridge['slope_before'] = predictable(bridge) * (workspace['prediction'] - accepted_before)
     elif bridge['behind'] or decision == Decision.HOLD:
         bridge['samples'] = 0
     if repeated:

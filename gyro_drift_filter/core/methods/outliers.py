@@ -304,7 +304,7 @@ def judge(
     doubt: Doubt,
     sample: float,
     prediction: float,
-    accepted: float,
+    last_accepted: float,
     typical_innovation: float,
     circumstances: Circumstances,
     limits: OutlierLimits,
@@ -327,17 +327,17 @@ def judge(
     jolt_limit = JOLT_LIMIT if still else limits['jolt_limit']
     # No body jumps this far, whatever the modes expect, except back from where outliers led.
     beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
-    apart = min(size, abs(sample - accepted), abs(sample - doubt['before_restart']))
+    apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
     doubtful = (size > jump and size > least_jump) or apart > beyond
     reach = _reach(doubt, circumstances, limits)
-    if reach > 0.0 and abs(sample - accepted) <= reach and not dropout:
+    if reach > 0.0 and abs(sample - last_accepted) <= reach and not dropout:
         return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         if dropout:
             return Reason.ALL_ZERO
         if not doubtful:
             return Reason.EXPECTED
-        if _stays(sample, prediction, accepted):
+        if _stays(sample, prediction, last_accepted):
             return Reason.STAYED
         # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
         # one, too.
@@ -380,7 +380,7 @@ def judge(
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
-    if _goes_on(doubt, sample, accepted):
+    if _goes_on(doubt, sample, last_accepted):
         return Reason.GONE_ON
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
@@ -408,17 +408,17 @@ def _reach(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) ->
 
 
 @kernel
-def _stays(sample: float, prediction: float, accepted: float) -> bool:
+def _stays(sample: float, prediction: float, last_accepted: float) -> bool:
     """Return whether a rate has changed by no more than was predicted, if the other way.
 
     A motion may end at once, and an outlier hardly lies there. But a rate that has not changed at
     all was not measured. All arguments in rad/s.
     """
-    return 0.0 < abs(sample - accepted) <= abs(prediction - accepted)
+    return 0.0 < abs(sample - last_accepted) <= abs(prediction - last_accepted)
 
 
 @kernel
-def _goes_on(doubt: Doubt, sample: float, accepted: float) -> bool:
+def _goes_on(doubt: Doubt, sample: float, last_accepted: float) -> bool:
     """Return whether a sample goes on as those held back: by like steps, as a body that is stopped.
 
     A burst of outliers begins with a jump that is larger than its steps. Sample and last accepted
@@ -427,7 +427,7 @@ def _goes_on(doubt: Doubt, sample: float, accepted: float) -> bool:
     step, before = sample - doubt['last_sample'], doubt['step']
     if step * before <= 0.0:
         return False
-    begun = abs(sample - step - before - accepted) / (doubt['held'] - 1.0)
+    begun = abs(sample - step - before - last_accepted) / (doubt['held'] - 1.0)
     largest = max(abs(step), abs(before), begun)
     least = max(STEADY * largest, LARGEST_RATE_CHANGE * doubt['usual_rate_change'])
     return min(abs(step), abs(before)) >= least
@@ -446,12 +446,12 @@ def decision_of(reason: int) -> Decision:
 
 
 @kernel
-def has_returned(doubt: Doubt, sample: float, accepted: float) -> bool:
+def has_returned(doubt: Doubt, sample: float, last_accepted: float) -> bool:
     """Return whether a sample shows that the one held back before it was an outlier.
 
     It lies where the last accepted sample did; all in rad/s.
     """
-    return bool(abs(sample - accepted) < RETURN * abs(doubt['last_sample'] - accepted))
+    return bool(abs(sample - last_accepted) < RETURN * abs(doubt['last_sample'] - last_accepted))
 
 
 @kernel

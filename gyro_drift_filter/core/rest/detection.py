@@ -62,17 +62,18 @@ def start_rest(rest: Rest) -> None:
 
 @kernel
 def note_sample(
-    rest: Rest, sample: Sample, accepted: bool, missing: int, lengths: RestLengths
+    rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
 ) -> bool:
     """Take a sample in, with `missing` ones before it, which count as time alone.
 
-    An acceleration that is no number or beyond all sensors counts as zero: who has none has none
-    all the time. Returns whether a block is complete, so that `close_block` has to be called.
+    So does it itself where it is not `trusted`. An acceleration that is no number or beyond all
+    sensors counts as zero: who has none has none all the time. Returns whether a block is complete,
+    so that `close_block` has to be called.
     """
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
-    if accepted:
-        rest['accepted'] += 1
+    if trusted:
+        rest['averaged'] += 1
         for axis in range(3):
             gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
             gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
@@ -82,7 +83,7 @@ def note_sample(
         return False
     # Without missing samples it is one: the division is for the others, as it takes its time.
     rest['index'] += rest['samples'] // lengths['value'] if missing > 0 else 1
-    if 2 * rest['accepted'] >= rest['samples']:
+    if 2 * rest['averaged'] >= rest['samples']:
         add_value(rest)
     start_value(rest)
     return bool(rest['index'] >= lengths['block'])

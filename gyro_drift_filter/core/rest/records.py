@@ -110,7 +110,7 @@ class Rest(TypedDict):
     standing_blocks: int  # for which it has stood, rest or not
     at_rest: bool
     samples: int  # since the start of the value, missing ones among them
-    accepted: int  # of them
+    averaged: int  # of them, those that are in its mean
     index: int  # values since the start of the block, missing ones among them
     count: int  # values in it
     run: int  # still blocks in a row

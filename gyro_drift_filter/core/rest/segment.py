@@ -25,7 +25,7 @@ LEAST_VARIANCE = 1e-10
 def start_value(rest: Rest) -> None:
     """Start the next value."""
     rest['samples'] = 0
-    rest['accepted'] = 0
+    rest['averaged'] = 0
     for i in range(SIGNALS):
         rest['signals'][i]['value'] = 0.0
 
@@ -34,7 +34,7 @@ def start_value(rest: Rest) -> None:
 def add_value(rest: Rest) -> None:
     """Take the mean of the samples as a value of the block."""
     rest['count'] += 1
-    share = 1.0 / rest['accepted']
+    share = 1.0 / rest['averaged']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         value = signal['value'] * share
