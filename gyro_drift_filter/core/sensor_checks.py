@@ -98,9 +98,9 @@ class SensorChecks(TypedDict):
     gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
     equal_all: int  # how often all rates and accelerations have come before in a row
     stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
-    # while a rate stays the same: all rates when it began to, rad/s, and whether there was motion
+    # while a rate stays the same: all rates when it began to, rad/s, and whether others have moved
     rates_then: Annotated[NDArray[np.float64], np.float64, (3, 3)]
-    turned: CountPerAxis  # 0 or 1
+    others_moved: CountPerAxis  # 0 or 1
     # while all of them do
     acceleration_then: PerAxis  # m/s^2
     pushed: bool
@@ -197,18 +197,18 @@ def _fault_of(
     equal, then = checks['equal'][axis], checks['rates_then'][axis]
     resolution = checks['resolution']
     if equal == 1:
-        checks['turned'][axis] = 0
+        checks['others_moved'][axis] = 0
         for other in range(3):
             then[other] = rate[other]
     for other in range(3):
         step = max(resolution[axis], resolution[other])
         if abs(rate[other] - then[other]) > CROSS_STEPS * step:
-            checks['turned'][axis] = 1
+            checks['others_moved'][axis] = 1
     if not _is_long(equal, period):
         return AxisFault.NONE
     if resolution[axis] > 0.0 and has_noise_of(rest, axis, resolution[axis]):
         return AxisFault.FROZEN
-    if checks['turned'][axis] == 0:
+    if checks['others_moved'][axis] == 0:
         return AxisFault.NONE
     return AxisFault.FROZEN if checks['living'][axis] else AxisFault.DEAD
 

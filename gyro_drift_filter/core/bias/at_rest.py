@@ -39,7 +39,7 @@ from gyro_drift_filter.core.bias.provisional import (
     take_standing,
 )
 from gyro_drift_filter.core.bias.records import Bias, Hint
-from gyro_drift_filter.core.bias.segments import note_segment, take_back, turned_segments
+from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
 from gyro_drift_filter.core.bias.shared import (
     learn_at_rest,
     limit_shift,
@@ -291,14 +291,14 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
         state['recent_count'] = 0
         return True
     note_segment(state)
-    turned = turned_segments(state)
-    if turned > 0 and moved:
+    unreachable = unreachable_segments(state)
+    if unreachable > 0 and moved:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
-    if turned > 0:
+    if unreachable > 0:
         state['turning'] += 1
         state['doubt'] = DOUBTED
-        take_back(state, turned)
+        take_back(state, unreachable)
         return _is_bias_after_all(state, lengths)
     # A segment put together from the halves of two lifts no doubt.
     if rest['halves'] == Halves.WHOLE:

@@ -106,7 +106,7 @@ class MotionWorkspace(TypedDict):
     product: Covariance
     gain: Values
     turn: Matrix
-    turned: Matrix
+    turn_product: Matrix
     rate: PerAxis  # rad/s, of the sample or, where that is an outlier, of the filter
     sound: bool  # the sample is no outlier on any axis, so that its acceleration is believed
 
@@ -218,7 +218,7 @@ def _take_value(
         return
     left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
-        state['turned'] += state['angle'][axis] * values[DIRECTION + axis]
+        state['vertical_angle'] += state['angle'][axis] * values[DIRECTION + axis]
         state['carried'] += speed[axis] * values[DIRECTION + axis]
         i = VELOCITY + axis
         gained = speed[axis] - values[ACCELERATION + axis] * seconds
@@ -313,8 +313,8 @@ def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     turn[1, 2], turn[2, 1] = within * y * z + across * x, within * y * z - across * x
     _turn_vector(turn, values, DIRECTION)
     _turn_vector(turn, values, VELOCITY)
-    _turn_matrix(turn, state['turn'], workspace['turned'])
-    _turn_matrix(turn, state['turn_integral'], workspace['turned'])
+    _turn_matrix(turn, state['turn'], workspace['turn_product'])
+    _turn_matrix(turn, state['turn_integral'], workspace['turn_product'])
     for axis in range(3):
         state['turn_integral'][axis, axis] += seconds
 
@@ -379,12 +379,12 @@ def _predict_covariance(
             for m in range(STATES):
                 total += product[i, m] * forward[k, m]
             covariance[i, k] = covariance[k, i] = total
-    # 2 (1 - cos(angle)) of what the body has turned
-    turned = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
+    # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
+    angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
     for axis in range(3):
         walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths)
         covariance[axis, axis] += walk * seconds
-        covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * turned
+        covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * angle_square
         i = VELOCITY + axis
         covariance[i, i] += VELOCITY_WALK * VELOCITY_WALK * seconds
     settle_growth(state)

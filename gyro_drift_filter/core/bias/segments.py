@@ -46,7 +46,7 @@ def note_segment(state: Bias) -> None:
 
 
 @kernel
-def turned_segments(state: Bias) -> int:
+def unreachable_segments(state: Bias) -> int:
     """Return how many of the last segments have a mean that no bias can have reached, or 0."""
     recent = state['recent']
     for axis in range(3):

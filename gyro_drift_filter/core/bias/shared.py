@@ -95,7 +95,7 @@ class MotionBias(TypedDict):
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     # sums over it
-    turned: float  # rad, about the vertical
+    vertical_angle: float  # rad, by which the body has turned about the vertical
     carried: float  # m/s, of the acceleration along the vertical: gravity, on the mean
     wide: bool  # all of the bias is tracked, whatever its variance, at the speed of a hand
     directed: bool  # the direction of gravity is known
@@ -216,7 +216,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         bias_at_rest['untracked'][axis] = 0.0
     state['growth'] = 0.0
     state['moving_seconds'] = 0.0
-    state['turned'] = 0.0
+    state['vertical_angle'] = 0.0
     state['carried'] = 0.0
     state['moving'] = False
 

@@ -145,7 +145,7 @@ def _covariance(state: MotionBias, first: Vector, second: Vector) -> float:
 def _error_variance(state: MotionBias, variance: float) -> float:
     """Return the variance of an error in (rad/s)^2, by what the filter takes it for."""
     share = ERROR_SHARE * max(state['speed_deviation'], LEAST_SPEED) / SPEED
-    turning = LASTING_TILT * state['turned'] / state['moving_seconds']
+    turning = LASTING_TILT * state['vertical_angle'] / state['moving_seconds']
     return share * share * variance + turning * turning
 
 

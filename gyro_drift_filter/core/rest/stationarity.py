@@ -202,10 +202,10 @@ def tilts(rest: Rest, block_seconds: float) -> bool:
         signal = rest['signals'][3 + axis]
         change = signal['last'] - signal['first']
         # g' = g x w, for a turn at the rate w
-        turned = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
-        turned -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
+        expected = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
+        expected -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
         moved += change * change
-        unexplained += (change - turned * seconds) * (change - turned * seconds)
+        unexplained += (change - expected * seconds) * (change - expected * seconds)
         noise += mean_square_step(rest, signal)
     largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
     largest = max(largest, LEAST_TURN)
