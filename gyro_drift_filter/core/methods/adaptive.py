@@ -39,11 +39,11 @@ from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.interacting import (
     combine_modes,
     correct,
+    limit_extrapolation,
     make_certain,
     mode_of,
     predict_modes,
     put_modes_at,
-    stay_within_reach,
     take_prediction,
 )
 from gyro_drift_filter.core.methods.missed_turns import (
@@ -405,7 +405,7 @@ def update(
         else:
             note_missing(doubt, typical)
         take_prediction(state, own)
-        stay_within_reach(state, limits['growth_limit'] * doubt['held'])
+        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
     elif constant or decision != Decision.ACCEPT:
         put_modes_at(state, sample)
         doubt['before_restart'] = last_accepted

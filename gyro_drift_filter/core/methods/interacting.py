@@ -76,11 +76,11 @@ def take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> No
 
 
 @kernel
-def stay_within_reach(state: AdaptiveAxis, reach: float) -> None:
-    """Keep an extrapolation within `reach` (rad/s) of the last sample that was accepted."""
+def limit_extrapolation(state: AdaptiveAxis, distance: float) -> None:
+    """Keep an extrapolation within a distance (rad/s) of the last sample that was accepted."""
     rate, origin = state['rate'], state['last_accepted']
     for j in range(MODES):
-        rate[j] = min(max(rate[j], origin - reach), origin + reach)
+        rate[j] = min(max(rate[j], origin - distance), origin + distance)
 
 
 @kernel

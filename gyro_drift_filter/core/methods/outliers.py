@@ -150,7 +150,7 @@ class OutlierLimits(TypedDict):
     """Limits for one sample period."""
 
     threshold: float  # predicted standard deviations
-    reached: float  # rad/s, by `outlier.acceleration` in a sample period
+    acceleration_limit: float  # rad/s, by `outlier.acceleration` in a sample period
     least_jump: float  # rad/s,
     least_jump_at_rest: float  # rad/s, the same where the sensor stands still
     growth_limit: float  # rad/s
@@ -206,12 +206,12 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     """Fill the limits for a sample period in s."""
     enabled = settings['outlier_enabled']
     limits['threshold'] = settings['outlier_threshold'] if enabled else np.inf
-    reached = settings['outlier_acceleration'] * period
+    limit = settings['outlier_acceleration'] * period
     unforeseen = max(period / FORESEEN_SECONDS, 1.0) ** 2.0
-    limits['reached'] = reached
-    limits['least_jump'] = max(min(reached * unforeseen, LARGEST_REVERSAL), reached)
+    limits['acceleration_limit'] = limit
+    limits['least_jump'] = max(min(limit * unforeseen, LARGEST_REVERSAL), limit)
     from_rest = 0.5 * JERK_FROM_REST * period * period
-    limits['least_jump_at_rest'] = min(from_rest, reached)
+    limits['least_jump_at_rest'] = min(from_rest, limit)
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
@@ -329,8 +329,8 @@ def judge(
     beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
     doubtful = (size > jump and size > least_jump) or apart > beyond
-    reach = _reach(doubt, circumstances, limits)
-    if reach > 0.0 and abs(sample - last_accepted) <= reach and not dropout:
+    possible_change = _possible_change(doubt, circumstances, limits)
+    if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
         return Reason.REACHED if doubtful else Reason.EXPECTED
     if held == 0:
         if dropout:
@@ -342,7 +342,7 @@ def judge(
         # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
         # one, too.
         shaken = circumstances['shake'] > limits['least_shake'] * size
-        shaken = shaken and (not still or size <= limits['reached'])
+        shaken = shaken and (not still or size <= limits['acceleration_limit'])
         knocked = circumstances['jolted_before'] or shaken
         pushed = knocked and size < jolt_limit
         return Reason.PUSHED if pushed or explained > FIRST_HIT * size else Reason.FAR
@@ -364,8 +364,8 @@ def judge(
     if near and nearer and not away and apart <= beyond:
         return Reason.RETURNED
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
-    small = same_side and abs(offset) <= limits['reached'] and change < limits['growth_limit']
-    if small:
+    small = same_side and abs(offset) <= limits['acceleration_limit']
+    if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
     if explained > CONFIRMED_HIT * size:
         return Reason.PUSHED
@@ -390,21 +390,21 @@ def judge(
 
 
 @kernel
-def _reach(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) -> float:
+def _possible_change(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) -> float:
     """Return how far the rate can have come while nothing was measured, in rad/s; 0 where it was.
 
     An extrapolation says little then: what the body can have come to is no outlier.
     """
-    reach, possible = 0.0, circumstances['possibly_missing']
+    largest, possible = 0.0, circumstances['possibly_missing']
     if doubt['unseen'] > 0:
-        reach = limits['body_limit'] * (doubt['unseen'] + 1.0)
+        largest = limits['body_limit'] * (doubt['unseen'] + 1.0)
     if doubt['behind_gap']:
         # One sample behind a gap does not show yet how the motion has changed meanwhile.
         possible = max(possible, 1)
     if possible > 0 and not circumstances['still']:
         change = min(LARGEST_RATE_CHANGE * doubt['usual_rate_change'], limits['body_limit'])
-        reach = max(reach, change * (possible + 1.0))
-    return reach
+        largest = max(largest, change * (possible + 1.0))
+    return largest
 
 
 @kernel
@@ -511,7 +511,7 @@ def note_decision(
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
     if not held:
         usual = doubt['usual_rate_change']
-        largest = max(USUAL_LIMIT * usual, limits['reached'])
+        largest = max(USUAL_LIMIT * usual, limits['acceleration_limit'])
         doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
     if held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
