@@ -364,7 +364,7 @@ def test_with_a_provisional_bias_gravity_is_where_the_accelerometer_says(random)
     filter_ = Filter()
     results = run(filter_, rates, accelerations)
     assert np.abs(results['bias'][-1]).max() > 0.08
-    direction = filter_.state['bias']['motion']['values'][DIRECTION : DIRECTION + 3]
+    direction = filter_.state['bias']['motion']['state_vector'][DIRECTION : DIRECTION + 3]
     np.testing.assert_allclose(direction, [0.0, 0.0, 1.0], atol=0.02)
 
 
@@ -696,7 +696,7 @@ def test_calibrate(random):
     assert np.abs(filter_.state['bias']['bias']).max() < 0.1 * DEGREE  # a turn, for all it knows
     filter_.calibrate()
     np.testing.assert_allclose(filter_.state['bias']['bias'], truth, atol=0.05 * DEGREE)
-    in_motion = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    in_motion = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3]
     np.testing.assert_allclose(in_motion, truth, atol=0.05 * DEGREE)
     rates, accelerations = moving_and_resting(random, [(5, True)], lambda time: 0.0)
     run(filter_, rates, accelerations, start=START + 30 * 10**9)

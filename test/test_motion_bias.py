@@ -93,10 +93,10 @@ def test_a_landing_brings_the_bias_at_rest_back(random):
     still_rates, still_accelerations = at_rest(random, 20, bias)
     filter_ = Filter()
     run(filter_, rates, accelerations)
-    in_flight = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3].copy()
+    in_flight = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3].copy()
     results = run(filter_, still_rates, still_accelerations, start=10**18 + 190 * 10**9)
     np.testing.assert_allclose(results['bias'][-1], bias, atol=5e-4)
-    after = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    after = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3]
     np.testing.assert_allclose(after - results['bias'][-1], in_flight - bias, atol=5e-4)
 
 
@@ -146,10 +146,10 @@ def test_the_covariance_stays_one(random):
         start += 20 * 10**9 + part * 10**8
         motion = filter_.state['bias']['motion']
         assert np.linalg.eigvalsh(motion['covariance']).min() > -1e-12
-        assert np.linalg.norm(motion['values'][DIRECTION : DIRECTION + 3]) == pytest.approx(
+        assert np.linalg.norm(motion['state_vector'][DIRECTION : DIRECTION + 3]) == pytest.approx(
             1, abs=0.1
         )
-        assert np.abs(motion['values'][ACCELERATION:]).max() < 1.0
+        assert np.abs(motion['state_vector'][ACCELERATION:]).max() < 1.0
         for axis in range(3):
             common = motion['bias_at_rest']['common'][axis]
             variances = (
@@ -224,14 +224,14 @@ def joint(random):
     """
     state = zeroed(MOTION_BIAS)[0]
     root = random.standard_normal((12, 12))
-    state['values'] = random.standard_normal(12)
+    state['state_vector'] = random.standard_normal(12)
     state['covariance'] = root @ root.T
     bias_at_rest = state['bias_at_rest']
     bias_at_rest['bias'] = random.standard_normal(3)
     own = np.diag(state['covariance'])[BIAS : BIAS + 3]
     bias_at_rest['common'] = 0.5 * own
     bias_at_rest['variance'] = 0.7 * own
-    values = np.concatenate([state['values'], bias_at_rest['bias']])
+    values = np.concatenate([state['state_vector'], bias_at_rest['bias']])
     covariance = np.zeros((15, 15))
     covariance[:12, :12] = state['covariance']
     covariance[12:, 12:] = 0.25 * state['covariance'][BIAS : BIAS + 3, BIAS : BIAS + 3]
@@ -250,7 +250,7 @@ def measure(values, covariance, row, measured, noise):
 
 def check(state, values, covariance):
     bias_at_rest = state['bias_at_rest']
-    np.testing.assert_allclose(state['values'], values[:12], atol=1e-12)
+    np.testing.assert_allclose(state['state_vector'], values[:12], atol=1e-12)
     np.testing.assert_allclose(state['covariance'], covariance[:12, :12], atol=1e-12)
     np.testing.assert_allclose(bias_at_rest['bias'], values[12:], atol=1e-12)
     for axis in range(3):
@@ -301,7 +301,7 @@ def test_a_rest_undoes_what_misled_in_motion(random):
     assert np.abs(in_motion - bias).max() > 2e-4
     rates, accelerations = flown(random, 10, bias, np.zeros(3), noise=5e-4)
     run(filter_, rates, accelerations, start=START + 60 * 10**9)
-    after = filter_.state['bias']['motion']['values'][BIAS : BIAS + 3]
+    after = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3]
     np.testing.assert_allclose(after, bias, atol=6e-5)
 
 

@@ -305,7 +305,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
         if settings['bias_enabled']:
             mean, variance = bias['bias'][axis], bias_variance(bias, axis)
             if in_motion:
-                mean = bias['motion']['values'][BIAS + axis]
+                mean = bias['motion']['state_vector'][BIAS + axis]
                 variance = motion_variance(bias['motion'], axis)
             result['bias'][axis] = mean
             if refused and not state['methods']['tracking'][axis]:

@@ -53,7 +53,7 @@ from gyro_drift_filter.core.bias.shared import (
     VELOCITY,
     Covariance,
     MotionBias,
-    Values,
+    PerState,
     limit_prior,
     settle_growth,
     widen_shift,
@@ -104,7 +104,7 @@ class MotionWorkspace(TypedDict):
 
     transition: Covariance
     product: Covariance
-    gain: Values
+    gain: PerState
     turn: Matrix
     turn_product: Matrix
     rate: PerAxis  # rad/s, of the sample or, where that is an outlier, of the filter
@@ -125,10 +125,10 @@ def _direct(state: MotionBias, x: float, y: float, z: float, seconds: float) -> 
     """Take an acceleration in m/s^2, summed up over `seconds`, for gravity, if it can be that."""
     size = math.sqrt(x * x + y * y + z * z)
     if LEAST_GRAVITY * GRAVITY * seconds < size < LARGEST_GRAVITY * GRAVITY * seconds:
-        values = state['values']
-        values[DIRECTION] = x / size
-        values[DIRECTION + 1] = y / size
-        values[DIRECTION + 2] = z / size
+        vector = state['state_vector']
+        vector[DIRECTION] = x / size
+        vector[DIRECTION + 1] = y / size
+        vector[DIRECTION + 2] = z / size
         state['directed'] = True
 
 
@@ -172,7 +172,7 @@ def track_motion(
     for axis in range(3):
         force = acceleration[axis]
         if not workspace['sound']:
-            force = GRAVITY * state['values'][DIRECTION + axis]
+            force = GRAVITY * state['state_vector'][DIRECTION + axis]
         state['angle'][axis] += rate[axis] * seconds
         state['speed'][axis] += force * seconds
         finite = finite and abs(rate[axis]) < np.inf and abs(force) <= LARGEST_ACCELERATION
@@ -197,7 +197,7 @@ def _start_value(state: MotionBias) -> None:
 def _take_value(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
-    values, seconds, speed = state['values'], state['seconds'], state['speed']
+    vector, seconds, speed = state['state_vector'], state['seconds'], state['speed']
     if not state['directed']:
         _look_for_direction(state, workspace)
         return
@@ -208,8 +208,8 @@ def _take_value(
         size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
         if size > 0.0:
             for axis in range(3):
-                step = speed[axis] / size - values[DIRECTION + axis]
-                values[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
+                step = speed[axis] / size - vector[DIRECTION + axis]
+                vector[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
         return
     if not state['wide'] and note_vibration(state['vibration'], state['angle'], speed, seconds):
         widen_shift(state)
@@ -218,12 +218,12 @@ def _take_value(
         return
     left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
-        state['vertical_angle'] += state['angle'][axis] * values[DIRECTION + axis]
-        state['carried'] += speed[axis] * values[DIRECTION + axis]
+        state['vertical_angle'] += state['angle'][axis] * vector[DIRECTION + axis]
+        state['carried'] += speed[axis] * vector[DIRECTION + axis]
         i = VELOCITY + axis
-        gained = speed[axis] - values[ACCELERATION + axis] * seconds
-        gained -= GRAVITY * values[DIRECTION + axis] * seconds
-        values[i] = (values[i] + gained) * left
+        gained = speed[axis] - vector[ACCELERATION + axis] * seconds
+        gained -= GRAVITY * vector[DIRECTION + axis] * seconds
+        vector[i] = (vector[i] + gained) * left
     state['block_seconds'] += seconds
     if state['block_seconds'] >= BLOCK_SECONDS:
         before = state['moving_seconds']
@@ -242,17 +242,17 @@ def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
 
     There a direction that is wrong by a blow would be explained by a bias.
     """
-    values, speed, seconds = state['values'], state['speed'], state['seconds']
+    vector, speed, seconds = state['state_vector'], state['speed'], state['seconds']
     if not state['wide']:
         _direct(state, speed[0], speed[1], speed[2], seconds)
     else:
         _turn_by_value(state, workspace)
         for axis in range(3):
-            values[VELOCITY + axis] += speed[axis]
+            vector[VELOCITY + axis] += speed[axis]
         state['block_seconds'] += seconds
         if state['block_seconds'] < WIDE_DIRECTION_SECONDS:
             return
-        x, y, z = values[VELOCITY], values[VELOCITY + 1], values[VELOCITY + 2]
+        x, y, z = vector[VELOCITY], vector[VELOCITY + 1], vector[VELOCITY + 2]
         _direct(state, x, y, z, state['block_seconds'])
         _forget_accelerations(state)
     if state['directed']:
@@ -263,13 +263,13 @@ def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
 def _forget_accelerations(state: MotionBias) -> None:
     state['block_seconds'] = 0.0
     for axis in range(3):
-        state['values'][VELOCITY + axis] = 0.0
+        state['state_vector'][VELOCITY + axis] = 0.0
 
 
 @kernel
 def _start_motion(state: MotionBias, direction: float) -> None:
     """Begin to track, with a deviation of the direction; that of the bias is kept."""
-    values, covariance = state['values'], state['covariance']
+    vector, covariance = state['state_vector'], state['covariance']
     own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
     deviations = direction, START_SPEED, 0.0, own
     for part in range(4):
@@ -281,7 +281,7 @@ def _start_motion(state: MotionBias, direction: float) -> None:
                 covariance[i, k] = covariance[k, i] = 0.0
             covariance[i, i] = deviations[part] * deviations[part]
             if part != 0:
-                values[i] = 0.0
+                vector[i] = 0.0
     state['moving'] = True
     limit_prior(state)
     _start_block(state)
@@ -299,10 +299,10 @@ def _start_block(state: MotionBias) -> None:
 @kernel
 def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Turn what is in the body frame against the body (Rodrigues)."""
-    values, seconds, turn = state['values'], state['seconds'], workspace['turn']
-    x = state['angle'][0] - values[BIAS] * seconds
-    y = state['angle'][1] - values[BIAS + 1] * seconds
-    z = state['angle'][2] - values[BIAS + 2] * seconds
+    vector, seconds, turn = state['state_vector'], state['seconds'], workspace['turn']
+    x = state['angle'][0] - vector[BIAS] * seconds
+    y = state['angle'][1] - vector[BIAS + 1] * seconds
+    z = state['angle'][2] - vector[BIAS + 2] * seconds
     square = x * x + y * y + z * z
     across, within = rotation_terms(square)
     turn[0, 0] = 1.0 - within * (square - x * x)
@@ -311,8 +311,8 @@ def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     turn[0, 1], turn[1, 0] = within * x * y + across * z, within * x * y - across * z
     turn[0, 2], turn[2, 0] = within * x * z - across * y, within * x * z + across * y
     turn[1, 2], turn[2, 1] = within * y * z + across * x, within * y * z - across * x
-    _turn_vector(turn, values, DIRECTION)
-    _turn_vector(turn, values, VELOCITY)
+    _turn_vector(turn, vector, DIRECTION)
+    _turn_vector(turn, vector, VELOCITY)
     _turn_matrix(turn, state['turn'], workspace['turn_product'])
     _turn_matrix(turn, state['turn_integral'], workspace['turn_product'])
     for axis in range(3):
@@ -320,10 +320,10 @@ def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
 
 
 @kernel
-def _turn_vector(turn: Matrix, values: Values, first: int) -> None:
-    x, y, z = values[first], values[first + 1], values[first + 2]
+def _turn_vector(turn: Matrix, vector: PerState, first: int) -> None:
+    x, y, z = vector[first], vector[first + 1], vector[first + 2]
     for i in range(3):
-        values[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+        vector[first + i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
 
 
 @kernel
@@ -335,11 +335,11 @@ def _turn_matrix(turn: Matrix, matrix: Matrix, product: Matrix) -> None:
 
 
 @kernel
-def _cross(values: Values, first: int, matrix: Matrix, i: int, k: int) -> float:
+def _cross(vector: PerState, first: int, matrix: Matrix, i: int, k: int) -> float:
     """Return an element of [v]x M for the vector v that begins at `first`."""
     after, behind = (i + 1) % 3, (i + 2) % 3
     return float(
-        values[first + after] * matrix[behind, k] - values[first + behind] * matrix[after, k]
+        vector[first + after] * matrix[behind, k] - vector[first + behind] * matrix[after, k]
     )
 
 
@@ -348,7 +348,7 @@ def _predict_covariance(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
     """Carry the covariance over the block, (8)."""
-    values, turn, integral = state['values'], state['turn'], state['turn_integral']
+    vector, turn, integral = state['state_vector'], state['turn'], state['turn_integral']
     covariance, forward = state['covariance'], workspace['transition']
     product, seconds = workspace['product'], state['block_seconds']
     left = math.exp(-seconds / _speed_seconds(state))
@@ -357,12 +357,12 @@ def _predict_covariance(
             forward[i, k] = 1.0 if i == k else 0.0
     for i in range(3):
         for k in range(3):
-            along = _cross(values, DIRECTION, integral, i, k)
+            along = _cross(vector, DIRECTION, integral, i, k)
             forward[i, k] = turn[i, k]
             forward[i, BIAS + k] = -along
             forward[VELOCITY + i, k] = -GRAVITY * seconds * turn[i, k]
             forward[VELOCITY + i, VELOCITY + k] = left * turn[i, k]
-            moved = 0.5 * GRAVITY * seconds * along - _cross(values, VELOCITY, integral, i, k)
+            moved = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
             forward[VELOCITY + i, BIAS + k] = moved
             forward[VELOCITY + i, ACCELERATION + k] = -integral[i, k]
     for i in range(STATES):
@@ -405,7 +405,7 @@ def _expected_speed(state: MotionBias) -> float:
 @kernel
 def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Measure that the velocity is zero, within what it has been of late."""
-    values, covariance = state['values'], state['covariance']
+    vector, covariance = state['state_vector'], state['covariance']
     seconds = state['block_seconds']
     if state['wide']:
         _note_wide_speed(state, seconds)
@@ -419,7 +419,7 @@ def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
         spread = covariance[i, i] + variance
         for k in range(STATES):
             workspace['gain'][k] = covariance[k, i] / spread
-        _correct(state, workspace, -values[i], spread)
+        _correct(state, workspace, -vector[i], spread)
 
 
 @kernel
@@ -429,7 +429,7 @@ def _note_speed(state: MotionBias, seconds: float) -> None:
     for axis in range(3):
         i = VELOCITY + axis
         # What the velocity itself is uncertain by shows nothing.
-        square = state['values'][i] * state['values'][i] - state['covariance'][i, i]
+        square = state['state_vector'][i] * state['state_vector'][i] - state['covariance'][i, i]
         deviation = max(deviation, math.sqrt(max(square, 0.0)) / SPEED_DEVIATIONS)
     state['speed_deviation'] = min(deviation, LARGEST_SPEED)
 
@@ -440,7 +440,7 @@ def _note_wide_speed(state: MotionBias, seconds: float) -> None:
     mean, square = 0.0, SPEED * SPEED
     for axis in range(3):
         i = VELOCITY + axis
-        velocity, variance = state['values'][i], state['covariance'][i, i]
+        velocity, variance = state['state_vector'][i], state['covariance'][i, i]
         mean += velocity * velocity * square / (variance + square) / 3.0
     share = seconds / min(state['moving_seconds'], WIDE_SPEED_MEMORY)
     before = state['speed_deviation'] * state['speed_deviation']
@@ -450,8 +450,8 @@ def _note_wide_speed(state: MotionBias, seconds: float) -> None:
 @kernel
 def _expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Measure that the direction is of length one."""
-    values, covariance, gain = state['values'], state['covariance'], workspace['gain']
-    x, y, z = values[DIRECTION], values[DIRECTION + 1], values[DIRECTION + 2]
+    vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
+    x, y, z = vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2]
     length = math.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
     for k in range(STATES):
@@ -467,10 +467,10 @@ def _correct(
     state: MotionBias, workspace: MotionWorkspace, innovation: float, spread: float
 ) -> None:
     """Correct state and covariance by an innovation, (11) and (12); the gain is there."""
-    values, covariance, gain = state['values'], state['covariance'], workspace['gain']
+    vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
     bias_at_rest = state['bias_at_rest']
     for i in range(STATES):
-        values[i] += gain[i] * innovation
+        vector[i] += gain[i] * innovation
     for axis in range(3):
         i = BIAS + axis
         removed = gain[i] * gain[i] * spread / covariance[i, i]

@@ -68,7 +68,7 @@ class BiasShift(NamedTuple):
 
 NO_SHIFT = BiasShift((0.0, 0.0, 0.0), (math.inf, math.inf, math.inf))
 
-Values = Annotated[NDArray[np.float64], np.float64, (STATES,)]
+PerState = Annotated[NDArray[np.float64], np.float64, (STATES,)]
 Covariance = Annotated[NDArray[np.float64], np.float64, (STATES, STATES)]
 
 
@@ -88,7 +88,7 @@ BIAS_AT_REST = record(BiasAtRest)
 class MotionBias(TypedDict):
     """The filter of the bias in motion."""
 
-    values: Values  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
+    state_vector: PerState  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
     covariance: Covariance
     bias_at_rest: BiasAtRest
     growth: float  # (rad/s)^2, of both biases, since it was last added
@@ -144,7 +144,7 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
 def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -> None:
     """Take another shift of an axis; the bias in motion has to be started anew after it."""
     bias_at_rest, i = state['bias_at_rest'], BIAS + axis
-    state['values'][i] = bias_at_rest['bias'][axis] + shift
+    state['state_vector'][i] = bias_at_rest['bias'][axis] + shift
     state['covariance'][i, i] = variance
     bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = 0.0
 
@@ -152,7 +152,7 @@ def _replace_shift(state: MotionBias, axis: int, shift: float, variance: float) 
 @kernel
 def shift_of(state: MotionBias, axis: int) -> float:
     """Return by how much the bias in motion of an axis is above that at rest, in rad/s."""
-    return float(state['values'][BIAS + axis] - state['bias_at_rest']['bias'][axis])
+    return float(state['state_vector'][BIAS + axis] - state['bias_at_rest']['bias'][axis])
 
 
 @kernel
@@ -209,7 +209,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         shift, of_shift = shift_of(state, axis), shift_variance(state, axis)
         for k in range(STATES):
             state['covariance'][i, k] = state['covariance'][k, i] = 0.0
-        state['values'][i] = bias[axis] + shift
+        state['state_vector'][i] = bias[axis] + shift
         state['covariance'][i, i] = variance[axis] + of_shift
         bias_at_rest['bias'][axis] = bias[axis]
         bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
@@ -243,7 +243,7 @@ def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> No
     bias_at_rest['bias'][axis] += gain * innovation
     bias_at_rest['variance'][axis] -= gain * variance
     bias_at_rest['common'][axis] -= gain * common
-    state['values'][i] += gain_in_motion * innovation
+    state['state_vector'][i] += gain_in_motion * innovation
     left = state['covariance'][i, i] - gain_in_motion * common
     # Each axis by itself, as the bias at rest is.
     for k in range(STATES):
@@ -257,7 +257,7 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
     kept['settled'] = growth - state['growth']
     for axis in range(3):
         i = BIAS + axis
-        kept['bias'][axis] = state['values'][i]
+        kept['bias'][axis] = state['state_vector'][i]
         kept['variance'][axis] = state['covariance'][i, i]
     _copy(state['bias_at_rest'], kept['bias_at_rest'])
 
@@ -268,7 +268,7 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
     state['growth'] = growth - kept['settled']
     for axis in range(3):
         i = BIAS + axis
-        state['values'][i] = kept['bias'][axis]
+        state['state_vector'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
     _copy(kept['bias_at_rest'], state['bias_at_rest'])
 

@@ -69,7 +69,7 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
         return
     share = BLOCK_SECONDS / max(min(unknown['moving_seconds'], VERTICAL_MEMORY), BLOCK_SECONDS)
     for axis in range(3):
-        step = unknown['values'][DIRECTION + axis] - state['vertical'][axis]
+        step = unknown['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
     length = math.sqrt(x * x + y * y + z * z)
@@ -155,7 +155,7 @@ def _correct_along(state: Bias, direction: Vector, largest: float) -> bool:
     unknown, bias = state['unknown'], state['bias']
     distance = 0.0
     for axis in range(3):
-        distance += direction[axis] * (unknown['values'][BIAS + axis] - bias[axis])
+        distance += direction[axis] * (unknown['state_vector'][BIAS + axis] - bias[axis])
     gate = FIRST_GATE if state['corrected'] == 0 else NEXT_GATE
     variance = _error_variance(unknown, _covariance(unknown, direction, direction))
     if distance * distance <= gate * gate * variance:
@@ -178,5 +178,5 @@ def _start_anew(state: Bias) -> None:
     start_motion_bias(motion, state['bias'], state['variance'])
     motion['speed_deviation'] = SPEED
     for axis in range(3):
-        motion['values'][DIRECTION + axis] = unknown['values'][DIRECTION + axis]
+        motion['state_vector'][DIRECTION + axis] = unknown['state_vector'][DIRECTION + axis]
     motion['directed'] = True
