@@ -82,7 +82,7 @@ REST_SHARE = 0.003
 LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
-DOUBTED = 2
+DOUBTED_SEGMENTS = 2
 LARGEST_STEP = 1.0  # rad/s: no change of temperature moves the bias by more
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
@@ -106,7 +106,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['unknown'], state['bias'], state['variance'])
     state['walk'] = 1.0
-    state['doubt'] = 0
+    state['doubted_segments'] = 0
     state['corrected'] = 0
     state['temperature'] = np.nan
     state['growth'] = 0.0
@@ -236,7 +236,7 @@ def calibrate_bias(state: Bias) -> None:
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     # What came before says nothing against it.
     state['recent_count'] = 0
-    state['doubt'] = 0
+    state['doubted_segments'] = 0
     _settle(state)
 
 
@@ -297,13 +297,13 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
         return False
     if unreachable > 0:
         state['turning'] += 1
-        state['doubt'] = DOUBTED
+        state['doubted_segments'] = DOUBTED_SEGMENTS
         take_back(state, unreachable)
         return _is_bias_after_all(state, lengths)
     # A segment put together from the halves of two lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
-        state['doubt'] = max(state['doubt'] - 1, 0)
-    return bool(state['doubt'] == 0)
+        state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
+    return bool(state['doubted_segments'] == 0)
 
 
 @kernel
@@ -327,7 +327,7 @@ def _is_bias_after_all(state: Bias, lengths: RestLengths) -> bool:
             variance = state['variance'][axis] + state['reach']
             give_up_bias(turn, axis, state['bias'][axis], variance)
     state['known'] = False
-    state['doubt'] = 0
+    state['doubted_segments'] = 0
     state['recent_count'] = 0
     return True
 

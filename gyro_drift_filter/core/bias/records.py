@@ -77,7 +77,7 @@ class Bias(TypedDict):
     still_blocks: float
     still_sum: PerAxis  # rad/s
     rest_seconds: float  # since the last rest, or since the start where there was none
-    doubt: int  # segments of rest to go until one is accepted after a slow turn
+    doubted_segments: int  # of rest, to go until one is accepted after a slow turn
     turn: SlowTurn  # the rate of rest that was not accepted
     beyond: bool  # the stillness under way has a rate beyond the largest bias
     # counts

@@ -118,9 +118,9 @@ def single_step(clock: Clock) -> float:
     variance = max(clock['single_squares'] / count - single * single, 0.0)
     if variance > (EVEN_STEPS * single) ** 2:
         return float(period)
-    doubt = SAME_PERIOD * period + STEP_DEVIATIONS * math.sqrt(variance / count)
+    tolerance = SAME_PERIOD * period + STEP_DEVIATIONS * math.sqrt(variance / count)
     missing_by_it = (clock['steps'] * period + clock['lateness']) / single - samples
-    if abs(single - period) < doubt or not 0.0 < missing_by_it < MISSING_RATIO * missing:
+    if abs(single - period) < tolerance or not 0.0 < missing_by_it < MISSING_RATIO * missing:
         return float(period)
     return float(single)
 

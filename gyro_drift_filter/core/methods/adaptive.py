@@ -426,8 +426,8 @@ def update(
     doubt['last_sample'] = sample
     if doubt['unseen'] == 0:
         doubt['behind_gap'] = unseen > 0
-    held = decision == Decision.HOLD and not dropout
-    note_decision(doubt, sample - prediction, sample - last_accepted, held, limits)
+    is_held = decision == Decision.HOLD and not dropout
+    note_decision(doubt, sample - prediction, sample - last_accepted, is_held, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - last_accepted, sample - last_accepted)

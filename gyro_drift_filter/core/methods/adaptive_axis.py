@@ -82,9 +82,9 @@ class AdaptiveAxisWorkspace(TypedDict):
     variance_key: VarianceKey  # the noise that these three belong to, see `_predict_mixed`
     error: PerMode  # variance that the noise leaves in the rate of each mode after the sample
     error_key: ErrorKey  # the noise that it belongs to
-    # What the mixing moves: probability, and by it rate, acceleration and jerk. What each mode
-    # holds before, and what arrives in it.
-    held: Terms
+    # What the mixing moves: probability, and weighted by it rate, acceleration and jerk. What each
+    # mode has before, and what arrives in it.
+    weighted: Terms
     from_below: Terms
     from_above: Terms
     # terms of sums over the modes

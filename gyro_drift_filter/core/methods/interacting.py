@@ -192,46 +192,48 @@ def _mix(
     probability, prior = state['probability'], workspace['prior']
     rate, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
     mixed_rate, mixed_acceleration = workspace['rate'], workspace['acceleration']
-    mixed_jerk, held = workspace['jerk'], workspace['held']
+    mixed_jerk, weighted = workspace['jerk'], workspace['weighted']
     from_below, from_above = workspace['from_below'], workspace['from_above']
     stay, up_first = transitions['stay'], transitions['up_first']
     down_first, down_further = transitions['down_first'], transitions['down_further']
     for j in range(MODES):
         weight = probability[j]
-        held[j, 0] = weight
-        held[j, 1] = weight * rate[j]
-        held[j, 2] = weight * acceleration[j]
-        held[j, 3] = weight * jerk[j]
+        weighted[j, 0] = weight
+        weighted[j, 1] = weight * rate[j]
+        weighted[j, 2] = weight * acceleration[j]
+        weighted[j, 3] = weight * jerk[j]
     up = up_rate = up_acceleration = up_jerk = 0.0
     down = down_rate = down_acceleration = down_jerk = 0.0
     for i in range(1, MODES):
         # Both ways at once, as each waits for its last step: to i from below and to k from above.
         first, further = up_first[i - 1], up_further[i]
-        up = up * further + held[i - 1, 0] * first
-        up_rate = up_rate * further + held[i - 1, 1] * first
-        up_acceleration = up_acceleration * further + held[i - 1, 2] * first
-        up_jerk = up_jerk * further + held[i - 1, 3] * first
+        up = up * further + weighted[i - 1, 0] * first
+        up_rate = up_rate * further + weighted[i - 1, 1] * first
+        up_acceleration = up_acceleration * further + weighted[i - 1, 2] * first
+        up_jerk = up_jerk * further + weighted[i - 1, 3] * first
         from_below[i, 0] = up
         from_below[i, 1] = up_rate
         from_below[i, 2] = up_acceleration
         from_below[i, 3] = up_jerk
         k = MODES - 1 - i
-        down = down * down_further[k, 0] + held[k + 1, 0] * down_first[k + 1, 0]
-        down_rate = down_rate * down_further[k, 1] + held[k + 1, 1] * down_first[k + 1, 1]
+        down = down * down_further[k, 0] + weighted[k + 1, 0] * down_first[k + 1, 0]
+        down_rate = down_rate * down_further[k, 1] + weighted[k + 1, 1] * down_first[k + 1, 1]
         down_acceleration = (
-            down_acceleration * down_further[k, 2] + held[k + 1, 2] * down_first[k + 1, 2]
+            down_acceleration * down_further[k, 2] + weighted[k + 1, 2] * down_first[k + 1, 2]
         )
-        down_jerk = down_jerk * down_further[k, 3] + held[k + 1, 3] * down_first[k + 1, 3]
+        down_jerk = down_jerk * down_further[k, 3] + weighted[k + 1, 3] * down_first[k + 1, 3]
         from_above[k, 0] = down
         from_above[k, 1] = down_rate
         from_above[k, 2] = down_acceleration
         from_above[k, 3] = down_jerk
     for j in range(MODES):
-        prior[j] = held[j, 0] * stay[j] + from_below[j, 0] + from_above[j, 0]
+        prior[j] = weighted[j, 0] * stay[j] + from_below[j, 0] + from_above[j, 0]
         share = 1.0 / max(prior[j], SMALLEST)
-        mixed_rate[j] = (held[j, 1] * stay[j] + from_below[j, 1] + from_above[j, 1]) * share
-        mixed_acceleration[j] = (held[j, 2] * stay[j] + from_below[j, 2] + from_above[j, 2]) * share
-        mixed_jerk[j] = (held[j, 3] * stay[j] + from_below[j, 3] + from_above[j, 3]) * share
+        mixed_rate[j] = (weighted[j, 1] * stay[j] + from_below[j, 1] + from_above[j, 1]) * share
+        mixed_acceleration[j] = (
+            weighted[j, 2] * stay[j] + from_below[j, 2] + from_above[j, 2]
+        ) * share
+        mixed_jerk[j] = (weighted[j, 3] * stay[j] + from_below[j, 3] + from_above[j, 3]) * share
 
 
 @kernel

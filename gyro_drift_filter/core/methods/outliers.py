@@ -501,7 +501,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
 
 @kernel
 def note_decision(
-    doubt: Doubt, innovation: float, change: float, held: bool, limits: OutlierLimits
+    doubt: Doubt, innovation: float, change: float, is_held: bool, limits: OutlierLimits
 ) -> None:
     """Keep account of how many samples are held, and how large innovations and changes are, rad/s.
 
@@ -509,12 +509,12 @@ def note_decision(
     """
     usual = doubt['usual_innovation']
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
-    if not held:
+    if not is_held:
         usual = doubt['usual_rate_change']
         largest = max(USUAL_LIMIT * usual, limits['acceleration_limit'])
         doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
-    if held or doubt['share_held'] > LEAST_SHARE:
-        doubt['share_held'] += CROWDED_MEMORY * ((1.0 if held else 0.0) - doubt['share_held'])
+    if is_held or doubt['share_held'] > LEAST_SHARE:
+        doubt['share_held'] += CROWDED_MEMORY * ((1.0 if is_held else 0.0) - doubt['share_held'])
 
 
 @kernel
