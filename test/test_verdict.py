@@ -27,7 +27,7 @@ from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.report.run_sums import BLOCK_SECONDS, add_run, end_run, no_sums
+from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
 from gyro_drift_filter.report.wording import as_text, headline
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
@@ -180,7 +180,7 @@ def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     changed = changed[~resting & ~(results['outlier'] > 0.0).any(axis=1)]
     np.testing.assert_allclose(got['changed'], (changed**2).sum(axis=0), rtol=1e-9)
     assert got['outliers']['at_rest'] == (resting & (results['outlier'] > 0).any(axis=1)).sum()
-    squares, block = np.zeros(3), round(BLOCK_SECONDS / 0.01)
+    squares, block = np.zeros(3), round(REST_BLOCK_SECONDS / 0.01)
     edges = np.flatnonzero(np.diff(np.r_[0, resting, 0]))
     for first, stop in edges.reshape(-1, 2):
         # What is kept of a rest: whole blocks but the last one; the last rest all of it.

@@ -24,7 +24,7 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.bias.records import bias_variance
-from gyro_drift_filter.core.methods.noise import BLOCK_SECONDS
+from gyro_drift_filter.core.methods.noise import NOISE_BLOCK_SECONDS
 from gyro_drift_filter.core.quantisation import known_count
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 
@@ -178,7 +178,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['least_rest_seconds'] = coefficients['rest']['least_rest']
     # A block of whole samples may be a little shorter than the time that it is meant for.
     block = coefficients['methods']['adaptive']['block_samples'] * clock['mean_period']
-    out['noise_block_seconds'] = max(BLOCK_SECONDS, block)
+    out['noise_block_seconds'] = max(NOISE_BLOCK_SECONDS, block)
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']

@@ -38,9 +38,9 @@ from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
 from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
 # Less than this, in m/s^2, is no gravity: the sensor falls, or has no accelerometer.
-LEAST_GRAVITY = 1.0
+LEAST_ACCELERATION = 1.0
 # The end of a rest counts by blocks of so many s, as the start of a motion is in the last ones.
-BLOCK_SECONDS = 1.0
+REST_BLOCK_SECONDS = 1.0
 # Outliers are counted for each such stretch of log time, in ns.
 OUTLIER_STRETCH = 10_000_000_000
 
@@ -168,7 +168,7 @@ def _add_heading(imu: Imu, step: float, sums: RunSums) -> None:
         for axis in range(3):
             sums['first_bias'][axis] = result['bias'][axis]
     length = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
-    if LEAST_GRAVITY < length < LARGEST_ACCELERATION:
+    if LEAST_ACCELERATION < length < LARGEST_ACCELERATION:
         for axis in range(3):
             up[axis] = force[axis] / length
     about, turned = 0.0, 0.0
@@ -221,7 +221,7 @@ def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums)
         distance = rate - block['filtered_mean'][axis]
         block['filtered_mean'][axis] += share * distance
         block['filtered_squares'][axis] += distance * (rate - block['filtered_mean'][axis])
-    if block['seconds'] >= BLOCK_SECONDS:
+    if block['seconds'] >= REST_BLOCK_SECONDS:
         _merge(sums['pending'], sums['rest'])
         _clear(sums['pending'])
         _merge(block, sums['pending'])

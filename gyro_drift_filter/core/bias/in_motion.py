@@ -26,9 +26,10 @@ velocity is zero within `SPEED`, anew every `SPEED_SECONDS`, or within as much a
 late, and anew as much later. The heading is not in the state, so that nothing leaks into it: a
 bias about the vertical is left as it is.
 
-State and measurement are taken every hundredth of a second or so, covariances every `BLOCK_SECONDS`
-by the transition over the block. As directions turn with the body, R = exp(-[angle]) of each value,
-it needs their product T over the block and the integral M of what is left of it to the end:
+State and measurement are taken every hundredth of a second or so, covariances every
+`MOTION_BLOCK_SECONDS` by the transition over the block. As directions turn with the body,
+R = exp(-[angle]) of each value, it needs their product T over the block and the integral M of what
+is left of it to the end:
 
     ds = T ds0 - [s]x M db
     du = T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da
@@ -67,8 +68,8 @@ from gyro_drift_filter.gravity import GRAVITY
 
 # A mean acceleration between these shares of it is gravity: else there is no accelerometer, or it
 # is in other units.
-LEAST_GRAVITY, LARGEST_GRAVITY = 0.7, 1.3
-BLOCK_SECONDS = 0.4
+LEAST_GRAVITY_SHARE, LARGEST_GRAVITY_SHARE = 0.7, 1.3
+MOTION_BLOCK_SECONDS = 0.4
 # The largest time without samples over which the body's turn is known well enough, in s.
 LONGEST_GAP = 0.05
 
@@ -124,7 +125,7 @@ def take_direction(state: MotionBias, x: float, y: float, z: float) -> None:
 def _direct(state: MotionBias, x: float, y: float, z: float, seconds: float) -> None:
     """Take an acceleration in m/s^2, summed up over `seconds`, for gravity, if it can be that."""
     size = math.sqrt(x * x + y * y + z * z)
-    if LEAST_GRAVITY * GRAVITY * seconds < size < LARGEST_GRAVITY * GRAVITY * seconds:
+    if LEAST_GRAVITY_SHARE * GRAVITY * seconds < size < LARGEST_GRAVITY_SHARE * GRAVITY * seconds:
         vector = state['state_vector']
         vector[DIRECTION] = x / size
         vector[DIRECTION + 1] = y / size
@@ -225,7 +226,7 @@ def _take_value(
         gained -= GRAVITY * vector[DIRECTION + axis] * seconds
         vector[i] = (vector[i] + gained) * left
     state['block_seconds'] += seconds
-    if state['block_seconds'] >= BLOCK_SECONDS:
+    if state['block_seconds'] >= MOTION_BLOCK_SECONDS:
         before = state['moving_seconds']
         state['moving_seconds'] += state['block_seconds']
         if before < UNKNOWN_SECONDS <= state['moving_seconds']:

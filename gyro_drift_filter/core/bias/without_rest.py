@@ -28,7 +28,11 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 import math
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.bias.in_motion import BLOCK_SECONDS, LARGEST_GRAVITY, LEAST_GRAVITY
+from gyro_drift_filter.core.bias.in_motion import (
+    LARGEST_GRAVITY_SHARE,
+    LEAST_GRAVITY_SHARE,
+    MOTION_BLOCK_SECONDS,
+)
 from gyro_drift_filter.core.bias.records import Bias
 from gyro_drift_filter.core.bias.shared import (
     BIAS,
@@ -67,7 +71,8 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     # Once for each block of motion, as it has ended.
     if not unknown['moving'] or unknown['samples'] > 0 or unknown['block_seconds'] > 0.0:
         return
-    share = BLOCK_SECONDS / max(min(unknown['moving_seconds'], VERTICAL_MEMORY), BLOCK_SECONDS)
+    seconds = min(unknown['moving_seconds'], VERTICAL_MEMORY)
+    share = MOTION_BLOCK_SECONDS / max(seconds, MOTION_BLOCK_SECONDS)
     for axis in range(3):
         step = unknown['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
@@ -101,7 +106,7 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
 def _is_carried(state: MotionBias) -> bool:
     """Return whether it is gravity, on the mean, what the acceleration has along the vertical."""
     carried = state['carried'] / (GRAVITY * state['moving_seconds'])
-    return bool(LEAST_GRAVITY < carried < LARGEST_GRAVITY)
+    return bool(LEAST_GRAVITY_SHARE < carried < LARGEST_GRAVITY_SHARE)
 
 
 @kernel

@@ -41,7 +41,7 @@ from gyro_drift_filter.core.clock.periods import (
 )
 from gyro_drift_filter.core.clock.records import BLOCKS, Clock
 
-BLOCK_SECONDS = 2.0
+PERIOD_BLOCK_SECONDS = 2.0
 # A stretch ends after so many samples, or after that time where it has enough of them: long enough
 # for one stamp to come with next to no delay, and short enough for the period to be known by then.
 STRETCH_SAMPLES = 100
@@ -211,7 +211,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
     if clock['anchored'] or (regular and samples == ANCHOR_SAMPLES):
         learn_delays(clock)
     full = (
-        clock['steps'] * period + clock['lateness'] >= BLOCK_SECONDS
+        clock['steps'] * period + clock['lateness'] >= PERIOD_BLOCK_SECONDS
         and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
     )
     single = single_step(clock)

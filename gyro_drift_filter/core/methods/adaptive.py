@@ -60,10 +60,10 @@ from gyro_drift_filter.core.methods.mode_set import (
     derive_mode_set,
 )
 from gyro_drift_filter.core.methods.noise import (
-    BLOCK_SECONDS,
     FORGETTING_SECONDS,
-    LEAST_BLOCK,
+    LEAST_NOISE_BLOCK,
     LONGEST_WHITE_PERIOD,
+    NOISE_BLOCK_SECONDS,
     interrupt_block,
     is_begun,
     learn_noise,
@@ -160,10 +160,10 @@ def derive(
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
     coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
-    samples = max(LEAST_BLOCK, int(BLOCK_SECONDS / period))
+    samples = max(LEAST_NOISE_BLOCK, int(NOISE_BLOCK_SECONDS / period))
     coefficients['is_dense'] = period <= LONGEST_WHITE_PERIOD
     coefficients['block_samples'] = samples
-    exponent = BLOCK_SECONDS / FORGETTING_SECONDS
+    exponent = NOISE_BLOCK_SECONDS / FORGETTING_SECONDS
     coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
     for axis in range(3):
         # The variances are of other modes.

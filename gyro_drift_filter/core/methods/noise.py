@@ -36,12 +36,12 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 
-BLOCK_SECONDS = 0.5
+NOISE_BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s. A block counts as
-# BLOCK_SECONDS even where it is longer, as at low rates noise is correlated over its samples.
+# NOISE_BLOCK_SECONDS even where it is longer, as at low rates noise is correlated over its samples.
 FORGETTING_SECONDS = 0.1
-LEAST_BLOCK = 50  # samples, where the rate is so low that BLOCK_SECONDS hold fewer
-FIRST_BLOCK = 16  # samples, until anything is known of the noise
+LEAST_NOISE_BLOCK = 50  # samples, where the rate is so low that NOISE_BLOCK_SECONDS hold fewer
+FIRST_NOISE_BLOCK = 16  # samples, until anything is known of the noise
 KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
 LEAST_THIRDS = 10  # third differences, without which a block says nothing
 
@@ -257,7 +257,7 @@ def learn_noise(
     noise['count'] += 1
     noise['index'] += 1
     noise['run'] = run + 1
-    full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_BLOCK)
+    full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_NOISE_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
         _judge_block(noise, at_rest, is_dense, block_forgetting)
         _next_block(noise)
