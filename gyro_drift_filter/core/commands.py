@@ -42,7 +42,7 @@ from gyro_drift_filter.core.step import derive
 from gyro_drift_filter.gravity import GRAVITY
 
 # A method takes over from another's output where that is so many deviations from the last sample.
-NEAR = 4.0
+TAKE_OVER_GATE = 4.0
 
 
 @entry_kernel(FILTER, SETTINGS)
@@ -98,7 +98,7 @@ def take_over(filter_: NDArray[np.void]) -> None:
     for axis in range(3):
         rate = state['filtered'][axis]
         distance = abs(state['taken'][axis] - rate)
-        near = distance <= NEAR * math.sqrt(result['innovation_variance'][axis])
+        near = distance <= TAKE_OVER_GATE * math.sqrt(result['innovation_variance'][axis])
         was_tracking = tracking[axis] == 1 and result['status'] != SampleStatus.REFUSED
         tracking[axis] = 0
         if was_tracking and near:

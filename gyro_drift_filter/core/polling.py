@@ -48,8 +48,8 @@ FIRST_MEASUREMENTS, MEASUREMENTS, REPEATS = 8, 32, 2
 FASTER, NOT_FASTER = 0.5, 0.15
 # A bus that hangs says nothing of how fast the sensor is polled: no more messages than this count
 # for one measurement.
-LARGEST_RATIO = 250
-LARGEST_SAME = MEMORY_CHANGES * LARGEST_RATIO
+LARGEST_REPEATS = 250
+LARGEST_SAME = MEMORY_CHANGES * LARGEST_REPEATS
 # So many equal rates in a row, while accelerations change, are no repeats: the body is at rest.
 LONGEST_RUN = 30
 
@@ -72,7 +72,7 @@ class Polling(TypedDict):
     first: int  # number of the message before them
     window: int  # measurements until the pace is judged
     repeated: int  # of them, those behind at least REPEATS
-    extra: int  # repeats behind these measurements, up to LARGEST_RATIO for each
+    extra: int  # repeats behind these measurements, up to LARGEST_REPEATS for each
     hung: int  # repeats beyond that, of a bus that hangs
     faster: bool  # polled so fast that repeats are no samples
     samples_per_message: float  # then, of late; else 1
@@ -116,7 +116,7 @@ def _judge(
     repeats = polling['repeats']
     polling['repeats'] = 0
     polling['bridged'] = False
-    counted = min(repeats, LARGEST_RATIO)
+    counted = min(repeats, LARGEST_REPEATS)
     polling['extra'] += counted
     polling['hung'] += repeats - counted
     if repeats >= REPEATS:

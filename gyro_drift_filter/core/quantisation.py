@@ -40,8 +40,8 @@ SAME_COUNT = 0.05  # counts, by which the change of one count may be off
 PART = 0.1  # counts, from which on a rate or a change is no whole number of them
 LEAST_COUNT = 1e-5  # rad/s: half of a finer one is below all bias
 # A rate has come from afar with a change of so many counts, and lands on the counts up to this.
-AFAR = 8.0
-NEAR = 2
+AFAR_COUNTS = 8.0
+NEAR_COUNTS = 2
 # How much likelier a landing is where zero is twice as wide: 2/6 instead of 1/5, 4/6 of 4/5; and
 # one beside zero where these counts are as wide as the next: 1/2 instead of 1/4, 1/2 of 3/4.
 ZERO_IF_WIDE, OTHER_IF_WIDE = math.log(5.0 / 3.0), math.log(5.0 / 6.0)
@@ -93,7 +93,7 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
                 _look_for_count(state, axis, abs(change))
                 known = known or state['votes'][axis] >= CERTAIN_VOTES
         # One branch instead of two that noise makes at random.
-        elif (abs(change) > AFAR * count) & (abs(rate[axis]) < (NEAR + PART) * count):
+        elif (abs(change) > AFAR_COUNTS * count) & (abs(rate[axis]) < (NEAR_COUNTS + PART) * count):
             landed = _note_landing(state, axis, change, rate) or landed
         state['change'][axis] = change
     if not landed:

@@ -76,14 +76,14 @@ if TYPE_CHECKING:
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.
 REST_SHARE = 0.003
-# How fast the bias walks is learned from how well it was predicted, with LEARNING per segment. A
-# squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk is
-# at least LEAST_WALK of what the parameter allows.
-LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
+# How fast the bias walks is learned from how well it was predicted, with WALK_LEARNING per segment.
+# A squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk
+# is at least LEAST_WALK of what the parameter allows.
+WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
 DOUBTED_SEGMENTS = 2
-LARGEST_STEP = 1.0  # rad/s: no change of temperature moves the bias by more
+LARGEST_THERMAL_CHANGE = 1.0  # rad/s: no change of temperature moves the bias by more
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
 
@@ -250,7 +250,7 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
         return
     if abs(change) < np.inf:
         coefficient = settings['bias_temperature_coefficient']
-        moved = min(coefficient * abs(change), LARGEST_STEP)
+        moved = min(coefficient * abs(change), LARGEST_THERMAL_CHANGE)
         widen(state, moved * moved)
     state['temperature'] = temperature
 
@@ -364,7 +364,7 @@ def _correct(state: Bias) -> None:
         learn_at_rest(state['motion'], axis, mean, noise)
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
-    exponent = LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
+    exponent = WALK_LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
     state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
     state['recent'][0]['growth'] = state['growth']
     state['recent'][0]['reach'] = state['reach']

@@ -32,13 +32,13 @@ from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 # A turn lasts no longer than this: then it is the bias after all.
 LONGEST_TURN = 90.0  # s
 # It stays where a segment lies within so many deviations of the one before.
-SAME = 4.0
+SAME_TURN_GATE = 4.0
 # Gravity denies a turn that should have moved it by so much, three times what it may move and still
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
 LEAST_ANGLE, LEAST_SHARE = 0.06, 0.5  # rad
 # The bias that was given up is back where the rate is so near it, as a share of the way from there.
-BACK = 0.1
+BACK_SHARE = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.
 GATE = 3.5
 
@@ -93,7 +93,8 @@ def is_slow_turn(
     """
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['rate'][axis]
-        if distance * distance > SAME * SAME * 2.0 * segment_variance(rest, axis):
+        spread = 2.0 * segment_variance(rest, axis)
+        if distance * distance > SAME_TURN_GATE * SAME_TURN_GATE * spread:
             forget_slow_turn(turn)
     if turn['standing_seconds'] > 0.0 and not _gravity_stands(turn, rest):
         interrupt_slow_turn(turn)
@@ -138,7 +139,7 @@ def is_back(turn: SlowTurn, rest: Rest, bias: PerAxis) -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['given_up'][axis]
         spread = turn['given_up_variance'][axis] + segment_variance(rest, axis)
-        if distance * distance > max(GATE * GATE * spread, BACK * BACK * jump):
+        if distance * distance > max(GATE * GATE * spread, BACK_SHARE * BACK_SHARE * jump):
             return False
     return True
 

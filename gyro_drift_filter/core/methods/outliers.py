@@ -58,8 +58,8 @@ AGREEMENT = 0.25  # of the jump: held samples that differ by more are no motion,
 AGREEMENT_LIMIT = 150.0  # rad/s^2: nor those that differ by more than this
 BODY_LIMIT = 1000.0  # rad/s^2: what is not hit does no more, so a jump beyond needs ...
 BODY_LIMIT_SAMPLES = 2  # ... so many samples more to be accepted
-SAME = 0.01  # standard deviations of the noise: repeats closer than this ...
-SAME_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
+CONSTANT_DEVIATIONS = 0.01  # standard deviations of the noise: repeats closer than this ...
+CONSTANT_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
 
 CROWDED = 0.25  # share of held samples above which the doubt is wrong, not the samples ...
 CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
@@ -549,11 +549,11 @@ def is_constant(doubt: Doubt, sample: float, variance: float) -> bool:
 
     Arguments: sample in rad/s, variance of the noise in (rad/s)^2.
     """
-    if abs(sample - doubt['last_sample']) > SAME * math.sqrt(variance):
+    if abs(sample - doubt['last_sample']) > CONSTANT_DEVIATIONS * math.sqrt(variance):
         doubt['repeats'] = 0
         return False
     doubt['repeats'] += 1
-    if doubt['repeats'] < SAME_SAMPLES:
+    if doubt['repeats'] < CONSTANT_SAMPLES:
         return False
     doubt['repeats'] = 0
     return True

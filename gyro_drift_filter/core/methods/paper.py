@@ -56,7 +56,7 @@ NOISE_FLOOR = 1e-3
 DIVERGED = 10.0
 
 # A period that differs by more than this share from the model's own rescales phi and Q.
-SAME_PERIOD = 0.1
+MODEL_PERIOD_TOLERANCE = 0.1
 
 
 class PaperCoefficients(TypedDict):
@@ -110,7 +110,7 @@ def derive(settings: 'Settings', axis: int, period: float, coefficients: PaperCo
     phi = settings['model_phi'][axis]
     process_noise = settings['model_process_noise'][axis]
     periods = period * settings['sample_rate']
-    if phi > 0.0 and periods > 0.0 and abs(periods - 1.0) > SAME_PERIOD:
+    if phi > 0.0 and periods > 0.0 and abs(periods - 1.0) > MODEL_PERIOD_TOLERANCE:
         scaled = phi**periods
         process_noise *= (1.0 - scaled * scaled) / (1.0 - phi * phi)
         phi = scaled

@@ -46,7 +46,7 @@ LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
 # After so long without rest all that is learned anew, as vibration may have come to stay.
-FORGOTTEN_SECONDS = 300.0
+FORGET_NOISE_SECONDS = 300.0
 
 
 @kernel
@@ -105,7 +105,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
                 still = False
         note_gravity(rest, lengths['block_seconds'])
     rest['restless'] += 1
-    if rest['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
+    if rest['restless'] * lengths['block_seconds'] > FORGET_NOISE_SECONDS:
         forget_noise(rest)
     if not still:
         ready = _lasted(rest) and holds_together(rest, lengths)

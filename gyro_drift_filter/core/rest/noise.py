@@ -30,11 +30,11 @@ from gyro_drift_filter.core.rest.segment import (
 COUNT_VARIANCE = 1.0 / 12.0
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 # The noise is learned with this weight per segment.
-LEARNING = 0.1
+NOISE_LEARNING = 0.1
 # The ratio of variances is learned slower, as a segment says less of it. It starts with the
 # correlation of the first segment's blocks, which counts as RATIO_PRIOR + 1 segments; one step
-# counts for LARGEST_RATIO at most.
-RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO = 0.02, 2.0, 16.0
+# counts for LARGEST_RATIO_STEP at most.
+RATIO_LEARNING, RATIO_PRIOR, LARGEST_RATIO_STEP = 0.02, 2.0, 16.0
 # Of the variance of an acceleration at rest: with less, what has made the noise has stopped.
 QUIETER = 0.25
 # Of the variance of all signals: a body that stands shows a tenth to a hundredth of what it shows
@@ -76,7 +76,7 @@ def learn_noise(rest: Rest, length: int) -> None:
 @kernel
 def _weight(rest: Rest) -> float:
     """Return the weight of the last segment that was learned from."""
-    return max(LEARNING, 1.0 / rest['learned'])
+    return max(NOISE_LEARNING, 1.0 / rest['learned'])
 
 
 @kernel
@@ -132,7 +132,7 @@ def learn_variance_ratio(rest: Rest) -> None:
         spread = signal['scatter'] * (1.0 / rest['blocks'] + 1.0 / signal['before_blocks'])
         ratio += step * step / spread / 3.0
     share = max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
-    change = min(ratio, LARGEST_RATIO) - rest['variance_ratio']
+    change = min(ratio, LARGEST_RATIO_STEP) - rest['variance_ratio']
     rest['variance_ratio'] = max(rest['variance_ratio'] + share * change, 1.0)
 
 

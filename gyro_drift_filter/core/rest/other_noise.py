@@ -36,7 +36,7 @@ CONFIRMING = 3  # segments
 # The variance of values over the known one: below this the noise that is known finds the rest.
 NOISIER = 2.0
 # What has been neither rest nor of that noise for so long was motion.
-FORGOTTEN_SECONDS = 10.0
+FORGET_OTHER_NOISE_SECONDS = 10.0
 
 
 @kernel
@@ -57,7 +57,7 @@ def look_for_other_noise(rest: Rest, other: Rest, lengths: RestLengths) -> None:
     if rest['at_rest'] or not rest['known']:
         start_rest(other)
         return
-    if other['restless'] * lengths['block_seconds'] > FORGOTTEN_SECONDS:
+    if other['restless'] * lengths['block_seconds'] > FORGET_OTHER_NOISE_SECONDS:
         other['known'] = False
     found = close_block(other, lengths)
     if found == BlockOutcome.END_OF_REST:
