@@ -33,7 +33,7 @@ from gyro_drift_filter.core.bias.records import is_learned
 from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling
-from gyro_drift_filter.core.quantisation import is_undone, variance_of_cut
+from gyro_drift_filter.core.quantisation import needs_half_counts, variance_of_cut
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.sensor_checks import start_checks
@@ -63,8 +63,8 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
     if is_learned(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']
-        was_undone = is_undone(quantisation, before['input_quantisation'])
-        if is_undone(quantisation, after['input_quantisation']) != was_undone:
+        was_needed = needs_half_counts(quantisation, before['input_quantisation'])
+        if needs_half_counts(quantisation, after['input_quantisation']) != was_needed:
             widen(bias, variance_of_cut(quantisation))
 
 

@@ -153,7 +153,7 @@ def _note_landing(state: Quantisation, axis: int, change: float, rate: PerAxis) 
 
 
 @kernel
-def is_undone(state: Quantisation, mode: int) -> bool:
+def needs_half_counts(state: Quantisation, mode: int) -> bool:
     """Return whether half a count is to be added to the rates; `mode` is a member of `Mode`."""
     return bool(mode == Mode.TRUNCATE or (mode == Mode.AUTO and state['truncated']))
 

@@ -165,7 +165,7 @@ def has_fault(checks: SensorChecks) -> bool:
 
 
 @kernel
-def says_nothing(checks: SensorChecks) -> bool:
+def may_hang(checks: SensorChecks) -> bool:
     """Return whether the last values may be those of a sensor, or of an axis, that hangs."""
     fault = checks['fault']
     frozen = fault[0] == AxisFault.FROZEN or fault[1] == AxisFault.FROZEN

@@ -34,7 +34,7 @@ from gyro_drift_filter.core.clock.losses import possibly_missing
 from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
     add_half_counts,
-    is_undone,
+    needs_half_counts,
     note_counts,
     variance_of_cut,
 )
@@ -52,9 +52,9 @@ from gyro_drift_filter.core.sample import (
 )
 from gyro_drift_filter.core.sensor_checks import (
     has_fault,
+    may_hang,
     measures_exact_rest,
     note_values,
-    says_nothing,
 )
 from gyro_drift_filter.core.settings import Settings
 
@@ -76,14 +76,14 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     message = note_message(state['polling'], state['checks'], sample, number)
     if message == Message.FIRST_SAMPLE:
         _start_over(filter_)
-    period, elapsed, missing, undone = clock['period'], 0.0, 0, False
+    period, elapsed, missing, needs_half = clock['period'], 0.0, 0, False
     if message != Message.REPEAT:
         if filter_['coefficients']['period'] != period:
             derive(filter_, period)
         elapsed = elapsed_seconds(clock, stamp)
         missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
         result['status'] = SampleStatus.FILTERED
-        undone = _is_truncated(sample, missing, filter_)
+        needs_half = _look_at_counts(sample, missing, filter_)
     message_period = _message_period(state)
     note_values(state['checks'], sample, message_period, state['bias']['rest'])
     if state['checks']['comes_alive']:
@@ -93,7 +93,7 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     if message == Message.REPEAT:
         _repeat_result(result)
         return
-    if undone:
+    if needs_half:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
         _take_acceleration_off(sample, state['acceleration'], settings)
@@ -165,17 +165,17 @@ def _forget_rest(filter_: FilterRecord) -> None:
 
 
 @kernel
-def _is_truncated(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
-    """Look at the counts of a sample; return whether their truncation is to be undone."""
+def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
+    """Look at the counts of a sample; return whether half of one is to be added."""
     state, mode = filter_['state'], filter_['settings']['input_quantisation']
     quantisation, rate = state['quantisation'], sample['angular_velocity']
-    undone = is_undone(quantisation, mode)
+    needs_half = needs_half_counts(quantisation, mode)
     if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
-        before, undone = undone, is_undone(quantisation, mode)
+        before, needs_half = needs_half, needs_half_counts(quantisation, mode)
         # The bias was learned with half a count more or less in the rates.
-        if (before or undone) and is_learned(state['bias']):
+        if (before or needs_half) and is_learned(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
-    return undone
+    return needs_half
 
 
 @kernel
@@ -287,7 +287,7 @@ def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: Filter
     bias, result = state['bias'], state['result']
     if missing == TIME_JUMP:
         leave_rest(bias)
-    trusted = result['status'] == SampleStatus.FILTERED and not says_nothing(state['checks'])
+    trusted = result['status'] == SampleStatus.FILTERED and not may_hang(state['checks'])
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             trusted = False
@@ -349,7 +349,7 @@ def _follow(
     if state['result']['status'] == SampleStatus.REFUSED:
         lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
         return
-    if says_nothing(state['checks']):
+    if may_hang(state['checks']):
         lose_direction(motion)
     if clipped > 0.0 or motion['missed_turn'] > 0.0:
         miss_turn(motion, clipped * seconds)
