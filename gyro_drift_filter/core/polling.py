@@ -31,7 +31,7 @@ from enum import IntEnum
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import kernel, record
-from gyro_drift_filter.core.sample import Sample, is_zero
+from gyro_drift_filter.core.sample import Sample, are_equal, is_zero
 from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
 # Equal values are a repeat if they are less likely by chance than this; or, while the sensor is
@@ -91,8 +91,8 @@ def start_polling(polling: Polling) -> None:
 @kernel
 def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> Message:
     """Say what a message of this number is, before `checks` take it in."""
-    rate, before = sample['angular_velocity'], checks['measured']
-    same = rate[0] == before[0] and rate[1] == before[1] and rate[2] == before[2]
+    rate = sample['angular_velocity']
+    same = are_equal(rate, checks['measured'])
     if same and not polling['faster'] and is_zero(rate):
         return Message.SAMPLE  # of a driver that takes slow rates for none
     if same or polling['faster'] or polling['repeats'] > 0:
@@ -154,10 +154,10 @@ def _measurements(polling: Polling, number: int) -> int:
 def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> bool:
     """Return whether rates equal to those of the message before are too unlikely by chance."""
     rates, accelerations = checks['rates'], checks['accelerations']
-    acceleration, before = sample['linear_acceleration'], checks['acceleration']
+    acceleration = sample['linear_acceleration']
     x, y, z = acceleration[0], acceleration[1], acceleration[2]
     is_measured = x == x and y == y and z == z
-    same = x == before[0] and y == before[1] and z == before[2]
+    same = are_equal(acceleration, checks['acceleration'])
     if is_measured and not same and polling['repeats'] >= LONGEST_RUN:
         # How they changed in motion says nothing of rest.
         rates['first'], rates['same'] = number - 1, 0

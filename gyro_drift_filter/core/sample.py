@@ -75,6 +75,12 @@ def is_zero(values: PerAxis) -> bool:
 
 
 @kernel
+def are_equal(values: PerAxis, others: PerAxis) -> bool:
+    """Return whether all axes have the values of others; a NaN is equal to none."""
+    return bool(values[0] == others[0] and values[1] == others[1] and values[2] == others[2])
+
+
+@kernel
 def is_one_value(values: PerAxis) -> bool:
     """Return whether all axes have the same value to the last bit, as where a read has failed.
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.sample import Sample, is_usable, is_zero
+from gyro_drift_filter.core.sample import Sample, are_equal, is_usable, is_zero
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
@@ -237,7 +237,7 @@ def _are_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> b
 def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
     """Look for rates at the end of the range; return whether all are those of the sample before."""
     rate, measured, equal = sample['angular_velocity'], checks['measured'], checks['equal']
-    same = rate[0] == measured[0] and rate[1] == measured[1] and rate[2] == measured[2]
+    same = are_equal(rate, measured)
     stays = checks['rates']
     if same:
         stays['same'] += 1
@@ -255,7 +255,7 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
             checks, axis, rate[axis], same, rest
         )
         measured[axis] = rate[axis]
-    return bool(same)
+    return same
 
 
 @kernel

@@ -48,6 +48,7 @@ from gyro_drift_filter.core.sample import (
     Result,
     Sample,
     SampleStatus,
+    are_equal,
     is_usable,
 )
 from gyro_drift_filter.core.sensor_checks import (
@@ -212,12 +213,7 @@ def _is_repeat(sample: Sample, filter_: FilterRecord) -> bool:
     state, stamp, rate = filter_['state'], sample['stamp'], sample['angular_velocity']
     clock, measured = state['clock'], state['checks']['measured']
     return bool(
-        stamp != 0
-        and clock['started']
-        and stamp == clock['stamp']
-        and rate[0] == measured[0]
-        and rate[1] == measured[1]
-        and rate[2] == measured[2]
+        stamp != 0 and clock['started'] and stamp == clock['stamp'] and are_equal(rate, measured)
     )
 
 
