@@ -14,7 +14,7 @@
 
 """Products and inverses of 3 by 3 matrices: kernels can't make arrays, so results go to `out`.
 
-And what a rotation is made of.
+And the length of a vector, and what a rotation is made of.
 """
 
 import math
@@ -70,6 +70,12 @@ def invert(a: Matrix, out: Matrix) -> None:
                 for k in range(3):
                     a[i, k] -= factor * a[column, k]
                     out[i, k] -= factor * out[column, k]
+
+
+@kernel
+def vector_length(x: float, y: float, z: float) -> float:
+    """Return the length of a vector."""
+    return math.sqrt(x * x + y * y + z * z)
 
 
 @kernel

@@ -28,6 +28,7 @@ from gyro_drift_filter.accelerate import (
     read_only,
     record,
 )
+from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
     LARGEST_RATE,
@@ -167,7 +168,7 @@ def _add_heading(imu: Imu, step: float, sums: RunSums) -> None:
         sums['known'] = True
         for axis in range(3):
             sums['first_bias'][axis] = result['bias'][axis]
-    length = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
+    length = vector_length(force[0], force[1], force[2])
     if LEAST_ACCELERATION < length < LARGEST_ACCELERATION:
         for axis in range(3):
             up[axis] = force[axis] / length

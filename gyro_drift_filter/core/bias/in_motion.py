@@ -60,7 +60,7 @@ from gyro_drift_filter.core.bias.shared import (
     widen_shift,
 )
 from gyro_drift_filter.core.bias.vibration import interrupt_vibration, note_vibration
-from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms
+from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms, vector_length
 from gyro_drift_filter.core.rest.noise import random_walk_of
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
@@ -124,7 +124,7 @@ def take_direction(state: MotionBias, x: float, y: float, z: float) -> None:
 @kernel
 def _direct(state: MotionBias, x: float, y: float, z: float, seconds: float) -> None:
     """Take an acceleration in m/s^2, summed up over `seconds`, for gravity, if it can be that."""
-    size = math.sqrt(x * x + y * y + z * z)
+    size = vector_length(x, y, z)
     if LEAST_GRAVITY_SHARE * GRAVITY * seconds < size < LARGEST_GRAVITY_SHARE * GRAVITY * seconds:
         vector = state['state_vector']
         vector[DIRECTION] = x / size
@@ -206,7 +206,7 @@ def _take_value(
     if rest['at_rest']:
         state['moving'] = False
         interrupt_vibration(state['vibration'])
-        size = math.sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2])
+        size = vector_length(speed[0], speed[1], speed[2])
         if size > 0.0:
             for axis in range(3):
                 step = speed[axis] / size - vector[DIRECTION + axis]
@@ -453,7 +453,7 @@ def _expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Measure that the direction is of length one."""
     vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
     x, y, z = vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2]
-    length = math.sqrt(x * x + y * y + z * z)
+    length = vector_length(x, y, z)
     x, y, z = x / length, y / length, z / length
     for k in range(STATES):
         gain[k] = covariance[k, 0] * x + covariance[k, 1] * y + covariance[k, 2] * z

@@ -41,6 +41,7 @@ from gyro_drift_filter.core.bias.shared import (
     MotionBias,
     start_motion_bias,
 )
+from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
 # Motion in s until anything counts, and the gates in standard deviations: the second one once a
@@ -77,7 +78,7 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
         step = unknown['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
-    length = math.sqrt(x * x + y * y + z * z)
+    length = vector_length(x, y, z)
     if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
     # At rest, too, it is more than a bias can be; or the driver takes gravity off.
