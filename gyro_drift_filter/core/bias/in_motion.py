@@ -169,17 +169,17 @@ def track_motion(
     """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`."""
     rate, acceleration = workspace['rate'], sample['linear_acceleration']
     # Where the direction is not known, nothing stands in for gravity.
-    finite = seconds <= LONGEST_GAP and (workspace['sound'] or state['directed'])
+    known = seconds <= LONGEST_GAP and (workspace['sound'] or state['directed'])
     for axis in range(3):
         force = acceleration[axis]
         if not workspace['sound']:
             force = GRAVITY * state['state_vector'][DIRECTION + axis]
         state['angle'][axis] += rate[axis] * seconds
         state['speed'][axis] += force * seconds
-        finite = finite and abs(rate[axis]) < np.inf and abs(force) <= LARGEST_ACCELERATION
+        known = known and abs(rate[axis]) < np.inf and abs(force) <= LARGEST_ACCELERATION
     state['seconds'] += seconds
     state['samples'] += 1
-    if not finite:
+    if not known:
         lose_direction(state)
     elif state['samples'] >= lengths['value']:
         _take_value(state, workspace, rest, lengths)

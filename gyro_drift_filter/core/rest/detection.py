@@ -14,8 +14,6 @@
 
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
-import numpy as np
-
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.noise import forget_noise, learn_noise, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
@@ -66,9 +64,9 @@ def note_sample(
 ) -> bool:
     """Take a sample in, with `missing` ones before it, which count as time alone.
 
-    So does it itself where it is not `trusted`. An acceleration that is no number or beyond all
-    sensors counts as zero: who has none has none all the time. Returns whether a block is complete,
-    so that `close_block` has to be called.
+    So does it itself where it is not `trusted`; where it is, all rates are usable. An acceleration
+    that is no number or beyond all sensors counts as zero: who has none has none all the time.
+    Returns whether a block is complete, so that `close_block` has to be called.
     """
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
@@ -76,7 +74,7 @@ def note_sample(
         rest['averaged'] += 1
         for axis in range(3):
             gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
-            gyroscope['value'] += rate[axis] if abs(rate[axis]) < np.inf else 0.0
+            gyroscope['value'] += rate[axis]
             force = acceleration[axis]
             accelerometer['value'] += force if abs(force) <= LARGEST_ACCELERATION else 0.0
     if rest['samples'] < lengths['value']:
