@@ -50,7 +50,7 @@ SURE = math.log(1000.0)
 LARGEST_EVIDENCE = math.log(1e6)
 
 
-class Mode(IntEnum):
+class Choice(IntEnum):
     """The choices of `input.quantisation`, in their order."""
 
     AUTO = 0
@@ -153,9 +153,9 @@ def _note_landing(state: Quantisation, axis: int, change: float, rate: PerAxis) 
 
 
 @kernel
-def needs_half_counts(state: Quantisation, mode: int) -> bool:
-    """Return whether half a count is to be added to the rates; `mode` is a member of `Mode`."""
-    return bool(mode == Mode.TRUNCATE or (mode == Mode.AUTO and state['truncated']))
+def needs_half_counts(state: Quantisation, choice: int) -> bool:
+    """Return whether half a count is to be added to the rates; `choice` is a member of `Choice`."""
+    return bool(choice == Choice.TRUNCATE or (choice == Choice.AUTO and state['truncated']))
 
 
 @kernel

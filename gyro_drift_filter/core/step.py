@@ -168,11 +168,11 @@ def _forget_rest(filter_: FilterRecord) -> None:
 @kernel
 def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
     """Look at the counts of a sample; return whether half of one is to be added."""
-    state, mode = filter_['state'], filter_['settings']['input_quantisation']
+    state, choice = filter_['state'], filter_['settings']['input_quantisation']
     quantisation, rate = state['quantisation'], sample['angular_velocity']
-    needs_half = needs_half_counts(quantisation, mode)
+    needs_half = needs_half_counts(quantisation, choice)
     if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
-        before, needs_half = needs_half, needs_half_counts(quantisation, mode)
+        before, needs_half = needs_half, needs_half_counts(quantisation, choice)
         # The bias was learned with half a count more or less in the rates.
         if (before or needs_half) and is_learned(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))

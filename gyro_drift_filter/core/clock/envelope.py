@@ -27,7 +27,7 @@ from gyro_drift_filter.core.clock.delays import (
     limit_delays,
     long_step,
 )
-from gyro_drift_filter.core.clock.losses import drop_suspicion, judge, suspect
+from gyro_drift_filter.core.clock.losses import drop_suspicion, judge_suspicion, suspect
 from gyro_drift_filter.core.clock.periods import (
     BLOCK_SAMPLES,
     LONGEST_PERIOD,
@@ -191,7 +191,7 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
         lateness -= missing * period
     learn_regularity(clock, elapsed * clock['mean_rate'] - 1.0 - missing)
     if clock['verdict_samples'] > 0:
-        lateness -= judge(clock, lateness - clock['earliest']) * period
+        lateness -= judge_suspicion(clock, lateness - clock['earliest']) * period
     clock['lateness'] = lateness
     clock['earliest'] = min(clock['earliest'], lateness)
     clock['stretch_samples'] += 1

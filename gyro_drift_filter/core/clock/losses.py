@@ -72,7 +72,7 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
 
 
 @kernel
-def judge(clock: Clock, delay: float) -> int:
+def judge_suspicion(clock: Clock, delay: float) -> int:
     """Judge the suspicion by the sample's delay (s); return how many more samples were missing.
 
     The number is below zero where some that were counted were not.

@@ -82,9 +82,9 @@ from gyro_drift_filter.core.methods.outliers import (
     derive_limits,
     explained_jump,
     feel_jolt,
+    find_reason,
     has_returned,
     is_constant,
-    judge,
     note_decision,
     note_held,
     note_missing,
@@ -386,7 +386,7 @@ def update(
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, last_accepted = circumstances['dropout'], state['last_accepted']
     unseen = doubt['unseen']
-    reason = judge(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
+    reason = find_reason(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = is_constant(doubt, sample, noise['variance'])
     if constant:

@@ -300,7 +300,7 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
 
 
 @kernel
-def judge(
+def find_reason(
     doubt: Doubt,
     sample: float,
     prediction: float,
@@ -463,7 +463,7 @@ def note_held(
     dropout: bool,
     limits: OutlierLimits,
 ) -> None:
-    """Note a sample that is held back; arguments as for `judge`."""
+    """Note a sample that is held back; arguments as for `find_reason`."""
     innovation, change = sample - prediction, abs(sample - doubt['last_sample'])
     if doubt['held'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
