@@ -560,7 +560,7 @@ def test_before_the_first_rest_motion_is_hardly_booked_as_noise(amplitude, frequ
         filter_ = Filter()
         results = filter_.run(START + 10_000_000 * np.arange(len(time)), rates, accelerations)
         learned.append(results['measurement_noise'][-1] / deviation**2)
-    assert 0.7 < np.median(learned) < 2.5
+    assert 0.7 < np.median(learned) < 2.0
 
 
 def test_a_shake_announces_a_motion(random):

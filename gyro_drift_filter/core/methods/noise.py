@@ -289,10 +289,10 @@ def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: 
     elif not at_rest:
         variance = noise['waiting_variance']
         white = is_dense and rough > WHITE * variance and variance <= LARGEST_NOISE**2
-        shown = LEAST_SHOWN * rough / WHITE
+        shown = LEAST_SHOWN * rough
         if white:
             if noise['bound'] == Bound.OF_MOTION:
-                shown = LEAST_SHOWN * noise['lowest'] / (UNKNOWN_SHARE * WHITE)
+                shown = LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE
             # It may be motion in part, or noise that is correlated: R lies between the two.
             between = math.sqrt(rough * variance)
             _bound_noise(noise, min(variance, between, shown), Bound.OF_NOISE)
