@@ -66,6 +66,16 @@ def test_what_came_before_an_interruption_does_not_count(random):
     np.testing.assert_allclose(noted(state, values)[0], calmest(values)[0], rtol=1e-9)
 
 
+def test_differences_across_a_lost_sample_do_not_count(random):
+    """The value that it was lost from is too long, and the motion goes on behind it."""
+    state = zeroed(VIBRATION)[0]
+    noted(state, 0.01 * random.standard_normal((5, 6)))
+    noted(state, np.ones((1, 6)), 0.015)
+    noted(state, 5.0 + 0.01 * random.standard_normal((4, 6)))
+    assert state['differences'] == 3
+    assert state['squares'].max() < 0.01
+
+
 def test_long_values_show_no_vibration(random):
     """They are too far apart to tell it from motion."""
     assert not noted(zeroed(VIBRATION)[0], random.standard_normal((2000, 6)), 0.02)

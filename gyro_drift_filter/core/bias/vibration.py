@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.records import SIGNALS
 
+# A foot stands still for longer than a window between two steps, and a hand slows down within a
+# period; that of a drone is soon over, as it needs its bias.
 WINDOW_SECONDS, PERIOD_SECONDS = 0.1, 2.0
 # Values that last longer, in s, do not follow the motion closely enough: below 80 Hz.
 LONGEST_VALUE = 0.0125
@@ -78,6 +80,7 @@ def note_vibration(state: Vibration, angle: PerAxis, speed: PerAxis, seconds: fl
     Return whether a period has ended with it.
     """
     if seconds > LONGEST_VALUE:
+        state['values'] = 0
         return False
     whole = state['values'] == ORDER
     for k in range(SIGNALS):
