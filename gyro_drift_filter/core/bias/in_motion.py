@@ -217,6 +217,7 @@ def _take_value(
     if not state['moving']:
         _start_motion(state, REST_DIRECTION)
         return
+    _turn_block(state, workspace)
     left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
         state['vertical_angle'] += state['angle'][axis] * vector[DIRECTION + axis]
@@ -314,10 +315,16 @@ def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     turn[1, 2], turn[2, 1] = within * y * z + across * x, within * y * z - across * x
     _turn_vector(turn, vector, DIRECTION)
     _turn_vector(turn, vector, VELOCITY)
-    _turn_matrix(turn, state['turn'], workspace['turn_product'])
-    _turn_matrix(turn, state['turn_integral'], workspace['turn_product'])
+
+
+@kernel
+def _turn_block(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Take the turn of the value into T and M of the block."""
+    turn, product = workspace['turn'], workspace['turn_product']
+    _turn_matrix(turn, state['turn'], product)
+    _turn_matrix(turn, state['turn_integral'], product)
     for axis in range(3):
-        state['turn_integral'][axis, axis] += seconds
+        state['turn_integral'][axis, axis] += state['seconds']
 
 
 @kernel
