@@ -289,17 +289,16 @@ def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: 
     elif not at_rest:
         variance = noise['waiting_variance']
         white = is_dense and rough > WHITE * variance and variance <= LARGEST_NOISE**2
-        shown = LEAST_SHOWN * rough
         if white:
-            if noise['bound'] == Bound.OF_MOTION:
-                shown = LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE
             # It may be motion in part, or noise that is correlated: R lies between the two.
-            between = math.sqrt(rough * variance)
-            _bound_noise(noise, min(variance, between, shown), Bound.OF_NOISE)
+            between = min(variance, math.sqrt(rough * variance))
+            if noise['bound'] == Bound.OF_MOTION:
+                between = min(between, LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE)
+            _bound_noise(noise, between, Bound.OF_NOISE)
         else:
             _bound_noise(noise, UNKNOWN_SHARE * rough, Bound.OF_MOTION)
             if noise['bound'] == Bound.OF_NOISE:
-                noise['variance'] = min(noise['variance'], shown)
+                noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough)
     noise['variance'] = max(noise['variance'], LEAST_NOISE**2)
     if noise['seen']:
         # A sensor of coarse steps that shows no noise still errs by a step's rounding.
