@@ -76,7 +76,8 @@ def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) ->
             records['log'] = records['publish'] = times[row] + tile * span
             records['data'] = content[row]
             records['sec'], records['nanosec'] = np.divmod(stamps[row] + tile * span, 10**9)
-            writer.write_records(records.view(np.uint8))
+            ends = record.itemsize * np.arange(1, len(number) + 1)
+            writer.write_records(records.view(np.uint8), ends)
     return destination
 
 

@@ -53,59 +53,60 @@ OUTPUT_STATE = record(OutputState)
 @entry_kernel(
     read_only(np.uint8),
     ROW,
-    (np.int64, 2),
     IMU,
     OUTPUT_STATE,
     REPORT_TIME,
     np.uint8,
     np.uint8,
+    np.int64,
 )
 def lay_out(
     data: NDArray[np.uint8],
     rows: Sequence[Row],
-    channels: NDArray[np.int64],
     imus: Sequence[Imu],
     states: Sequence[OutputState],
     reports: Sequence[ReportTime],
     texts: NDArray[np.uint8],
     out: NDArray[np.uint8],
+    ends: NDArray[np.int64],
 ) -> int:
     """Write the message records of a piece, and of what the filter makes of it.
 
     Args:
         data: What the messages stand in.
-        rows: The messages.
-        channels: (2, n) by their channel: which channel they are copied to, 0 where they are not;
-            and which of the states belongs to that Imu topic.
+        rows: The messages; the channel is the one that they are copied to, 0 where they are not.
         imus: Those of Imu topics, filtered, in the order of the messages.
         states: (m,) of the output, one for each Imu topic; they are moved on. Reports go to the
             channel of the first.
         reports: Those among the messages.
         texts: The messages of the reports, one behind the other.
         out: Bytes to write to, enough of them.
+        ends: Gets the offset behind each record; it is as long.
 
     Returns:
-        How many bytes there are.
+        How many records there are.
     """
-    offset = imu = report = text = 0
+    offset = count = imu = report = text = 0
     for i in range(len(rows) + 1):
         while report < len(reports) and reports[report]['row'] == i:
             size, time = reports[report]['end'] - text, reports[report]['time']
             offset = begin_message(out, offset, states[0]['reports'], time, size)
             offset = copy_bytes(out, offset, texts, text, size)
             text, report = text + size, report + 1
+            ends[count], count = offset, count + 1
         if i == len(rows):
             break
         row = rows[i]
-        copy = channels[0, row['channel']]
-        if copy > 0:
-            offset = _copy_message(out, offset, copy, data, row)
+        if row['channel'] > 0:
+            offset = _copy_message(out, offset, row['channel'], data, row)
+            ends[count], count = offset, count + 1
         if imu < len(imus) and imus[imu]['row'] == i:
             if is_published(imus[imu]):
-                state = states[channels[1, row['channel']]]
-                offset = _put_filtered(out, offset, data, row, imus[imu], state)
+                state = states[imus[imu]['topic']]
+                count = _put_filtered(out, offset, ends, count, data, row, imus[imu], state)
+                offset = ends[count - 1]
             imu += 1
-    return offset
+    return count
 
 
 @kernel
@@ -120,27 +121,32 @@ def _copy_message(
 def _put_filtered(
     out: NDArray[np.uint8],
     offset: int,
+    ends: NDArray[np.int64],
+    count: int,
     data: NDArray[np.uint8],
     row: Row,
     imu: Imu,
     state: OutputState,
 ) -> int:
-    """Write all that the filter makes of a message; return the offset behind it."""
+    """Write all that the filter makes of a message; return how many records there are then."""
     time = row['log_time']
     offset = _copy_message(out, offset, state['filtered'], data, row)
+    ends[count], count = offset, count + 1
     state['written'] += 1
     if imu['kind'] != ImuKind.GOOD:
-        return offset
+        return count
     patch_imu(out, offset - row['size'], imu)
     for topic in range(len(SAMPLE_TOPICS)):
         channel = state['samples'][topic]
         if channel > 0:
             offset = begin_message(out, offset, channel, time, size_of_sample_message(imu))
             offset = put_sample_message(out, offset, data, imu, topic)
+            ends[count], count = offset, count + 1
     at_rest = imu['result']['at_rest']
     if state['at_rest'] > 0 and at_rest != state['last_at_rest']:
         state['last_at_rest'] = at_rest
         offset = begin_message(out, offset, state['at_rest'], time, _BOOL)
         offset = put_integer(out, offset, 0x0100, _BOOL - 1)  # plain CDR, little endian
         offset = put_integer(out, offset, 1 if at_rest > 0.0 else 0, 1)
-    return offset
+        ends[count], count = offset, count + 1
+    return count

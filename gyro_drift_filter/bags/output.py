@@ -95,9 +95,8 @@ class Output:
             own |= {n.sample(x) for n in inputs.values() for x in (*SAMPLE_TOPICS, AT_REST)}
         self._writer = writer
         self.left_out: dict[str, str] = {}
-        # The last one is that of messages which are passed over.
-        self._passed_over = by_connection(recording)
-        self._channels = np.zeros((2, self._passed_over + 1), np.int64)
+        # The channels that messages are copied to, by their connections; 0 where they are not.
+        self._copies = np.zeros(by_connection(recording), np.int64)
         self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
         self._reporting: list[int] = []
         report_channel = 0
@@ -109,12 +108,10 @@ class Output:
             if not is_cdr(connection):
                 self.left_out[topic] = 'its messages are not in CDR'
                 continue
-            if topic in inputs:
-                self._channels[1, connection.id] = list(inputs).index(topic)
             if topic not in kept:
                 continue
             copy = writer.copy_connection(connection, recording)
-            self._channels[0, connection.id] = copy.id
+            self._copies[connection.id] = copy.id
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
                 self._reporting.append(connection.id)
@@ -161,22 +158,23 @@ class Output:
         sizes, made = piece.rows['size'], 1 + np.count_nonzero(self._states[0]['samples']) + 1
         count = len(sizes) + made * len(imus) + len(reports)
         size = int(sizes.sum() + made * sizes[imus['row']].sum()) + len(texts)
-        out = np.empty(size + count * RECORD_BYTES, np.uint8)
-        data, rows = self._without_own_reports(piece)
-        size = lay_out(data, rows, self._channels, imus, self._states, reports, texts, out)
-        if size:
-            self._writer.write_records(out[:size])
+        out, ends = np.empty(size + count * RECORD_BYTES, np.uint8), np.empty(count, np.int64)
+        rows = self._rows_to_copy(piece)
+        written = lay_out(piece.data, rows, imus, self._states, reports, texts, out, ends)
+        self._writer.write_records(out, ends[:written])
 
-    def _without_own_reports(self, piece: Piece) -> Piece:
-        """Return a piece with what an earlier run, or the node itself, has reported passed over."""
-        of_others, rows = np.isin(piece.rows['channel'], self._reporting), piece.rows
+    def _rows_to_copy(self, piece: Piece) -> Any:
+        """Return the rows of a piece with the channels that they are copied to.
+
+        What an earlier run, or the node itself, has reported is passed over.
+        """
+        rows, of_others = piece.rows.copy(), np.isin(piece.rows['channel'], self._reporting)
+        rows['channel'] = self._copies[piece.rows['channel']]
         for row in np.flatnonzero(of_others).tolist():
             if self._is_own_report(piece.message(row)):
-                if rows is piece.rows:
-                    rows = rows.copy()
-                rows['channel'][row] = self._passed_over
+                rows['channel'][row] = 0
                 self.left_out[DIAGNOSTICS] = 'what an earlier run of this filter has reported'
-        return Piece(piece.data, rows)
+        return rows
 
     def _is_own_report(self, data: bytes) -> bool:
         if not any(name.encode() in data for name in self._own_statuses):

@@ -170,8 +170,9 @@ class ReplayRun:
     def _filter(self, piece: Piece, reports: Any) -> None:
         """Filter the Imu messages of a piece, and write it with reports."""
         imus, statuses = [], []
-        for filter_ in self.filters:
+        for index, filter_ in enumerate(self.filters):
             of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
+            of_topic['topic'] = index
             imus.append(of_topic)
             of_filter = filter_.take(piece, of_topic, reports)
             statuses.append(filter_.judge(of_filter, reports))

@@ -221,7 +221,7 @@ class BagWriter:
         with self._reporting():
             self._writer.write(connection, log_time, data)
 
-    def write_records(self, records: NDArray[np.uint8]) -> None:
+    def write_records(self, records: NDArray[np.uint8], ends: NDArray[np.int64]) -> None:
         """Write MCAP message records that lie behind each other: see `McapWriter`.
 
         Raises:
@@ -230,7 +230,7 @@ class BagWriter:
         storage = self._writer.storage
         assert isinstance(storage, McapStorage)
         with self._reporting():
-            storage.write_records(records)
+            storage.write_records(records, ends)
 
 
 def _generated(store: Typestore, name: str) -> tuple[str, str]:

@@ -96,15 +96,6 @@ def times_of(rows: Sequence[Row]) -> tuple[int, int, bool]:
     return first, last, ascend
 
 
-@entry_kernel(np.uint8, int, int)
-def end_of_chunk(records: NDArray[np.uint8], start: int, limit: int) -> int:
-    """Return where the record ends that reaches beyond a limit, or all of them do."""
-    offset = start
-    while offset < len(records) and offset <= limit:
-        offset += _PREFIX + unsigned(records, offset + 1, 8, False)
-    return offset
-
-
 @entry_kernel(ROW, np.int64, (np.uint64, 2), np.uint64)
 def group_index(
     rows: Sequence[Row],

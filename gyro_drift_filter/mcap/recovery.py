@@ -128,7 +128,7 @@ def _take_records(writer: McapWriter, data: bytes) -> None:
     if len(rows):
         starts, ends = rows['start'] - RECORD_BYTES, rows['start'] + rows['size']
         parts = [array[start:end] for start, end in zip(starts, ends, strict=True)]
-        writer.write_records(np.concatenate(parts))
+        writer.write_records(np.concatenate(parts), np.cumsum(ends - starts))
 
 
 def _hand_on(writer: McapWriter, data: bytes) -> int:

@@ -23,7 +23,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.mcap.message_kernels import CHANNELS, end_of_chunk, group_index, rows_of
+from gyro_drift_filter.mcap.message_kernels import CHANNELS, group_index, rows_of
 from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
@@ -114,14 +114,20 @@ class McapWriter:
         if self._size > CHUNK_BYTES:
             self._close_chunk()
 
-    def write_records(self, records: NDArray[np.uint8]) -> None:
+    def write_records(self, records: NDArray[np.uint8], ends: NDArray[np.int64]) -> None:
         """Write message records that lie behind each other, without copying them.
 
         They may not be changed from then on. Chunks end where `write_message` would end them.
+
+        Args:
+            records: The records, bytes.
+            ends: (n,) the offset behind each.
         """
-        start = 0
-        while start < len(records):
-            end = end_of_chunk(records, start, start + CHUNK_BYTES - self._size)
+        start = done = 0
+        while done < len(ends):
+            limit = start + CHUNK_BYTES - self._size
+            done = min(int(np.searchsorted(ends, limit, 'right')), len(ends) - 1) + 1
+            end = int(ends[done - 1])
             self._append(records[start:end])
             start = end
             if self._size > CHUNK_BYTES:

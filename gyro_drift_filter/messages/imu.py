@@ -85,11 +85,12 @@ record(Fault)
 class Imu(TypedDict):
     """A message on the Imu topic, and what the filter made of it.
 
-    Offsets count from the start of the message. Of a malformed one only the first four are set.
+    Offsets count from the start of the message. Of a malformed one only the first five are set.
     """
 
     kind: int  # an ImuKind
     row: int  # its index among the messages of all topics
+    topic: int  # index of its topic among those that are filtered
     start: int  # its offset in the data that it stands in
     fault: Fault
     frame_id: int  # offset of header.frame_id
