@@ -93,10 +93,10 @@ def _rate_text(span: Span) -> str:
 
 
 def _axes_with(span: Span, fault: AxisFault) -> str:
-    """Return the axes that have a fault, in words; empty where there is none."""
+    """Return the axes that have a fault, in words."""
     faults = zip(AXES, span.now.telemetry.faults, strict=True)
     axes = [axis for axis, of_axis in faults if of_axis == fault]
-    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}' if axes else ''
+    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}'
 
 
 def _is_truncation_left(span: Span) -> bool:
@@ -154,7 +154,7 @@ INPUT_RULES = (
     Rule(
         'frozen axis',
         Level.ERROR,
-        lambda span: bool(_axes_with(span, AxisFault.FROZEN)),
+        lambda span: AxisFault.FROZEN in span.now.telemetry.faults,
         lambda span: (
             f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
             'second or more, while the other sensors change: it hangs, or the driver has a dead '
@@ -197,7 +197,7 @@ INPUT_RULES = (
     Rule(
         'dead axis',
         Level.WARN,
-        lambda span: bool(_axes_with(span, AxisFault.DEAD)),
+        lambda span: AxisFault.DEAD in span.now.telemetry.faults,
         lambda span: (
             f'{_axes_with(span, AxisFault.DEAD)} of the gyroscope: always the same rate while '
             'others turn, so dead or not connected; the other axes are filtered'

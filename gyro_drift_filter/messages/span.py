@@ -20,7 +20,7 @@ from typing import NamedTuple
 from gyro_drift_filter.core.methods import ADVICE
 from gyro_drift_filter.core.methods.advice import Advice
 from gyro_drift_filter.core.methods.noise import LEAST_NOISE
-from gyro_drift_filter.messages.telemetry import MessageReport
+from gyro_drift_filter.messages.telemetry import MessageReport, Telemetry
 
 # Samples in the window below which shares say nothing.
 LEAST_SAMPLES = 200
@@ -43,6 +43,8 @@ class Span(NamedTuple):
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
         not_measured: Share of the samples in the window that the sensor has not measured anew.
+        low_pass: The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without
+            one.
     """
 
     first: MessageReport
@@ -56,27 +58,12 @@ class Span(NamedTuple):
     outlier_shares: list[float]
     nis: list[float]
     not_measured: float
+    low_pass: float
 
     @property
     def sensor_rate(self) -> float:
         """The rate in Hz at which the sensor measures, NaN where it is not known."""
         return (1.0 - self.not_measured) * self.rate
-
-    @property
-    def low_pass(self) -> float:
-        """The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without one.
-
-        It is taken for one of first order: then the correlation of the noise from sample to sample
-        tells the frequency.
-        """
-        state = self.now.telemetry
-        axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
-        # What is below a step is no noise that a low-pass could have shaped.
-        shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
-        correlation = max(shaped, default=0.0)
-        if correlation < _CORRELATED or min(state.noise_blocks) == 0:
-            return math.nan
-        return -math.log(correlation) / state.period / (2.0 * math.pi)
 
     @property
     def noise_seconds(self) -> list[float]:
@@ -129,8 +116,24 @@ def span_of(
         [_share(a - b, recent) for a, b in outliers],
         [_share(a - b, c - d) for a, b, c, d in nis],
         _share(state.not_measured - state_first.not_measured, recent),
+        _low_pass(state),
     )
 
 
 def _share(part: float, whole: int) -> float:
     return part / whole if whole >= LEAST_SAMPLES else math.nan
+
+
+def _low_pass(state: Telemetry) -> float:
+    """Return the cut-off frequency in Hz of the low-pass that the noise has passed, NaN without it.
+
+    It is taken for one of first order: then the correlation of the noise from sample to sample
+    tells the frequency.
+    """
+    axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
+    # What is below a step is no noise that a low-pass could have shaped.
+    shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
+    correlation = max(shaped, default=0.0)
+    if correlation < _CORRELATED or min(state.noise_blocks) == 0:
+        return math.nan
+    return -math.log(correlation) / state.period / (2.0 * math.pi)
