@@ -18,8 +18,8 @@ What is not laid out as ROS 2 recorders do is left to rosbags, see `read_layout`
 """
 
 import struct
+from array import array
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
 from zlib import crc32
 
@@ -113,7 +113,7 @@ def read_layout(path: Openable) -> Layout | None:
 def _layout(summary: bytes, end: int) -> Layout | None:
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
-    chunks: list[ChunkIndex] = []
+    fields_of_chunks = array('Q')  # no tuples, as a long recording has many
     for opcode, content in records(summary):
         fields = Fields(content)
         if opcode == SCHEMA:
@@ -123,18 +123,20 @@ def _layout(summary: bytes, end: int) -> Layout | None:
             key, schema = fields.take('HH')
             channels[key] = fields.text(), schemas[schema]
         elif opcode == CHUNK_INDEX:
-            chunks.append(ChunkIndex(*fields.take('QQQQ')))
+            fields_of_chunks.extend(fields.take('QQQQ'))
             # Readers that go by the index pass over a chunk without one.
-            if fields.take('I') == 0 or chunks[-1].last >= _LATEST:
+            if fields.take('I') == 0:
                 return None
-    chunks.sort()
-    for before, after in pairwise(chunks):
-        # At equal times the one that stands first in the file is read first.
-        if (after.first, after.start) < (before.last, before.start):
-            return None
-    if not chunks or any(chunk.start + chunk.length > end for chunk in chunks):
+    chunks = np.array(fields_of_chunks, np.uint64).reshape(-1, 4)
+    chunks = chunks[np.lexsort(chunks.T[::-1])]  # by the first column, then by the next one
+    first, last, start, length = chunks.T
+    # At equal times the one that stands first in the file is read first.
+    early = (first[1:] == last[:-1]) & (start[1:] < start[:-1])
+    if not len(chunks) or np.any(first[1:] < last[:-1]) or np.any(early) or last.max() >= _LATEST:
         return None
-    return Layout(channels, np.array(chunks, np.uint64))
+    if np.any(start > end) or np.any(length > end - start):
+        return None
+    return Layout(channels, chunks)
 
 
 def read_messages(
