@@ -31,7 +31,7 @@ from gyro_drift_filter.messages.sample_messages import (
     size_of_sample_message,
 )
 
-_BOOL = 5  # bytes of a serialized Bool
+BOOL_BYTES = 5  # of a serialized Bool
 
 _PerTopic = Annotated[NDArray[np.int64], np.int64, (len(SAMPLE_TOPICS),)]
 
@@ -145,8 +145,8 @@ def _put_filtered(
     at_rest = imu['result']['at_rest']
     if state['at_rest'] > 0 and at_rest != state['last_at_rest']:
         state['last_at_rest'] = at_rest
-        offset = begin_message(out, offset, state['at_rest'], time, _BOOL)
-        offset = put_integer(out, offset, 0x0100, _BOOL - 1)  # plain CDR, little endian
+        offset = begin_message(out, offset, state['at_rest'], time, BOOL_BYTES)
+        offset = put_integer(out, offset, 0x0100, BOOL_BYTES - 1)  # plain CDR, little endian
         offset = put_integer(out, offset, 1 if at_rest > 0.0 else 0, 1)
         ends[count], count = offset, count + 1
     return count

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gyro_drift_filter.bags.layout import OUTPUT_STATE, lay_out
+from gyro_drift_filter.bags.layout import BOOL_BYTES, OUTPUT_STATE, lay_out
 from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import (
     Piece,
@@ -33,9 +33,9 @@ from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
-from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.names import FILTER, INPUT
-from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, VECTOR_TYPE
+from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, SHORTER, VECTOR_TYPE
 
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 BOOL_TYPE = 'std_msgs/msg/Bool'
@@ -154,11 +154,12 @@ class Output:
         """
         stamps = [min(time % 2**64, _LATEST_STAMP) for time in reports['time'].tolist()]
         texts, reports['end'] = diagnostic_arrays(list(zip(stamps, statuses, strict=True)))
-        # For an Imu, beside the copy of it, no message is longer than itself.
-        sizes, made = piece.rows['size'], 1 + np.count_nonzero(self._states[0]['samples']) + 1
-        count = len(sizes) + made * len(imus) + len(reports)
-        size = int(sizes.sum() + made * sizes[imus['row']].sum()) + len(texts)
-        out, ends = np.empty(size + count * RECORD_BYTES, np.uint8), np.empty(count, np.int64)
+        sizes, topics = piece.rows['size'], np.count_nonzero(self._states[0]['samples'])
+        good = imus['row'][imus['kind'] == ImuKind.GOOD]
+        count = len(sizes) + len(imus) + (topics + 1) * len(good) + len(reports)
+        size = sizes.sum() + sizes[imus['row']].sum() + len(texts)
+        size += topics * (sizes[good] - SHORTER).sum() + BOOL_BYTES * len(good)
+        out, ends = np.empty(int(size) + count * RECORD_BYTES, np.uint8), np.empty(count, np.int64)
         rows = self._rows_to_copy(piece)
         written = lay_out(piece.data, rows, imus, self._states, reports, texts, out, ends)
         self._writer.write_records(out, ends[:written])

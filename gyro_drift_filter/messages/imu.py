@@ -40,7 +40,7 @@ IMU_TYPE = 'sensor_msgs/msg/Imu'
 
 ENCAPSULATION = 4  # bytes that name the encoding
 HEADER = 12  # bytes of the stamp and of the length of the frame_id
-_DOUBLES = 37
+DOUBLES = 37
 # Indexes among the doubles.
 _RATE, _RATE_COVARIANCE = 13, 16
 _ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
@@ -48,7 +48,7 @@ _ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
 _LARGEST_PADDING = 7
 
 # A serialized Imu of zeros, with an empty frame_id.
-EXAMPLE = b'\x00\x01\x00\x00' + bytes(HEADER + 4 + _DOUBLES * 8)
+EXAMPLE = b'\x00\x01\x00\x00' + bytes(HEADER + 4 + DOUBLES * 8)
 
 
 class ImuKind(IntEnum):
@@ -120,7 +120,7 @@ def read_imu(data: NDArray[np.uint8], start: int, size: int, imu: Imu) -> None:
     big_endian, header = encoding == 0, start + ENCAPSULATION
     name = unsigned(data, header + 8, 4, big_endian)
     doubles = ENCAPSULATION + (HEADER + name + 7) // 8 * 8
-    surplus = size - doubles - _DOUBLES * 8
+    surplus = size - doubles - DOUBLES * 8
     if surplus < 0 or surplus > _LARGEST_PADDING:
         fault['reason'], fault['value'] = FaultReason.LENGTH, name
         fault['expected'] = size - surplus
@@ -225,7 +225,7 @@ def all_doubles(data: NDArray[np.uint8], imus: Any) -> NDArray[np.float64]:
     In their order: orientation x, y, z, w and its covariance, rate and covariance, acceleration and
     covariance.
     """
-    places = (imus['start'] + imus['doubles'])[:, None] + np.arange(8 * _DOUBLES)
+    places = (imus['start'] + imus['doubles'])[:, None] + np.arange(8 * DOUBLES)
     raw = data[places]
     doubles = raw.view('<f8').astype(np.float64)
     big = imus['big_endian']

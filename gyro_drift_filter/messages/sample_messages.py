@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.accelerate.byte_kernels import copy_bytes, put_double, put_integer
-from gyro_drift_filter.messages.imu import ENCAPSULATION, HEADER, IMU, Imu
+from gyro_drift_filter.messages.imu import DOUBLES, ENCAPSULATION, HEADER, IMU, Imu
 
 VECTOR_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 
@@ -36,6 +36,8 @@ SAMPLE_TOPICS = (
 )
 
 _VECTOR = 24  # bytes
+# By how many bytes a message on one of these topics is shorter than its Imu, or by more.
+SHORTER = 8 * DOUBLES - _VECTOR
 
 
 @kernel
