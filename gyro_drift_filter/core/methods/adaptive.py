@@ -408,6 +408,8 @@ def update(
         limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
     elif constant or decision != Decision.ACCEPT:
         put_modes_at(state, sample)
+        doubt['held'] = 0
+        doubt['unseen'] = 0
         doubt['before_restart'] = last_accepted
         if decision == Decision.START_ANEW:
             jump = abs(sample - prediction)

@@ -47,9 +47,6 @@ def put_modes_at(state: AdaptiveAxis, rate: float) -> None:
         rates[j] = rate
         acceleration[j] = 0.0
         jerk[j] = 0.0
-    state['doubt']['held'] = 0
-    state['doubt']['unseen'] = 0
-    state['doubt']['agreeing'] = 0
 
 
 @kernel

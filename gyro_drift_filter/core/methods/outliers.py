@@ -256,7 +256,7 @@ def was_jolted(jolt: Jolt) -> bool:
 
 @kernel
 def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
-    """Note the acceleration along one axis (m/s^2); return whether it has just jumped.
+    """Note the acceleration along one axis (m/s^2); say if it has jumped, now or just before.
 
     A knock turns the sensor as suddenly as a spike would, but shakes the accelerometer as well.
     Where nothing was measured, NaN, nothing is felt, nor at the sample after it.
@@ -290,7 +290,6 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['held'] = 0
     doubt['unseen'] = 0
     doubt['behind_gap'] = False
-    doubt['agreeing'] = 0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
     doubt['usual_rate_change'] = LEAST_USUAL
@@ -314,45 +313,77 @@ def find_reason(
     Arguments in rad/s: the sample, its prediction, the last sample that was accepted, the typical
     size of an innovation.
     """
-    innovation, dropout = sample - prediction, circumstances['dropout']
-    size = abs(innovation)
-    usual = limits['threshold'] * doubt['usual_innovation']
-    jump = max(limits['threshold'] * typical_innovation, usual)
-    held, jolted = doubt['held'], circumstances['jolted']
-    explained = circumstances['explained_jump']
+    size, dropout = abs(sample - prediction), circumstances['dropout']
+    held = doubt['held']
     if doubt['share_held'] > CROWDED and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
+    usual = limits['threshold'] * doubt['usual_innovation']
+    jump = max(limits['threshold'] * typical_innovation, usual)
     still = circumstances['still']
     least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
-    jolt_limit = JOLT_LIMIT if still else limits['jolt_limit']
     # No body jumps this far, whatever the modes expect, except back from where outliers led.
-    beyond = max(limits['jolt_limit'], limits['body_limit'], usual)
+    largest = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
-    doubtful = (size > jump and size > least_jump) or apart > beyond
+    beyond = apart > largest
+    doubtful = beyond or (size > jump and size > least_jump)
     possible_change = _possible_change(doubt, circumstances, limits)
     if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
         return Reason.REACHED if doubtful else Reason.EXPECTED
-    if held == 0:
-        if dropout:
-            return Reason.ALL_ZERO
-        if not doubtful:
-            return Reason.EXPECTED
-        if _stays(sample, prediction, last_accepted):
-            return Reason.STAYED
-        # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
-        # one, too.
-        shaken = circumstances['shake'] > limits['least_shake'] * size
-        shaken = shaken and (not still or size <= limits['acceleration_limit'])
-        knocked = circumstances['jolted_before'] or shaken
-        pushed = knocked and size < jolt_limit
-        return Reason.PUSHED if pushed or explained > FIRST_HIT * size else Reason.FAR
-    lasted = held >= limits['longest_hold']
+    if held > 0:
+        return _reason_behind_held(
+            doubt, sample, prediction, last_accepted, jump, beyond, circumstances, limits
+        )
     if dropout:
+        return Reason.ALL_ZERO
+    if not doubtful:
+        return Reason.EXPECTED
+    if _stays(sample, prediction, last_accepted):
+        return Reason.STAYED
+    return Reason.PUSHED if _is_pushed(size, circumstances, limits) else Reason.FAR
+
+
+@kernel
+def _is_pushed(size: float, circumstances: Circumstances, limits: OutlierLimits) -> bool:
+    """Return whether the accelerometer tells of a push that explains a jump of a size in rad/s."""
+    # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
+    # one, too.
+    shaken = circumstances['shake'] > limits['least_shake'] * size
+    shaken = shaken and (not circumstances['still'] or size <= limits['acceleration_limit'])
+    knocked = circumstances['jolted_before'] or shaken
+    pushed = knocked and size < _jolt_limit(circumstances, limits)
+    return pushed or circumstances['explained_jump'] > FIRST_HIT * size
+
+
+@kernel
+def _jolt_limit(circumstances: Circumstances, limits: OutlierLimits) -> float:
+    """Return what a hit may do to the rate in a sample, in rad/s."""
+    return JOLT_LIMIT if circumstances['still'] else limits['jolt_limit']
+
+
+@kernel
+def _reason_behind_held(
+    doubt: Doubt,
+    sample: float,
+    prediction: float,
+    last_accepted: float,
+    jump: float,
+    beyond: bool,
+    circumstances: Circumstances,
+    limits: OutlierLimits,
+) -> Reason:
+    """Return the reason for the decision on a sample that comes behind some that were held back.
+
+    Arguments as for `find_reason`; from `jump` on, in rad/s, an innovation is no noise, and
+    `beyond` is true of a sample that no body reaches.
+    """
+    innovation, size = sample - prediction, abs(sample - prediction)
+    held, offset = doubt['held'], doubt['offset']
+    lasted = held >= limits['longest_hold']
+    if circumstances['dropout']:
         # One more than other runs: two drop-outs of two samples each may follow each other.
         if doubt['agreeing'] > limits['run']:
             return Reason.AGREED
         return Reason.HELD_LONGEST if lasted else Reason.ALL_ZERO
-    offset = doubt['offset']
     same_side = innovation * offset > 0.0
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
@@ -361,16 +392,18 @@ def find_reason(
     change = abs(sample - doubt['last_sample'])
     # A sample that lies by those held back belongs to them, wherever the prediction has gone.
     nearer = size < change or offset == 0.0
-    if near and nearer and not away and apart <= beyond:
+    if near and nearer and not away and not beyond:
         return Reason.RETURNED
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
-    if explained > CONFIRMED_HIT * size:
+    if circumstances['explained_jump'] > CONFIRMED_HIT * size:
         return Reason.PUSHED
     # The first sample of a burst of outliers jumps further than a hit turns a body in a sample.
-    if jolted and doubt['first_size'] < jolt_limit and size < jolt_limit * (held + 1.0):
+    jolt_limit = _jolt_limit(circumstances, limits)
+    burst = doubt['first_size'] >= jolt_limit or size >= jolt_limit * (held + 1.0)
+    if circumstances['jolted'] and not burst:
         return Reason.JOLTED
     # Outliers do not go away further and further, as a body does that gains speed.
     if doubt['growing'] > 0 and _grows(doubt, innovation, change, limits):

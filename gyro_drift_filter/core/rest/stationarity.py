@@ -107,7 +107,7 @@ def holds_together(rest: Rest, lengths: RestLengths) -> bool:
             return False
         if i >= 3 and signal['before_blocks'] > 0:
             blocks = 1.0 * rest['blocks']
-            step = signal['first'] + signal['means'] / blocks - signal['before']
+            step = segment_mean(rest, i) - signal['before']
             spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
             if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
                 return False
@@ -124,19 +124,19 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     alike = _alike_values(scatter, variance, length)
     limit = _variance_limit(alike, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
-    steps = 0.5 * mean_square_step(rest, signal)
+    step_variance = 0.5 * mean_square_step(rest, signal)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
-    smooth = alike > LARGEST_SMOOTH and _is_smooth(rest, signal, scatter)
+    smooth = alike > LARGEST_SMOOTH and _is_smooth(step_variance, scatter)
     # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
     # blocks each scatter less than by half.
-    slow_scatter = max(min(scatter, 2.0 * scatter - steps), LEAST_SLOW_SHARE * scatter)
+    slow_scatter = max(min(scatter, 2.0 * scatter - step_variance), LEAST_SLOW_SHARE * scatter)
     correlated = max(min(alike, length * BLOCK_SECONDS / lengths['block_seconds']), 1.0)
     return (
         not smooth
         and slow_scatter * correlated <= walk * walk / lengths['block_seconds']
         and max(signal['largest_variance'], signal['early_largest_variance']) <= limit * variance
         and not _has_unlike_halves(rest, signal)
-        and not _has_halves(rest, signal, max(steps, variance / length), deviations)
+        and not _has_halves(rest, signal, max(step_variance, variance / length), deviations)
     )
 
 
@@ -160,9 +160,9 @@ def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
 
 
 @kernel
-def _is_smooth(rest: Rest, signal: Signal, scatter: float) -> bool:
+def _is_smooth(step_variance: float, scatter: float) -> bool:
     """Return whether means that scatter differ little from one to the next, as in a slow turn."""
-    return bool(0.5 * mean_square_step(rest, signal) < LEAST_STEPS * scatter)
+    return step_variance < LEAST_STEPS * scatter
 
 
 @kernel
@@ -187,7 +187,8 @@ def is_steady(rest: Rest) -> bool:
         limit = STEADY_DEVIATION * STEADY_DEVIATION * blocks
         if i >= 3:
             limit = STEADY_GRAVITY_SCATTER * STEADY_GRAVITY_SCATTER
-        if scatter > limit or (scatter > LEAST_VARIANCE and _is_smooth(rest, signal, scatter)):
+        step_variance = 0.5 * mean_square_step(rest, signal)
+        if scatter > limit or (scatter > LEAST_VARIANCE and _is_smooth(step_variance, scatter)):
             return False
     return True
 
