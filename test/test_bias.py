@@ -28,6 +28,17 @@ from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
 from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.rest.records import HALF, REST, SEGMENT_BLOCKS, SIGNALS
+from gyro_drift_filter.core.rest.segment import (
+    add_waiting_block,
+    drop_early_half,
+    first_mean,
+    mean_square_step,
+    scatter_of_means,
+    segment_mean,
+    start_segment,
+    value_variance,
+)
 from gyro_drift_filter.core.rest.standing import (
     standing_mean,
     standing_scatter,
@@ -430,6 +441,29 @@ def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
         longer = (1.0 + correlation) / (1.0 - correlation)
         expected = longer * scatter / len(means)
         assert variance_of_standing_mean(rest, axis) == pytest.approx(expected, rel=1e-2)
+
+
+@pytest.mark.parametrize('more', [0, 3])
+def test_the_later_half_of_a_segment_stands_for_itself(more, random):
+    """Nothing of the half before it is left in its sums, nor the step from that half to it."""
+    rest = np.zeros(1, REST)[0]
+    start_segment(rest)
+    means = 3.0 * random.standard_normal(SEGMENT_BLOCKS + more)
+    means[:HALF] += 50.0
+    for number, mean in enumerate(means):
+        for axis in range(SIGNALS):
+            rest['signals'][axis]['waiting_mean'] = mean
+            rest['signals'][axis]['waiting_variance'] = number
+        add_waiting_block(rest)
+        if number == SEGMENT_BLOCKS - 1:
+            drop_early_half(rest)
+    kept, signal_ = means[HALF:], rest['signals'][0]
+    assert rest['blocks'] == len(kept)
+    assert first_mean(rest, 0) == kept[0]
+    assert segment_mean(rest, 0) == pytest.approx(kept.mean())
+    assert scatter_of_means(rest, signal_) == pytest.approx(kept.var(ddof=1))
+    assert mean_square_step(rest, signal_) == pytest.approx(np.square(np.diff(kept)).mean())
+    assert value_variance(rest, signal_) == np.arange(HALF, len(means)).mean()
 
 
 def test_the_first_rest_is_compared_with_a_mean_of_as_many_blocks(random):

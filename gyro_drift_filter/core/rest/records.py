@@ -55,7 +55,8 @@ class Signal(TypedDict):
     early_mean_squares: float
     early_variances: float
     early_largest_variance: float
-    early_steps: float
+    early_steps: float  # with the step from it to the later half
+    late_first: float  # mean of the first block of the later half
     # the segment before in the same rest
     before: float
     before_blocks: int

@@ -101,6 +101,9 @@ def add_waiting_block(rest: Rest) -> None:
         else:
             step = mean - signal['last']
             signal['steps'] += step * step
+        if rest['blocks'] == HALF:
+            signal['late_first'] = mean
+            signal['early_steps'] = signal['steps']
         signal['last'] = mean
         deviation = mean - signal['first']
         signal['means'] += deviation
@@ -122,7 +125,6 @@ def _note_half(rest: Rest) -> None:
         signal['early_variances'] = signal['variances']
         signal['early_largest_variance'] = signal['largest_variance']
         signal['largest_variance'] = 0.0
-        signal['early_steps'] = signal['steps']
 
 
 @kernel
@@ -131,8 +133,12 @@ def drop_early_half(rest: Rest) -> None:
     rest['blocks'] -= HALF
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        signal['means'] -= signal['early_means']
+        means = signal['means'] - signal['early_means']
+        shift = signal['late_first'] - signal['first']
+        signal['first'] = signal['late_first']
+        signal['means'] = means - rest['blocks'] * shift
         signal['mean_squares'] -= signal['early_mean_squares']
+        signal['mean_squares'] -= (2.0 * means - rest['blocks'] * shift) * shift
         signal['variances'] -= signal['early_variances']
         signal['steps'] -= signal['early_steps']
     _note_half(rest)
