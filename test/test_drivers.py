@@ -234,6 +234,39 @@ def test_the_second_sample_behind_a_gap_is_no_outlier(seed):
     assert not results['outlier'][1000:].any()
 
 
+@pytest.mark.parametrize('how', ['lost', 'NaN', 'two lost'])
+def test_a_spike_at_rest_behind_a_missing_sample_is_held(how, random):
+    """A body that stood still has hardly got anywhere while nothing was measured."""
+    n, gap, spike = 1000, 800, 801
+    z, kept = 0.004 * random.standard_normal((n, 3)), np.ones(n, bool)
+    if how == 'NaN':
+        z[gap] = np.nan
+    else:
+        kept[gap - (how == 'two lost') : spike] = False
+    z[spike, 0] += 3.0
+    results = Filter().run(stamps(n, 100.0)[kept], z[kept], upright(random, n)[kept])
+    at = np.flatnonzero(kept) == spike
+    assert results['outlier'][at].tolist() == [[1.0, 0.0, 0.0]]
+    assert np.abs(results['angular_velocity'][600:]).max() < 0.01
+
+
+@pytest.mark.parametrize('gap', [1, 3, 10, 30])
+def test_a_motion_that_begins_in_a_gap_at_rest_is_followed(gap, random):
+    """At most two samples are held, and what they turned is given back."""
+    n, begin, rate = 1200, 1000, 100.0
+    seconds = np.arange(n) / rate - begin / rate
+    truth = np.zeros((n, 3))
+    truth[:, 0] = np.where(seconds > 0.0, 5.0 * np.sin(2 * np.pi * 2.0 * seconds), 0.0)
+    z = truth + 0.004 * random.standard_normal((n, 3))
+    for first in range(begin - gap + 1, begin + 2):
+        kept = np.ones(n, bool)
+        kept[first : first + gap] = False
+        results = Filter().run(stamps(n, rate)[kept], z[kept], upright(random, n)[kept])
+        assert results['outlier'][first:, 0].sum() <= 2
+        error = (results['angular_velocity'] - truth[kept])[first - 1 :, 0].sum() / rate
+        assert abs(error) < np.radians(0.25)
+
+
 @pytest.mark.parametrize(
     ('lost', 'periods', 'most'),
     [(0.0, 0.3, 0.0), (0.05, 0.3, 0.01), (0.05, 0.6, 0.004), (0.05, 1.0, 0.004)],

@@ -426,11 +426,15 @@ def _reason_behind_held(
 def _possible_change(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) -> float:
     """Return how far the rate can have come while nothing was measured, in rad/s; 0 where it was.
 
-    An extrapolation says little then: what the body can have come to is no outlier.
+    An extrapolation says little then: what the body can have come to is no outlier. One that stood
+    still before has hardly got anywhere yet.
     """
     largest, possible = 0.0, circumstances['possibly_missing']
     if doubt['unseen'] > 0:
-        largest = limits['body_limit'] * (doubt['unseen'] + 1.0)
+        samples = doubt['unseen'] + 1.0
+        largest = limits['body_limit'] * samples
+        if circumstances['still']:
+            largest = min(largest, limits['least_jump_at_rest'] * samples * samples)
     if doubt['behind_gap']:
         # One sample behind a gap does not show yet how the motion has changed meanwhile.
         possible = max(possible, 1)
