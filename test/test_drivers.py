@@ -23,6 +23,7 @@ from scipy import signal
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods.outliers import Reason
 from gyro_drift_filter.rotations import (
     from_vectors,
     inverse,
@@ -292,6 +293,26 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     error = np.abs(results['angular_velocity'] - clipped)
     assert np.quantile(error[900:], 0.99) < 0.05
     assert results['outlier'].mean() < 0.002
+
+
+def test_the_end_of_the_range_teaches_no_noise(random):
+    """Nor does a rate that stays there for so long that it is taken for the true one."""
+    n, rate = 1000, 100.0
+    seconds = np.maximum(np.arange(n) / rate - 5.0, 0.0)[:, None]
+    turn = np.sin(2 * np.pi * seconds * [1.0, 1.3, 0.7]) * [9.0, 4.0, 3.0]
+    z = np.clip(turn + 0.004 * random.standard_normal((n, 3)), -5.0, 5.0)
+    filter_, at_limit, constant = Filter(), 0, 0
+    noise = filter_.state['methods']['adaptive'][0]['noise']
+    own = filter_.record[0]['workspace']['methods']['adaptive']['axes'][0]
+    for stamp, sample, force in zip(stamps(n, rate), z, upright(random, n), strict=True):
+        count = int(noise['count'])
+        filter_.step(stamp, sample, force)
+        if own['at_limit']:
+            at_limit += 1
+            constant += own['reason'] == Reason.CONSTANT
+            assert noise['count'] in (count, 0)
+    assert at_limit > 100
+    assert constant > 2
 
 
 @pytest.mark.parametrize('share', [0.003, 0.01, 0.03])

@@ -435,7 +435,7 @@ def update(
         note_prediction(state['bridge'], prediction - last_accepted, sample - last_accepted)
     if taken or decision == Decision.PASS:
         state['last_accepted'] = sample
-    if decision == Decision.ACCEPT and not own['hangs']:
+    if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
         at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
         learn_noise(noise, sample, at_rest, is_dense, length, forgetting)
