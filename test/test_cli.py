@@ -67,7 +67,7 @@ def test_simulate_then_replay(tmp_path):
     assert lines[0] == ('/imu/data_raw -> /imu/data_filtered: 1500 messages, 1500 written, 100 Hz')
     assert lines[2].startswith('It helped: ')
     assert [line.split()[0] for line in lines if line.startswith('  r')] == ['rest']
-    assert re.search(r'found after 2\.\d s', done.stdout)
+    assert re.search(r'found at rest after 2\.\d s', done.stdout)
     assert ' '.join(lines[-5].split()) == 'deg/s bias +- std raw kalman ratio outliers'
     assert [line.split()[0] for line in lines[-4:-1]] == ['x', 'y', 'z']
     assert lines[-1] == f'wrote {out}'

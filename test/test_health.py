@@ -204,6 +204,18 @@ def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():
     assert text == 'the bias is known by motion alone: stand still for 3 seconds'
 
 
+def test_a_provisional_bias_is_called_so_and_asks_for_a_rest(random):
+    """It is subtracted already, so that it would be wrong to say that none is known."""
+    filter_, health = MessageFilter(Parameters()), Health()
+    rates, forces = at_rest(random, 2)
+    bias = np.array([0.02, -0.01, 0.015])
+    filter_all(filter_, recorded(rates + bias, forces))
+    subtracted = filter_.filter.state['result']['bias']
+    np.testing.assert_allclose(subtracted, bias, atol=2e-3)
+    status = health.judge(filter_.report(), 1.0)[1]
+    assert status.message == 'the bias is provisional: stand still for 3 seconds'
+
+
 def test_each_method_has_advice_and_a_new_one_general_advice():
     assert all(all(method.advice[:3]) for method in METHODS)
     assert Method('a new one', 'of its own').advice == Advice()
@@ -529,6 +541,7 @@ def test_telemetry_is_that_of_the_state(random):
         **{name: bias[name] for name in ('beyond_max', 'turning')},
         'bias_known': bias['known'],
         'bias_corrected': bias['corrected'] > 0,
+        'bias_provisional': bias['provisional'][0] > 0.0,
         'bias_deviation': filter_.filter.bias_deviation,
         'at_rest': bias['rest']['at_rest'],
     }

@@ -276,4 +276,4 @@ def test_a_bias_beyond_the_largest_stays_in_and_is_told(fresh, random):
         'the rates in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not turn, '
         'raise bias.max, and have the sensor looked at'
     )
-    assert int(values(status)['Rests with a rate beyond bias.max']) > 0
+    assert int(values(status)['Segments of rest with a rate beyond bias.max']) > 0

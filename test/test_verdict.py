@@ -115,7 +115,7 @@ def test_the_bias_counts_from_before_it_was_known(tmp_path, random):
     assert 2.0 < known < 4.0
     assert verdict.heading.raw == pytest.approx(3.0 * DEGREE, rel=0.02)
     assert 0.0 < verdict.heading.before < 3.0 * DEGREE * known + 1e-3
-    assert 'found after' in as_text(verdict)
+    assert 'found at rest after' in as_text(verdict)
 
 
 def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):

@@ -241,7 +241,8 @@ class Parameters:
         'outlier.threshold',
         'A sample is held back where its innovation is beyond both this and outlier.acceleration; '
         'the samples after it show whether it was motion. For adaptive.',
-        unit='typical innovations (in motion less than the root of ~/innovation_variance)',
+        unit='typical innovations (in motion less than the root of ~/innovation_variance, with '
+        'correlated noise more)',
         low=3.0,
         high=100.0,
     )

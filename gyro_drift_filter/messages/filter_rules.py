@@ -70,7 +70,11 @@ def _has_no_bias_for_long(span: Span) -> bool:
 
 def _no_bias(span: Span) -> str:
     state = span.now.telemetry
-    known = 'the bias is known by motion alone' if state.bias_corrected else 'no bias known yet'
+    known = 'no bias known yet'
+    if state.bias_corrected:
+        known = 'the bias is known by motion alone'
+    elif state.bias_provisional:
+        known = 'the bias is provisional'
     return f'{known}: stand still for {state.first_rest} seconds'
 
 

@@ -184,9 +184,9 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Deviation of the bias at rest (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,
         'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
-        'Rests the bias was learned from': state.segments,
-        'Rests with a rate beyond bias.max': state.beyond_max,
-        'Slow turns told from rest': state.turning,
+        'Segments of rest the bias was learned from': state.segments,
+        'Segments of rest with a rate beyond bias.max': state.beyond_max,
+        'Segments of rest that were a slow turn': state.turning,
         'Divergences': state.divergences,
     }
 

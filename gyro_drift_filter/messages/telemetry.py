@@ -81,6 +81,7 @@ class Telemetry(NamedTuple):
     acceleration_deviation_at_rest: Values
     bias_known: bool
     bias_corrected: bool
+    bias_provisional: bool
     bias: Values
     bias_deviation: Values
     beyond: bool
@@ -171,6 +172,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['stuck'] = checks['stuck']
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0
+    out['bias_provisional'] = bias['provisional'][0] > 0.0
     out['beyond'] = bias['beyond']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']

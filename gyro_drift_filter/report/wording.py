@@ -197,7 +197,7 @@ def _about_bias(bias: Bias, needed: int) -> str:
     when = 'kept from the recording before'
     if bias.source == BiasSource.REST:
         known = bias.known_at
-        when = 'found at rest' if known is None else f'found after {known:.1f} s'
+        when = 'found at rest' if known is None else f'found at rest after {known:.1f} s'
     return f'{rates} deg/s, {when}; at the end known to {sure} deg/s{left_in}'
 
 

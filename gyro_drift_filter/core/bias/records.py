@@ -80,10 +80,10 @@ class Bias(TypedDict):
     doubted_segments: int  # of rest, to go until one is accepted after a slow turn
     turn: SlowTurn  # the rate of rest that was not accepted
     beyond: bool  # the stillness under way has a rate beyond the largest bias
-    # counts
+    # segments of rest that were counted
     segments: int  # that the bias was learned from
-    beyond_max: int  # at rest with a rate that no bias has
-    turning: int  # at rest with a rate that the bias can't have come to
+    beyond_max: int  # with a rate that no bias has
+    turning: int  # with a rate that the bias can't have come to
     corrected: int  # times that motion alone has shown another bias
 
 

@@ -93,7 +93,8 @@ class AdaptiveAxisWorkspace(TypedDict):
     others: PerMode
     prediction: float  # of the sample by all modes together
     prediction_variance: float  # of the innovation
-    typical_innovation: float  # rad/s, by which outliers are judged
+    # rad/s, by which outliers are judged: as if the noise was white, in the geometric mean
+    typical_innovation: float
     reason: int  # of the decision on the sample: a member of Reason
     accepted_before: float  # `last_accepted` before it, rad/s
     returned: bool  # it lies there again, after one that was held back

@@ -310,8 +310,8 @@ def find_reason(
 ) -> Reason:
     """Return the reason for the decision on a sample.
 
-    Arguments in rad/s: the sample, its prediction, the last sample that was accepted, the typical
-    size of an innovation.
+    Arguments in rad/s: the sample, its prediction, the last sample that was accepted, and the
+    typical innovation, which is what the modes expect of white noise.
     """
     size, dropout = abs(sample - prediction), circumstances['dropout']
     held = doubt['held']
