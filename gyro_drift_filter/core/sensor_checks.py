@@ -85,11 +85,11 @@ class SensorChecks(TypedDict):
     largest: PerAxis  # largest |rate| so far that was the end of the range, rad/s
     passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row were at least, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
-    entered: PerAxis  # size of the last change of the rate, rad/s
+    last_change: PerAxis  # size of the last one of the rate that was not 0, rad/s
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
-    mixed: CountPerAxis  # 1 where the end of the range was found by `_is_flat`, else 0
+    mixed: CountPerAxis  # 1 where the end of the range was found by `_note_flat`, else 0
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
     comes_alive: bool  # an axis does with this sample
@@ -147,8 +147,8 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     for axis in range(3):
         checks['fault'][axis] = AxisFault.NONE
         if checks['equal'][axis] > 0:
-            checks['fault'][axis] = _fault_of(checks, axis, rate, period, rest)
-    if all_rates and _are_frozen(checks, acceleration, period):
+            checks['fault'][axis] = _find_fault(checks, axis, rate, period, rest)
+    if all_rates and _find_frozen(checks, acceleration, period):
         stuck = True
     if stuck and not checks['stuck']:
         checks['times_stuck'] += 1
@@ -190,10 +190,10 @@ def _is_long(equal: int, period: float) -> bool:
 
 
 @kernel
-def _fault_of(
+def _find_fault(
     checks: SensorChecks, axis: int, rate: PerAxis, period: float, rest: Rest
 ) -> AxisFault:
-    """Return what is wrong with an axis whose rate is that of the sample before."""
+    """Look at an axis whose rate is that of the sample before; return what is wrong with it."""
     equal, then = checks['equal'][axis], checks['rates_then'][axis]
     resolution = checks['resolution']
     if equal == 1:
@@ -214,8 +214,8 @@ def _fault_of(
 
 
 @kernel
-def _are_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> bool:
-    """Return whether no living sensor gives these rates, all of them those of the sample before."""
+def _find_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> bool:
+    """Look at rates of which all are those before; return whether no living sensor gives them."""
     equal, then = checks['equal'], checks['acceleration_then']
     if equal[0] == 1 or equal[1] == 1 or equal[2] == 1:
         checks['pushed'] = False
@@ -261,43 +261,52 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
 @kernel
 def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: Rest) -> bool:
     """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
-    size, change = abs(rate), abs(rate - checks['measured'][axis])
-    entered, resolution, largest = checks['entered'], checks['resolution'], checks['largest']
-    if checks['living'][axis] == 0:
-        if change > 0.0:
-            checks['living'][axis] = 1
-            checks['comes_alive'] = True
-        else:
-            change = size  # a rate is a number of steps, too
-    if change > 0.0:
-        entered[axis] = change
-        if change < resolution[axis] or resolution[axis] == 0.0:
-            resolution[axis] = change
-    if size > CLIPPED_RATE and size > checks['passed'][axis]:
-        _note_passed(checks, axis, rate)
+    size, largest = abs(rate), checks['largest']
     earlier, before = checks['step_before'][axis], checks['step'][axis]
-    checks['step_before'][axis] = before
-    checks['step'][axis] = rate - checks['measured'][axis]
+    changed = _note_change(checks, axis, rate)
     if size <= CLIPPED_RATE or _is_passed(checks, axis, size):
         checks['flat'][axis] = 0
         return False
     if checks['mixed'][axis] and size > (1.0 + MIXED) * largest[axis]:
         checks['mixed'][axis] = 0  # it was none: there are larger ones
         largest[axis] = 0.0
-    if _is_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
+    if _note_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
         largest[axis] = max(largest[axis], size)
         checks['mixed'][axis] = 1
         checks['clipped'][axis] += 1
         return True
     if not _is_known_limit(checks, axis, size):
-        if same or change > 0.0 or entered[axis] <= CLIPPED_STEPS * resolution[axis]:
+        resolution = checks['resolution'][axis]
+        if same or changed or checks['last_change'][axis] <= CLIPPED_STEPS * resolution:
             return False
         largest[axis] = max(largest[axis], size)
-        if size < largest[axis] - resolution[axis]:
+        if size < largest[axis] - resolution:
             return False
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
         checks['clipped'][axis] += 1
     return True
+
+
+@inlined_kernel
+def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
+    """Note by how much a rate differs from the one before; return whether it does."""
+    step, resolution = rate - checks['measured'][axis], checks['resolution']
+    change = abs(step)
+    if checks['living'][axis] == 0:
+        if change > 0.0:
+            checks['living'][axis] = 1
+            checks['comes_alive'] = True
+        else:
+            change = abs(rate)  # a rate is a number of steps, too
+    if change > 0.0:
+        checks['last_change'][axis] = change
+        if change < resolution[axis] or resolution[axis] == 0.0:
+            resolution[axis] = change
+    if abs(rate) > CLIPPED_RATE and abs(rate) > checks['passed'][axis]:
+        _note_passed(checks, axis, rate)
+    checks['step_before'][axis] = checks['step'][axis]
+    checks['step'][axis] = step
+    return bool(change > 0.0)
 
 
 @kernel
@@ -321,10 +330,10 @@ def _is_passed(checks: SensorChecks, axis: int, size: float) -> bool:
 
 
 @kernel
-def _is_flat(
+def _note_flat(
     checks: SensorChecks, axis: int, size: float, change_before: float, noise: float
 ) -> bool:
-    """Return whether a rate of a size has stopped in full motion, and its noise with it.
+    """Note a rate; return whether it has stopped in full motion, and its noise with it.
 
     By `change_before` the two steps before the last one differ; `noise` is the deviation at rest,
     0 while that is not known; all in rad/s.

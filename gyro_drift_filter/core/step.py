@@ -246,7 +246,7 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
                 methods.start(filter_, axis, rate[axis])
             else:
                 result['status'] = SampleStatus.REFUSED
-    methods.look_around(filter_, sample, possible)
+    methods.note_circumstances(filter_, sample, possible)
     for axis in range(3):
         if not tracking[axis]:
             continue

@@ -52,7 +52,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     give_up_bias,
     interrupt_slow_turn,
     is_back,
-    is_slow_turn,
+    update_slow_turn,
 )
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
@@ -203,7 +203,7 @@ def _take_segment(state: Bias, moved: bool, lengths: RestLengths, settings: 'Set
         state['recent_count'] = 0
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
-    if _is_bias(state, moved, lengths, settings['bias_max']):
+    if _judge_segment(state, moved, lengths, settings['bias_max']):
         _learn(state)
         next_segment(rest, moved)
     else:
@@ -264,8 +264,8 @@ def widen(state: Bias, variance: float) -> None:
 
 
 @kernel
-def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> bool:
-    """Return whether the segment is rest: its rate is one that the bias can have.
+def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> bool:
+    """Judge a segment; return whether it is rest: its rate is one that the bias can have.
 
     `moved` where the rest ended with it.
     """
@@ -280,7 +280,7 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
-        return _is_bias_after_all(state, lengths)
+        return _judge_unreachable(state, lengths)
     if state['hint'] == Hint.STANDS:
         # The robot itself says that it stands, so that is how far the bias has come.
         for axis in range(3):
@@ -299,7 +299,7 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
         state['turning'] += 1
         state['doubted_segments'] = DOUBTED_SEGMENTS
         take_back(state, unreachable)
-        return _is_bias_after_all(state, lengths)
+        return _judge_unreachable(state, lengths)
     # A segment put together from the halves of two lifts no doubt.
     if rest['halves'] == Halves.WHOLE:
         state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
@@ -307,8 +307,8 @@ def _is_bias(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> 
 
 
 @kernel
-def _is_bias_after_all(state: Bias, lengths: RestLengths) -> bool:
-    """Return whether the segment, which lies where no bias can have come, is no turn either."""
+def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
+    """Judge a segment with a rate that the bias can't have come to; return whether it is one."""
     rest, largest = state['rest'], 0.0
     seconds = rest['blocks'] * lengths['block_seconds']
     for axis in range(3):
@@ -320,7 +320,7 @@ def _is_bias_after_all(state: Bias, lengths: RestLengths) -> bool:
         turn['gave_up'] = False
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
-    elif is_slow_turn(turn, rest, seconds, state['bias'], largest):
+    elif update_slow_turn(turn, rest, seconds, state['bias'], largest):
         return False
     elif turn['gave_up']:
         for axis in range(3):

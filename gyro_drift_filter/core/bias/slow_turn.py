@@ -77,7 +77,7 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 
 
 @kernel
-def is_slow_turn(
+def update_slow_turn(
     turn: SlowTurn, rest: Rest, seconds: float, bias: PerAxis, variance: float
 ) -> bool:
     """Update by a segment whose rate is not the bias; return whether that rate can be a turn.

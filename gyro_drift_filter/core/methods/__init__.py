@@ -26,7 +26,7 @@ Each method is a module with the same verbs, kernels that mostly take the record
 
 For each sample `step.py` calls the first of these lines on all axes, then the second, and so on:
 
-    start, if this is the first sample; look_around, once for all axes
+    start, if this is the first sample; note_circumstances, once for all axes
     coast for each sample that is missing before it; predict, or coast where it is no number
     compare_axes, once for all axes
     innovation_variance; update, unless the sample is no number; estimate
@@ -34,7 +34,7 @@ For each sample `step.py` calls the first of these lines on all axes, then the s
 So the first sample goes through `predict` and `update`, too; the paper's methods skip both there,
 by `starting`. Coefficients are those of the sample period before the step; if the clock finds
 another one in the step, `change_period` ends it. The other verbs are for methods that need them:
-`look_around` and `compare_axes` for what all axes show together, `change_period` for what is
+`note_circumstances` and `compare_axes` for what all axes show together, `change_period` for what is
 counted per sample, `start_over` and `is_noise_known` for noise that is learned, `change_model` for
 what parameters replace, and `take_over` for a start at the rate of another method.
 
@@ -165,15 +165,15 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
 
 
 @kernel
-def look_around(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
+def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
         state, shared = filter_['state'], filter_['workspace']['methods']['adaptive']
         shared['circumstances']['possibly_missing'] = possibly_missing
         axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
         rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
-        coefficients = filter_['coefficients']['methods']['adaptive']
-        adaptive.look_around(axes, shared, tracking, sample, rest, filtered, bias, coefficients)
+        derived = filter_['coefficients']['methods']['adaptive']
+        adaptive.note_circumstances(axes, shared, tracking, sample, rest, filtered, bias, derived)
 
 
 @kernel

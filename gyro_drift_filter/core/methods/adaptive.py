@@ -84,10 +84,10 @@ from gyro_drift_filter.core.methods.outliers import (
     feel_jolt,
     find_reason,
     has_returned,
-    is_constant,
     note_decision,
     note_held,
     note_missing,
+    note_repeat,
     shake_along,
     start_doubt,
     was_jolted,
@@ -251,7 +251,7 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
 
 
 @kernel
-def look_around(
+def note_circumstances(
     axes: Sequence[AdaptiveAxis],
     workspace: AdaptiveWorkspace,
     tracking: CountPerAxis,
@@ -261,7 +261,7 @@ def look_around(
     bias: PerAxis,
     coefficients: AdaptiveCoefficients,
 ) -> None:
-    """Look at the accelerometer and at all axes together, before the prediction of a sample.
+    """Note what the accelerometer and all axes together show, before the prediction of a sample.
 
     A body may stand where the accelerometer has been calm for some samples, and the rates that were
     filtered last are about the bias at rest (both (3,) in rad/s).
@@ -388,7 +388,7 @@ def update(
     unseen = doubt['unseen']
     reason = find_reason(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
-    constant = is_constant(doubt, sample, noise['variance'])
+    constant = note_repeat(doubt, sample, noise['variance'])
     if constant:
         reason = Reason.CONSTANT
     elif (circumstances['repeated'] or own['hangs']) and doubt['unseen'] < limits['longest_hold']:

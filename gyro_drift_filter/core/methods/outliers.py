@@ -107,7 +107,7 @@ class Reason(IntEnum):
     EXPECTED = 0  # within the limits
     CROWDED = 1  # so many were held back of late that the doubt is wrong
     RETURNED = 2  # back at the prediction from before those that were held back
-    CONSTANT = 3  # it has come so often that it is the rate
+    CONSTANT = 3  # it has come so often that it is the rate, and all modes are put there
     # HOLD
     FAR = 4  # beyond the limits; or, after held ones, neither back nor shown to be motion
     # zeros on all axes, or a read that failed, and not as predicted: there was nothing to report
@@ -581,8 +581,8 @@ def _agreement(offset: float, jump: float, limits: OutlierLimits) -> float:
 
 
 @kernel
-def is_constant(doubt: Doubt, sample: float, variance: float) -> bool:
-    """Return whether the same value has come so often that it must be the rate.
+def note_repeat(doubt: Doubt, sample: float, variance: float) -> bool:
+    """Count how often the same value has come; return whether so often that it must be the rate.
 
     Arguments: sample in rad/s, variance of the noise in (rad/s)^2.
     """
