@@ -81,7 +81,7 @@ def _no_bias(span: Span) -> str:
 def _is_noise_unsure(span: Span) -> bool:
     """Return whether the bias is known, and the noise by little rest only."""
     known = span.now.telemetry.bias_known
-    return span.is_noise_learned and known and min(span.noise_seconds) < _LITTLE_REST
+    return known and min(span.noise_seconds) < _LITTLE_REST and span.is_noise_learned
 
 
 FILTER_RULES = (
@@ -94,7 +94,8 @@ FILTER_RULES = (
     Rule(
         'outliers',
         Level.WARN,
-        beyond(lambda span: _largest(span.outlier_shares), *_OUTLIER_SHARE),
+        # They are NaN on all axes or on none.
+        beyond(lambda span: max(span.outlier_shares), *_OUTLIER_SHARE),
         lambda span: 'many samples count as outliers: ' + span.advice.outliers,
     ),
     Rule(

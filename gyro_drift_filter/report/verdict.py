@@ -224,7 +224,7 @@ class RunWatch:
         self._lagging = 0.0
         # Of the bias: seconds, and the sum of its variance over them (3,) in (rad/s)^2 s.
         self._judged = 0.0
-        self._variance: Floats = np.zeros(3)
+        self._variance = [0.0, 0.0, 0.0]
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
@@ -252,7 +252,8 @@ class RunWatch:
         state = span.now.telemetry
         if state.bias_known or not self._sums[0]['known']:
             self._judged += seconds
-            self._variance += seconds * np.square(state.bias_deviation)
+            deviations = zip(self._variance, state.bias_deviation, strict=True)
+            self._variance = [total + seconds * (now * now) for total, now in deviations]
 
     def verdict(self, run: Run) -> Verdict:
         """Return the verdict at the end of the run."""
@@ -333,7 +334,7 @@ class RunWatch:
                 turn += before
         variance = np.square(bias.deviations)
         if self._judged > 0.0:
-            variance = self._variance / self._judged
+            variance = np.array(self._variance) / self._judged
         left = float(np.sqrt(total['up_squares'] @ variance / seconds))
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
 
