@@ -77,6 +77,14 @@ def test_a_car_on_a_straight_road_does_not_stand():
         assert results['at_rest'][of.moving].mean() < 0.02
 
 
+def test_a_car_that_does_not_stop_for_long_does_not_stand_either():
+    """After five minutes without a rest a smooth road was taken for one, and a curve for bias."""
+    of = ride(VEHICLES['car'], 1, 600.0, warm_up=0.0)
+    results = Filter().run(of.stamps, of.rates, of.accelerations)
+    assert results['at_rest'][of.moving].mean() < 0.01
+    assert np.abs(results['bias'] - of.bias)[of.moving].max() < np.radians(0.2)
+
+
 def test_a_car_that_keeps_its_speed_is_not_taken_for_one_that_tilts():
     """Speed that lasts was taken for tilt, and moved the bias by 1.7e-3 rad/s."""
     judged = [judge(ride(VEHICLES['car'], seed, 300.0, warm_up=0.0)) for seed in range(4)]

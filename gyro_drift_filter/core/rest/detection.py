@@ -15,7 +15,7 @@
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.noise import forget_noise, learn_noise, learn_variance_ratio
+from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
@@ -43,8 +43,9 @@ from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
-# After so long without rest all that is learned anew, as vibration may have come to stay.
-FORGET_NOISE_SECONDS = 300.0
+# After so long without rest the accelerations of the one before are no bound any more, where the
+# noise has been doubted since then. A noise that is known is kept: else a road would be a rest.
+FORGET_CALM_SECONDS = 300.0
 
 
 @kernel
@@ -103,8 +104,8 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
                 still = False
         note_gravity(rest, lengths['block_seconds'])
     rest['restless'] += 1
-    if rest['restless'] * lengths['block_seconds'] > FORGET_NOISE_SECONDS:
-        forget_noise(rest)
+    if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
+        rest['calm_known'] = False
     if not still:
         ready = _lasted(rest) and holds_together(rest, lengths)
         rest['at_rest'] = False
