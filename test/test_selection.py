@@ -221,10 +221,32 @@ def test_files_in_another_order_than_that_of_time_lose_nothing():
         pieces.append(Piece(np.zeros(0, np.uint8), rows))
     together = Piece(pieces[0].data, np.concatenate([piece.rows for piece in pieces]))
     for parts in (pieces, [together]):
-        recording = SimpleNamespace(pieces=lambda parts=parts: iter(parts), message_count=40)
+        recording = SimpleNamespace(
+            pieces=lambda parts=parts: iter(parts), message_count=40, in_order=False
+        )
         for selection, count in ((Selection(), 40), (Selection(start=0.95, end=1.25), 3)):
             found = selection.pieces(recording, lambda done, total: None)
             assert sum(len(piece.rows) for piece in found) == count
+
+
+def test_files_that_overlap_in_time_are_read_up_to_the_end(tmp_path):
+    """All of the first file comes before the second, which begins before the end that is asked."""
+    first = write(tmp_path / 'a', {('/left/imu', IMU_TYPE): simulated(400)})
+    second = write(tmp_path / 'b', {('/right/imu', IMU_TYPE): simulated(400)})
+    (second / 'b.mcap').rename(first / 'b.mcap')
+    metadata = yaml.safe_load((first / 'metadata.yaml').read_text())
+    other = yaml.safe_load((second / 'metadata.yaml').read_text())
+    information, more = (m['rosbag2_bagfile_information'] for m in (metadata, other))
+    for name in ('relative_file_paths', 'files', 'topics_with_message_count'):
+        information[name] += more[name]
+    information['message_count'] += more['message_count']
+    (first / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
+    with open_bag(first) as bag:
+        assert not bag.in_order
+        pieces = Selection(end=0.995).pieces(bag, lambda done, total: None)
+        rows = np.concatenate([piece.rows for piece in pieces])
+    assert len(rows) == 200
+    assert (np.bincount(rows['channel'])[-2:] == 100).all()
 
 
 def test_messages_that_can_not_be_read_are_counted(tmp_path, caplog):

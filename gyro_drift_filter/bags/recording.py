@@ -60,16 +60,18 @@ class Recording(Protocol):
         path: What is read.
         connections: Topics with their types, once for each publisher.
         message_count: How many messages there are.
+        in_order: Whether all pieces follow each other in time; files of a folder may overlap.
         typestore: The types whose definitions the recording holds.
     """
 
     path: Path
     connections: list[Connection]
     message_count: int
+    in_order: bool
     typestore: Typestore
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield all messages, in the order of their log times from piece to piece, too.
+        """Yield all messages, in the order of their log times, within a piece at least.
 
         Raises:
             BagError: The recording is damaged from some message on.

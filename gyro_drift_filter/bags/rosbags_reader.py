@@ -40,10 +40,12 @@ class RosbagsReader:
         self.message_count = library.message_count
         self.typestore = library.typestore
         self._library = library
+        self.in_order = True
         # rosbags reads the files of a folder in the order of its metadata.yaml.
         for reader in library.readers:
             if isinstance(storage := getattr(reader, 'storage', None), DirectoryReader):
                 storage.storages.sort(key=lambda file: file.metadata.start_time)
+                self.in_order = len(storage.storages) == 1
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, see `Recording`."""

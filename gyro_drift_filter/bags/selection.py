@@ -124,7 +124,7 @@ class Selection:
             else:
                 # Not by bisection: files of one bag may overlap in time.
                 seconds = 1e-9 * (times - begin)
-                if (seconds > self.end).all():
+                if recording.in_order and (seconds > self.end).all():
                     return
                 within = (seconds >= self.start) & (seconds <= self.end)
                 yield Piece(piece.data, piece.rows[within])
