@@ -95,6 +95,12 @@ def test_restore_refuses_another_version():
             Filter().restore(other)
 
 
+def test_restore_refuses_another_method():
+    """Its state is not set up, so that every rate would be NaN."""
+    with pytest.raises(GyroDriftFilterError, match='of another method than adaptive'):
+        Filter().restore(Filter(Parameters(method='kalman')).snapshot())
+
+
 @pytest.mark.parametrize('wrong', [1.0, (1.0,), (1.0, 2.0), np.ones((3, 1)), np.ones(4)])
 def test_a_sample_of_another_shape_is_refused(wrong):
     for rate, acceleration in ((wrong, ZERO), (ZERO, wrong)):

@@ -35,7 +35,7 @@ from gyro_drift_filter.core.settings import settings_of
 from gyro_drift_filter.core.step import step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-# In front of a snapshot: other fields, or in another order, may be of the same size.
+# At the front of a snapshot: other fields, or in another order, may be of the same size.
 _LAYOUT = hashlib.sha256(repr(STATE).encode()).digest()
 
 
@@ -178,17 +178,27 @@ class Filter:
 
     def snapshot(self) -> bytes:
         """Return the state; `restore` on a filter of the same parameters continues bit for bit."""
-        return _LAYOUT + bytes(self.record['state'].tobytes())
+        return self._head() + bytes(self.record['state'].tobytes())
+
+    def _head(self) -> bytes:
+        """Return what a snapshot begins with: the state of another method is not set up."""
+        return _LAYOUT + bytes([METHOD_NAMES.index(self.parameters.method)])
 
     def restore(self, snapshot: bytes) -> None:
         """Continue from a snapshot.
 
         Raises:
-            GyroDriftFilterError: The snapshot is of another version.
+            GyroDriftFilterError: The snapshot is of another version, or of another method.
         """
-        if not snapshot.startswith(_LAYOUT) or len(snapshot) != len(_LAYOUT) + STATE.itemsize:
+        head = self._head()
+        if not snapshot.startswith(_LAYOUT) or len(snapshot) != len(head) + STATE.itemsize:
             raise GyroDriftFilterError('the snapshot was taken by another version')
-        self.record['state'] = np.frombuffer(snapshot, STATE, offset=len(_LAYOUT))
+        if not snapshot.startswith(head):
+            raise GyroDriftFilterError(
+                f'the snapshot is of another method than {self.parameters.method}: restore it on a '
+                'filter of the same parameters, and then set others with configure'
+            )
+        self.record['state'] = np.frombuffer(snapshot, STATE, offset=len(head))
         self.record['workspace'] = np.zeros(1, WORKSPACE)
 
     def step(self, stamp: int, rate: Sequence[float], acceleration: Sequence[float]) -> Result:
