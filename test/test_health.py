@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import ADVICE, METHOD_NAMES, METHODS, Method
@@ -202,6 +203,19 @@ def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():
     assert callable(rule)
     text = rule(span(bias_known=False, bias_corrected=True))
     assert text == 'the bias is known by motion alone: stand still for 3 seconds'
+
+
+def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
+    """Only `adaptive` learns how samples correlate; after a switch that is of another time."""
+    filter_ = MessageFilter(Parameters())
+    rates, forces = at_rest(random, 20)
+    rates = lfilter([0.1], [1.0, -0.9], rates, axis=0)
+    messages = recorded(rates, forces)
+    filter_all(filter_, messages[:-100])
+    assert Health().rules(filter_.report(), 1.0)[0].low_pass < 5.0
+    filter_.filter.configure(Parameters(method='kalman'))
+    filter_all(filter_, messages[-100:])
+    assert math.isnan(Health().rules(filter_.report(), 1.0)[0].low_pass)
 
 
 def test_a_provisional_bias_is_called_so_and_asks_for_a_rest(random):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
-from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core import Parameters, methods
 from gyro_drift_filter.core.bias.records import bias_variance
 from gyro_drift_filter.core.methods.noise import NOISE_BLOCK_SECONDS
 from gyro_drift_filter.core.quantisation import known_count
@@ -152,7 +152,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     state, coefficients = filter_['state'], filter_['coefficients']
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, quantisation = state['checks'], state['quantisation']
-    paper, adaptive = state['methods']['paper'], state['methods']['adaptive']
+    paper = state['methods']['paper']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']
     out['refused'] = counts['refused']
@@ -201,7 +201,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['divergences'][axis] = paper[axis]['divergences']
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
-        out['noise_correlation'][axis] = adaptive[axis]['noise']['autocorrelation'][0]
-        out['noise_blocks'][axis] = adaptive[axis]['noise']['blocks']
+        blocks, correlation = methods.learned_noise(filter_, axis)
+        out['noise_blocks'][axis] = blocks
+        out['noise_correlation'][axis] = correlation
         out['bias'][axis] = bias['bias'][axis]
         out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis))

@@ -35,8 +35,9 @@ So the first sample goes through `predict` and `update`, too; the paper's method
 by `starting`. Coefficients are those of the sample period before the step; if the clock finds
 another one in the step, `change_period` ends it. The other verbs are for methods that need them:
 `note_circumstances` and `compare_axes` for what all axes show together, `change_period` for what is
-counted per sample, `start_over` and `is_noise_known` for noise that is learned, `change_model` for
-what parameters replace, and `take_over` for a start at the rate of another method.
+counted per sample, `start_over`, `learned_noise` and `is_noise_known` for noise that is learned
+(the last one is asked after `update`, of the variance before it), `change_model` for what
+parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -257,6 +258,18 @@ def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
         known = filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
         return known and not repeated
     return True
+
+
+@kernel
+def learned_noise(filter_: 'FilterRecord', axis: int) -> tuple[int, float]:
+    """Return how many blocks of rest the noise was learned from, and how samples correlate.
+
+    Both are 0 for a method that learns no noise, whatever another one had learned before.
+    """
+    if filter_['settings']['method'] == ADAPTIVE:
+        noise = filter_['state']['methods']['adaptive'][axis]['noise']
+        return noise['blocks'], noise['autocorrelation'][0]
+    return 0, 0.0
 
 
 @kernel
