@@ -43,6 +43,20 @@ for method in ('adaptive', 'average'):
     before = filter_.state['result']['angular_velocity'].copy()
     now = filter_.step(0, before, (0.0, 0.0, 0.0))['angular_velocity']
     np.testing.assert_allclose(now, before, atol=1e-9)
+# The error grows while nothing is measured, and what was learned of the noise outlives a gap.
+filter_ = Filter(Parameters(**parameters))
+state, nothing = filter_.state['methods']['average'], (0.0, 0.0, 0.0)
+filter_.run(10**18 + 10_000_000 * np.arange(400), z, np.zeros_like(z))
+error, noise = state['variance'].copy(), state['innovation_variance'].copy()
+np.testing.assert_allclose(noise, 1e-4, rtol=0.3)
+for k in range(400, 420):
+    filter_.step(10**18 + 10_000_000 * k, (np.nan,) * 3, nothing)
+assert (state['variance'] > 1.1 * error).all()
+filter_.step(10**18 + 10**10, z[0], nothing)
+np.testing.assert_allclose(state['innovation_variance'], noise, rtol=0.1)
+filter_.reset()
+filter_.step(10**18, z[0], nothing)
+assert (state['innovation_variance'] > 10.0 * noise).all()
 """
 VALUE = """
 import numpy as np

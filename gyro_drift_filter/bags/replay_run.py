@@ -174,8 +174,8 @@ class ReplayRun:
             of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
             of_topic['topic'] = index
             imus.append(of_topic)
-            of_filter = filter_.take(piece, of_topic, reports)
-            statuses.append(filter_.judge(of_filter, reports))
+            message_reports = filter_.take(piece, of_topic, reports)
+            statuses.append(filter_.judge(message_reports, reports))
         all_imus = imus[0]
         if len(imus) > 1:
             all_imus = np.concatenate(imus)
@@ -244,7 +244,7 @@ class TopicFilter:
             [*notes_before, len(notes)],
             strict=True,
         ):
-            notes['index'][noted:before] -= done
+            notes['index'][noted:before] -= done  # they count from where the call begins
             self.messages.take_imus(piece.data, imus[done:stop], notes[noted:before])
             done, noted = stop, before
             if row is not None:
@@ -263,15 +263,15 @@ class TopicFilter:
             self._memory.save()
 
     def judge(
-        self, of_filter: Sequence[MessageReport], reports: Any
+        self, message_reports: Sequence[MessageReport], reports: Any
     ) -> list[list[DiagnosticStatus]]:
         """Return what is to be said at each REPORT_TIME."""
         statuses = []
-        for report, seconds in zip(of_filter, reports['seconds'].tolist(), strict=True):
-            span, of_input, of_bias = self._health.rules(report, seconds)
+        for report, seconds in zip(message_reports, reports['seconds'].tolist(), strict=True):
+            span, of_input, of_filter = self._health.rules(report, seconds)
             if self._watcher is not None:
-                self._watcher.judge(span, of_input + of_bias, seconds)
-            statuses.append(self._health.statuses(span, of_input, of_bias))
+                self._watcher.judge(span, of_input + of_filter, seconds)
+            statuses.append(self._health.statuses(span, of_input, of_filter))
         return statuses
 
     def _listen(self, kind: str, data: bytes) -> None:

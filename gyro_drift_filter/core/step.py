@@ -69,7 +69,7 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     settings, state = filter_['settings'], filter_['state']
     clock, result, stamp = state['clock'], state['result'], sample['stamp']
     state['counts']['samples'] += 1
-    if _is_repeat(sample, filter_):
+    if _is_duplicate(sample, filter_):
         state['counts']['repeats'] += 1
         _repeat_result(result)
         return
@@ -97,12 +97,12 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     if needs_half:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
-        _take_acceleration_off(sample, state['acceleration'], settings)
+        _subtract_acceleration(sample, state['acceleration'], settings)
     possible = possibly_missing(clock, elapsed, period) if missing == 0 else 0
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, possible, filter_)
-    _take_bias_off(sample, elapsed, missing, filter_)
-    _calibrate(settings, result)
+    _subtract_bias(sample, elapsed, missing, filter_)
+    _apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
         # The sample is the caller's.
@@ -180,7 +180,7 @@ def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool
 
 
 @kernel
-def _take_acceleration_off(sample: Sample, acceleration: PerAxis, settings: Settings) -> None:
+def _subtract_acceleration(sample: Sample, acceleration: PerAxis, settings: Settings) -> None:
     """Subtract from the rates what the acceleration adds to them, so that no bias contains it."""
     rate, sensitivity = sample['angular_velocity'], settings['calibration_acceleration_sensitivity']
     usable, now = True, sample['linear_acceleration']
@@ -208,7 +208,7 @@ def derive(filter_: FilterRecord, period: float) -> None:
 
 
 @kernel
-def _is_repeat(sample: Sample, filter_: FilterRecord) -> bool:
+def _is_duplicate(sample: Sample, filter_: FilterRecord) -> bool:
     """Return whether stamp and rates are those of the sample before."""
     state, stamp, rate = filter_['state'], sample['stamp'], sample['angular_velocity']
     clock, measured = state['clock'], state['checks']['measured']
@@ -277,7 +277,7 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
 
 
 @kernel
-def _take_bias_off(sample: Sample, elapsed: float, missing: int, filter_: FilterRecord) -> None:
+def _subtract_bias(sample: Sample, elapsed: float, missing: int, filter_: FilterRecord) -> None:
     """Learn the bias if this is rest, and subtract it from the result."""
     settings, state = filter_['settings'], filter_['state']
     bias, result = state['bias'], state['result']
@@ -354,7 +354,7 @@ def _follow(
 
 
 @kernel
-def _calibrate(settings: Settings, result: Result) -> None:
+def _apply_calibration(settings: Settings, result: Result) -> None:
     """Turn the rate into M rate, and its covariance, which is diagonal so far, into M C M'."""
     rate, variance = result['angular_velocity'], result['angular_velocity_variance']
     covariance, matrix = result['angular_velocity_covariance'], settings['calibration_matrix']

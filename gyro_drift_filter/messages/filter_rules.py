@@ -111,8 +111,7 @@ FILTER_RULES = (
         Level.WARN,
         beyond(_noise_excess, *_SMALL_INNOVATIONS),
         lambda span: (
-            'innovations are far smaller than the filter expects, so that no outlier will '
-            'be found: ' + span.advice.small_innovations
+            'innovations are far smaller than the filter expects: ' + span.advice.small_innovations
         ),
     ),
     Rule(

@@ -284,6 +284,7 @@ class MessageFilter:
 
     def report(self) -> MessageReport:
         """Return what it is like now; what is done later does not change it."""
+        # With no message, as notes are taken where messages are filtered.
         notes = np.zeros(1, NOTE)
         self.take_imus(self._message[:0], self._imus[:0], notes)
         return self.reports(notes)[0]

@@ -194,6 +194,7 @@ class GyroDriftFilterNode(Node):
         self._cold_start.take(self._filter, data)
         self._until_count -= 1
         if self._until_count == 0:
+            # First, as counting may take a message, and so come here again.
             self._until_count = _COUNT_EVERY
             self._count_losses()
 

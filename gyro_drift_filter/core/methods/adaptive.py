@@ -486,6 +486,6 @@ ADVICE = Advice(
     outliers='look at the raw rates; raise outlier.threshold or outlier.acceleration',
     large_innovations='is it a vibration? Leave it at rest for a second so that it learns its '
     'noise, or set model.noise_deviation',
-    small_innovations='set model.noise_deviation lower, or to 0',
+    small_innovations='no outlier will be found; set model.noise_deviation lower, or to 0',
     learns_noise=True,
 )

@@ -325,6 +325,6 @@ ADVICE = Advice(
     outliers='for a robot that moves, set method to adaptive; else raise epsilon',
     large_innovations='it lags behind motion; set method to adaptive, or raise model.process_noise '
     'and model.measurement_noise (gyro_drift identify finds them)',
-    small_innovations='lower model.process_noise and model.measurement_noise (gyro_drift identify '
-    'finds them)',
+    small_innovations='no outlier will be found; lower model.process_noise and '
+    'model.measurement_noise (gyro_drift identify finds them)',
 )
