@@ -47,7 +47,7 @@ def check_replaceable(path: Path) -> None:
 
 
 class BiasMemory:
-    """Recall the bias at the first good message of a recording, and remember it at its end.
+    """Recall the bias at the first message that can be read, and remember it at the end.
 
     Its times are the log times of the recordings.
     """

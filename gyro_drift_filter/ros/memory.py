@@ -37,7 +37,7 @@ class BiasMemory:
     """Recall the bias at the first message, which names the frame, and save it seldom.
 
     Attributes:
-        recalled: True once the first good message has been seen.
+        recalled: True once a message has been seen that can be read.
     """
 
     def __init__(self, node: Node, messages: MessageFilter) -> None:
