@@ -98,7 +98,7 @@ class Output:
         # The channels that messages are copied to, by their connections; 0 where they are not.
         self._copies = np.zeros(by_connection(recording), np.int64)
         self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
-        self._reporting: list[int] = []
+        self._is_report = np.zeros_like(self._copies, np.bool_)
         report_channel = 0
         for connection in recording.connections:
             topic = connection.topic
@@ -114,7 +114,7 @@ class Output:
             self._copies[connection.id] = copy.id
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
-                self._reporting.append(connection.id)
+                self._is_report[connection.id] = True
         self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
         self._states['last_at_rest'] = -1.0
         for state, names in zip(self._states, inputs.values(), strict=True):
@@ -169,9 +169,9 @@ class Output:
 
         What an earlier run, or the node itself, has reported is passed over.
         """
-        rows, of_others = piece.rows.copy(), np.isin(piece.rows['channel'], self._reporting)
-        rows['channel'] = self._copies[piece.rows['channel']]
-        for row in np.flatnonzero(of_others).tolist():
+        rows, channels = piece.rows.copy(), piece.rows['channel']
+        rows['channel'] = self._copies[channels]
+        for row in np.flatnonzero(self._is_report[channels]).tolist():
             if self._is_own_report(piece.message(row)):
                 rows['channel'][row] = 0
                 self.left_out[DIAGNOSTICS] = 'what an earlier run of this filter has reported'

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.bias_memory import BiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr
+from gyro_drift_filter.bags.recording import Piece, Recording, by_connection, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
@@ -226,16 +226,19 @@ class TopicFilter:
             if is_cdr(connection)
             and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
         }
+        self._is_listened = np.zeros(by_connection(recording), np.bool_)
+        self._is_listened[list(self._listened)] = True
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
         if self._memory is not None:
             self._memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
-        listened = np.flatnonzero(np.isin(piece.rows['channel'], list(self._listened)))
+        listened = np.flatnonzero(self._is_listened[piece.rows['channel']])
         notes: Any = np.zeros(len(reports), NOTE)
-        notes['index'] = np.searchsorted(imus['row'], reports['row'])
-        stops = np.searchsorted(imus['row'], listened).tolist()
+        rows_of_imus = np.ascontiguousarray(imus['row'])
+        notes['index'] = np.searchsorted(rows_of_imus, reports['row'])
+        stops = np.searchsorted(rows_of_imus, listened).tolist()
         notes_before = np.searchsorted(reports['row'], listened, 'right').tolist()
         done = noted = 0
         for row, stop, before in zip(
@@ -250,7 +253,7 @@ class TopicFilter:
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
         if self._watcher is not None:
-            self._watcher.take(imus, piece.rows['log_time'][imus['row']])
+            self._watcher.take(imus, piece.rows['log_time'][rows_of_imus])
         return self.messages.reports(notes)
 
     def save_memory(self) -> None:
