@@ -22,13 +22,16 @@ from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from benchmark.bias import warm_up, warm_up_standing
+from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias import at_rest as bias_at_rest
 from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
 from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.methods import METHOD_NAMES
-from gyro_drift_filter.core.rest.records import HALF, REST, SEGMENT_BLOCKS, SIGNALS
+from gyro_drift_filter.core.rest.detection import close_block
+from gyro_drift_filter.core.rest.noise import doubt_noise
+from gyro_drift_filter.core.rest.records import HALF, REST, REST_LENGTHS, SEGMENT_BLOCKS, SIGNALS
 from gyro_drift_filter.core.rest.segment import (
     add_waiting_block,
     drop_early_half,
@@ -441,6 +444,18 @@ def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
         longer = (1.0 + correlation) / (1.0 - correlation)
         expected = longer * scatter / len(means)
         assert variance_of_standing_mean(rest, axis) == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_doubt_after_a_long_drive_keeps_its_bound_for_some_time():
+    rest, lengths = zeroed(REST)[0], zeroed(REST_LENGTHS)[0]
+    lengths['block'], lengths['block_seconds'] = 8, 0.125
+    rest['known'], rest['restless'] = True, 10_000
+    doubt_noise(rest)
+    for _ in range(2400):
+        close_block(rest, lengths)
+        assert rest['calm_known']
+    close_block(rest, lengths)
+    assert not rest['calm_known']
 
 
 @pytest.mark.parametrize('more', [0, 3])

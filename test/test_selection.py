@@ -23,6 +23,7 @@ import yaml
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
+from gyro_drift_filter.bags import rosbags_reader
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, Piece, messages
 from gyro_drift_filter.bags.replay import replay
@@ -214,39 +215,59 @@ def test_the_files_of_a_folder_are_read_in_the_order_of_time(tmp_path):
 
 def test_files_in_another_order_than_that_of_time_lose_nothing():
     """As where the files of one bag overlap in time."""
-    pieces = []
-    for begin in (2, 0):
-        rows = np.zeros(20, ROW)
-        rows['log_time'] = 10**18 + 10**9 * begin + 10**8 * np.arange(20)
-        pieces.append(Piece(np.zeros(0, np.uint8), rows))
-    together = Piece(pieces[0].data, np.concatenate([piece.rows for piece in pieces]))
-    for parts in (pieces, [together]):
-        recording = SimpleNamespace(
-            pieces=lambda parts=parts: iter(parts), message_count=40, in_order=False
-        )
-        for selection, count in ((Selection(), 40), (Selection(start=0.95, end=1.25), 3)):
-            found = selection.pieces(recording, lambda done, total: None)
-            assert sum(len(piece.rows) for piece in found) == count
+    for begins, times in (((2, 0), (0.95, 1.25)), ((0, 5, 1), (0.95, 1.25))):
+        pieces = []
+        for begin in begins:
+            rows = np.zeros(20, ROW)
+            rows['log_time'] = 10**18 + 10**9 * begin + 10**8 * np.arange(20)
+            pieces.append(Piece(np.zeros(0, np.uint8), rows))
+        together = Piece(pieces[0].data, np.concatenate([piece.rows for piece in pieces]))
+        whole, part = 20 * len(begins), 3 * (len(begins) - 1)
+        for parts in (pieces, [together]):
+            recording = SimpleNamespace(
+                pieces=lambda parts=parts: iter(parts), message_count=whole, in_order=False
+            )
+            start, end = times
+            for selection, count in ((Selection(), whole), (Selection(start=start, end=end), part)):
+                found = selection.pieces(recording, lambda done, total: None)
+                assert sum(len(piece.rows) for piece in found) == count
 
 
-def test_files_that_overlap_in_time_are_read_up_to_the_end(tmp_path):
-    """All of the first file comes before the second, which begins before the end that is asked."""
-    first = write(tmp_path / 'a', {('/left/imu', IMU_TYPE): simulated(400)})
-    second = write(tmp_path / 'b', {('/right/imu', IMU_TYPE): simulated(400)})
-    (second / 'b.mcap').rename(first / 'b.mcap')
-    metadata = yaml.safe_load((first / 'metadata.yaml').read_text())
+def two_files(tmp_path, later):
+    """Return a folder of two files, each of one topic with 400 messages in 4 s."""
+    folder, second = tmp_path / 'a', tmp_path / 'b'
+    write(folder, {('/left/imu', IMU_TYPE): simulated(400)})
+    topic = [(time + later, data) for time, data in simulated(400)]
+    write(second, {('/right/imu', IMU_TYPE): topic})
+    (second / 'b.mcap').rename(folder / 'b.mcap')
+    metadata = yaml.safe_load((folder / 'metadata.yaml').read_text())
     other = yaml.safe_load((second / 'metadata.yaml').read_text())
     information, more = (m['rosbag2_bagfile_information'] for m in (metadata, other))
     for name in ('relative_file_paths', 'files', 'topics_with_message_count'):
         information[name] += more[name]
     information['message_count'] += more['message_count']
-    (first / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
-    with open_bag(first) as bag:
-        assert not bag.in_order
-        pieces = Selection(end=0.995).pieces(bag, lambda done, total: None)
-        rows = np.concatenate([piece.rows for piece in pieces])
-    assert len(rows) == 200
-    assert (np.bincount(rows['channel'])[-2:] == 100).all()
+    (folder / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
+    return folder
+
+
+@pytest.mark.parametrize(('later', 'found', 'read'), [(0, 200, 13), (4 * 10**9, 100, 3)])
+def test_no_more_is_read_than_may_lie_within_the_time(later, found, read, tmp_path, monkeypatch):
+    """All of one file comes before the other, which may begin before the end that is asked."""
+    monkeypatch.setattr(rosbags_reader, '_PIECE_MESSAGES', 64)
+    with open_bag(two_files(tmp_path, later)) as bag:
+        assert bag.in_order == (later > 0)
+        seen, pieces = [], bag.pieces
+
+        def noted():
+            for piece in pieces():
+                seen.append(piece)
+                yield piece
+
+        monkeypatch.setattr(bag, 'pieces', noted)
+        parts = Selection(end=0.995).pieces(bag, lambda done, total: None)
+        rows = np.concatenate([piece.rows for piece in parts])
+    assert len(rows) == found
+    assert len(seen) == read
 
 
 def test_messages_that_can_not_be_read_are_counted(tmp_path, caplog):

@@ -81,7 +81,7 @@ def lay_out(
         reports: Those among the messages.
         texts: The messages of the reports, one behind the other.
         out: Bytes to write to, enough of them.
-        ends: Gets the offset behind each record; it is as long.
+        ends: Gets the offset behind each record; long enough for all.
 
     Returns:
         How many records there are.

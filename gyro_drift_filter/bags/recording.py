@@ -40,8 +40,8 @@ class Piece(NamedTuple):
 
     Attributes:
         data: What they stand in, bytes.
-        rows: (n,) ROW of each, in the order of their log times; the channel is the `id` of its
-            connection.
+        rows: (n,) ROW of each, in the order of their log times, but see `Recording.pieces`; the
+            channel is the `id` of its connection.
     """
 
     data: NDArray[np.uint8]
@@ -71,7 +71,9 @@ class Recording(Protocol):
     typestore: Typestore
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield all messages, in the order of their log times, within a piece at least.
+        """Yield all messages, in the order of their log times where they are `in_order`.
+
+        Else those of each file are in order, one file behind the other, also within a piece.
 
         Raises:
             BagError: The recording is damaged from some message on.
@@ -79,7 +81,7 @@ class Recording(Protocol):
 
 
 def messages(recording: Recording) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield connection, log time in ns and bytes of each message, in the order of log times.
+    """Yield connection, log time in ns and bytes of each message, in the order of the pieces.
 
     Raises:
         BagError: The recording is damaged from some message on.

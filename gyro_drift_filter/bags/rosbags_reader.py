@@ -16,6 +16,7 @@
 
 import struct
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,9 @@ class RosbagsReader:
         for reader in library.readers:
             if isinstance(storage := getattr(reader, 'storage', None), DirectoryReader):
                 storage.storages.sort(key=lambda file: file.metadata.start_time)
-                self.in_order = len(storage.storages) == 1
+                times = [(f.metadata.start_time, f.metadata.end_time) for f in storage.storages]
+                # An end is one ns behind the last message.
+                self.in_order = all(end - 1 <= start for (_, end), (start, _) in pairwise(times))
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, see `Recording`."""

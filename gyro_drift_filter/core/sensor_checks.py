@@ -289,7 +289,7 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
 
 @inlined_kernel
 def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
-    """Note by how much a rate differs from the one before; return whether it does."""
+    """Note a rate beside those before it, and by how much it has changed; return whether it has."""
     step, resolution = rate - checks['measured'][axis], checks['resolution']
     change = abs(step)
     if checks['living'][axis] == 0:
@@ -303,7 +303,7 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
         if change < resolution[axis] or resolution[axis] == 0.0:
             resolution[axis] = change
     if abs(rate) > CLIPPED_RATE and abs(rate) > checks['passed'][axis]:
-        _note_passed(checks, axis, rate)
+        _note_passed(checks, axis, rate)  # by the steps before this one
     checks['step_before'][axis] = checks['step'][axis]
     checks['step'][axis] = step
     return bool(change > 0.0)

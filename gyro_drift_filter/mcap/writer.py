@@ -145,9 +145,7 @@ class McapWriter:
 
     def _write_chunk(self, pieces: list[Any]) -> None:
         """Pack and write a chunk with the index of its messages: in a thread, one by one."""
-        arrays = [np.frombuffer(piece, np.uint8) for piece in pieces]
-        # Unlike a join of bytes this lets go of the interpreter's lock.
-        data: Any = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+        data: Any = np.frombuffer(pieces[0] if len(pieces) == 1 else b''.join(pieces), np.uint8)
         rows = rows_of(data, self.numbers)
         assert rows is not None
         numbers = np.bincount(rows['channel'])

@@ -186,7 +186,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
         'Segments of rest the bias was learned from': state.segments,
         'Segments of rest with a rate beyond bias.max': state.beyond_max,
-        'Segments of rest that were a slow turn': state.turning,
+        'Segments of rest with a rate the bias can not have come to': state.turning,
         'Divergences': state.divergences,
     }
 

@@ -25,8 +25,8 @@ signal,
 The first and the last block of a rest are left out: motion begins and ends gently. Of a segment
 that does not hold together the later half is kept: rest may begin with a turn, or where a hand has
 just let go, and of a thousand segments of plain rest one or two look like that. Once the noise is
-known, that half counts only if the rest is over before the next segment is full. Until then it is
-the first half of that one.
+known, that half counts only if the rest is over before the next segment is full. Before the noise
+is known it is the first half of that one.
 
 What the noise is on each signal, within blocks and from block to block, is learned from segments
 that hold together. The first one may have noise of any spectrum. It is accepted if no mean, of a

@@ -43,8 +43,8 @@ from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
-# After so long without rest the accelerations of the one before are no bound any more, where the
-# noise has been doubted since then. A noise that is known is kept: else a road would be a rest.
+# So long after the noise has been doubted, and without a rest since, the accelerations of the one
+# before are no bound any more. A noise that is known is kept: else a road would be a rest.
 FORGET_CALM_SECONDS = 300.0
 
 

@@ -148,6 +148,7 @@ def doubt_noise(rest: Rest) -> None:
     """Forget the noise of the rates, and keep that of the accelerations as a bound."""
     rest['calm_known'] = rest['known'] or rest['calm_known']
     rest['known'] = False
+    rest['restless'] = 0  # so that the bound holds for some time
 
 
 @kernel

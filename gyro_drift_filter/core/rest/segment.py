@@ -101,7 +101,7 @@ def add_waiting_block(rest: Rest) -> None:
         else:
             step = mean - signal['last']
             signal['steps'] += step * step
-        if rest['blocks'] == HALF:
+        if rest['blocks'] == HALF:  # here, as the step to this block belongs to neither half
             signal['late_first'] = mean
             signal['early_steps'] = signal['steps']
         signal['last'] = mean
