@@ -34,7 +34,7 @@ from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
-    from gyro_drift_filter.report.verdict import Verdict
+    from gyro_drift_filter.report.verdict import RunWatch, Verdict
 
 
 def add_parser(subcommands: Any) -> None:
@@ -100,7 +100,6 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.replay import replay
     from gyro_drift_filter.bags.replay_run import Watch
     from gyro_drift_filter.bags.selection import Selection
-    from gyro_drift_filter.report.verdict import RunWatch
 
     spare_linear_algebra()
     start, end = between(options)
@@ -119,9 +118,13 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet)
+    # A verdict that nobody sees is not made: it takes some of the time.
+    is_told = not options.quiet or options.json is not None
     watches: dict[str, RunWatch] = {}
 
-    def watched(topic: str, filter_: 'Filter') -> RunWatch:
+    def watched(topic: str, filter_: 'Filter') -> 'RunWatch':
+        from gyro_drift_filter.report.verdict import RunWatch
+
         watches[topic] = RunWatch(filter_)
         return watches[topic]
 
@@ -142,7 +145,7 @@ def run(options: argparse.Namespace) -> None:
             diagnostics=options.diagnostics,
             memory=options.bias_memory,
             force=options.force,
-            watch=Watch(progress, watched),
+            watch=Watch(progress, watched) if is_told else Watch(progress),
         )
     for summary in summaries:
         of_topic = f'{printable(summary.topic)}: ' if len(summaries) > 1 else ''
@@ -151,6 +154,8 @@ def run(options: argparse.Namespace) -> None:
                 tell(f'warning: {of_topic}{status.message}')
     for topic, reason in summaries[0].left_out.items():
         tell(f'note: left out {printable(topic)}: {reason}')
+    if not is_told:
+        return
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
     if options.json:
         write_verdicts(options.json, [(options.bag, verdicts)])
