@@ -215,7 +215,7 @@ def test_the_files_of_a_folder_are_read_in_the_order_of_time(tmp_path):
 
 def test_files_in_another_order_than_that_of_time_lose_nothing():
     """As where the files of one bag overlap in time."""
-    for begins, times in (((2, 0), (0.95, 1.25)), ((0, 5, 1), (0.95, 1.25))):
+    for begins in ((2, 0), (0, 5, 1)):
         pieces = []
         for begin in begins:
             rows = np.zeros(20, ROW)
@@ -227,8 +227,7 @@ def test_files_in_another_order_than_that_of_time_lose_nothing():
             recording = SimpleNamespace(
                 pieces=lambda parts=parts: iter(parts), message_count=whole, in_order=False
             )
-            start, end = times
-            for selection, count in ((Selection(), whole), (Selection(start=start, end=end), part)):
+            for selection, count in ((Selection(), whole), (Selection(start=0.95, end=1.25), part)):
                 found = selection.pieces(recording, lambda done, total: None)
                 assert sum(len(piece.rows) for piece in found) == count
 

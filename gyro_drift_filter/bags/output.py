@@ -157,6 +157,8 @@ class Output:
         sizes, topics = piece.rows['size'], np.count_nonzero(self._states[0]['samples'])
         good = imus['row'][imus['kind'] == ImuKind.GOOD]
         count = len(sizes) + len(imus) + (topics + 1) * len(good) + len(reports)
+        # Each message may be copied; of an Imu there is the filtered one, and of a good one those
+        # on the sample topics, too, and what is said of rest.
         size = sizes.sum() + sizes[imus['row']].sum() + len(texts)
         size += topics * (sizes[good] - SHORTER).sum() + BOOL_BYTES * len(good)
         out, ends = np.empty(int(size) + count * RECORD_BYTES, np.uint8), np.empty(count, np.int64)

@@ -14,7 +14,7 @@
 
 """What a recording is to all who read one, whatever storage it is in."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -98,18 +98,23 @@ def by_connection(recording: Recording) -> int:
     return 1 + max((connection.id for connection in recording.connections), default=0)
 
 
+def are_among(recording: Recording, ids: Collection[int]) -> NDArray[np.bool_]:
+    """Return, by the `id` of a connection, whether it is one of these."""
+    among = np.zeros(by_connection(recording), np.bool_)
+    among[list(ids)] = True
+    return among
+
+
 def channels_of(recording: Recording, topic: str) -> NDArray[np.bool_]:
     """Return, by the `id` of a connection, whether its messages are those of a topic, in CDR.
 
     Raises:
         BagError: No message of the topic is.
     """
-    channels = np.zeros(by_connection(recording), np.bool_)
-    for connection in recording.connections:
-        channels[connection.id] = connection.topic == topic and is_cdr(connection)
-    if not channels.any():
+    ids = [c.id for c in recording.connections if c.topic == topic and is_cdr(c)]
+    if not ids:
         raise BagError(f'the messages of topic {topic} are not in CDR')
-    return channels
+    return are_among(recording, ids)
 
 
 def topic_types(recording: Recording) -> dict[str, str]:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.bias_memory import BiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import Piece, Recording, by_connection, is_cdr
+from gyro_drift_filter.bags.recording import Piece, Recording, are_among, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
@@ -226,8 +226,7 @@ class TopicFilter:
             if is_cdr(connection)
             and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
         }
-        self._is_listened = np.zeros(by_connection(recording), np.bool_)
-        self._is_listened[list(self._listened)] = True
+        self._is_listened = are_among(recording, self._listened)
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""

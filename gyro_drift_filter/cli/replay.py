@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet)
-    # A verdict that nobody sees is not made: it takes some of the time.
+    # A verdict that nobody sees is not made, as its sums take time.
     is_told = not options.quiet or options.json is not None
     watches: dict[str, RunWatch] = {}
 

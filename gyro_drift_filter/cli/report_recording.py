@@ -29,7 +29,7 @@ from gyro_drift_filter.bags.recording import (
     BagError,
     Piece,
     Recording,
-    by_connection,
+    are_among,
     channels_of,
 )
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, Summary, TopicFilter, small_parts
@@ -91,11 +91,9 @@ class _Pass:
         hint: str | None,
     ) -> None:
         self._is_imu = channels_of(recording, chosen)
-        self._is_filtered = np.zeros(by_connection(recording), np.bool_)
-        for connection in recording.connections:
-            self._is_filtered[connection.id] = (
-                connection.topic == names.filtered and connection.msgtype == IMU_TYPE
-            )
+        filtered = (names.filtered, IMU_TYPE)
+        ids = [c.id for c in recording.connections if (c.topic, c.msgtype) == filtered]
+        self._is_filtered = are_among(recording, ids)
         self.signals: dict[str, Signals] = {}
         self.filters = {
             p.method: TopicFilter(

@@ -28,7 +28,7 @@ import numpy as np
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import OutputError, Piece, is_cdr
+from gyro_drift_filter.bags.recording import OutputError, Piece, are_among, is_cdr
 from gyro_drift_filter.bags.recording import Recording as OpenRecording
 from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
@@ -164,18 +164,19 @@ class _Temperatures:
     """The temperatures that are recorded beside an Imu."""
 
     def __init__(self, recording: OpenRecording, topic: str) -> None:
-        self._channels = [
+        ids = [
             connection.id
             for connection in recording.connections
             if (connection.topic, connection.msgtype) == (topic, TEMPERATURE_TYPE)
             and is_cdr(connection)
         ]
+        self._is_temperature = are_among(recording, ids)
         self._typestore = recording.typestore
         self._values: list[float] = []
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in, passing over what can't be read."""
-        for row in np.flatnonzero(np.isin(piece.rows['channel'], self._channels)).tolist():
+        for row in np.flatnonzero(self._is_temperature[piece.rows['channel']]).tolist():
             with suppress(Exception):
                 message: Any = self._typestore.deserialize_cdr(piece.message(row), TEMPERATURE_TYPE)
                 self._values.append(float(message.temperature))

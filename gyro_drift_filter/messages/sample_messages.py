@@ -36,7 +36,7 @@ SAMPLE_TOPICS = (
 )
 
 _VECTOR = 24  # bytes
-# By how many bytes a message on one of these topics is shorter than its Imu, or by more.
+# By at least so many bytes a message on one of these topics is shorter than its Imu.
 SHORTER = 8 * DOUBLES - _VECTOR
 
 

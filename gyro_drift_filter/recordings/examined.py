@@ -30,6 +30,7 @@ from gyro_drift_filter.bags.recording import (
     BagError,
     Piece,
     Recording,
+    are_among,
     channels_of,
     is_cdr,
 )
@@ -108,6 +109,7 @@ class Reading:
             for connection in recording.connections
             if connection.msgtype in PLACES.keys() - {IMU_TYPE} and is_cdr(connection)
         }
+        self._is_other = are_among(recording, self._others)
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in."""
@@ -115,7 +117,7 @@ class Reading:
             # Without what other topics hold, so that reports are about the time of the Imu alone.
             imus_alone = Piece(part.data, part.rows[self.is_imu[part.rows['channel']]])
             self._filter(imus_alone, self._report_times.among(imus_alone.rows))
-            for index in np.flatnonzero(np.isin(part.rows['channel'], list(self._others))):
+            for index in np.flatnonzero(self._is_other[part.rows['channel']]):
                 self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
 
     def end(self) -> None:
