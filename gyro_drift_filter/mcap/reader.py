@@ -170,7 +170,7 @@ def _decompressed(record: bytes, chunk: ChunkIndex) -> bytes:
     ):
         raise McapError(f'no chunk at byte {chunk.start}, where the index has one')
     try:
-        content = unpack_chunk(record[PREFIX.size :])
+        content = unpack_chunk(memoryview(record)[PREFIX.size :])
     except McapError as error:
         raise McapError(f'the chunk at byte {chunk.start} {error}') from error
     if not content.whole:

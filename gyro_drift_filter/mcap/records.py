@@ -108,23 +108,24 @@ class Chunk(NamedTuple):
     whole: bool
 
 
-def unpack_chunk(content: bytes) -> Chunk:
+def unpack_chunk(content: bytes | memoryview) -> Chunk:
     """Return what is there of a chunk, whose end may be missing.
 
     Raises:
         McapError: It is damaged, longer than can be, or compressed in an unknown way.
     """
+    content = memoryview(content)  # of which parts are no copies
     try:
         _, _, size, checksum, name_length = CHUNK_HEAD.unpack_from(content)
         start = CHUNK_HEAD.size + name_length
-        compression = content[CHUNK_HEAD.size : start].decode()
+        compression = bytes(content[CHUNK_HEAD.size : start]).decode()
         (compressed_size,) = struct.unpack_from('<Q', content, start)
         compressed = content[start + 8 : start + 8 + compressed_size]
         if size > LARGEST_CHUNK:
             raise McapError('can not be as long as it says')
         match compression:
             case '':
-                data = compressed
+                data = bytes(compressed)
             case 'zstd':
                 data = zstd.ZstdDecompressor().decompress(compressed, size + 1)
             case 'lz4':

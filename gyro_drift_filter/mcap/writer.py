@@ -78,7 +78,7 @@ class McapWriter:
         self._channels: dict[int, bytes] = {}
         self.counts: dict[int, int] = {}
         self.numbers = np.full(CHANNELS, -1)
-        self._chunk_indexes, self._chunks = bytearray(), 0
+        self._chunk_indexes: list[bytes] = []
         self.first, self.last = 2**64 - 1, 0
         self._worker = ThreadPoolExecutor(1)
         self._pending: list[Future[None]] = []
@@ -167,10 +167,11 @@ class McapWriter:
             parts.append(record(MESSAGE_INDEX, struct.pack('<HI', channel, len(content)), content))
             offset += len(parts[-1])
             self.counts[channel] += int(numbers[channel])
-        self._write(b''.join(parts))
+        for part in parts:
+            self._write(part)
         if len(grouped):
             self.first, self.last = min(self.first, first), max(self.last, last)
-        self._chunk_indexes += record(
+        index = record(
             CHUNK_INDEX,
             struct.pack('<QQQQI', first, last, start, end - start, len(offsets)),
             offsets,
@@ -178,7 +179,7 @@ class McapWriter:
             text(compression),
             struct.pack('<QQ', len(packed), len(data)),
         )
-        self._chunks += 1
+        self._chunk_indexes.append(index)
 
     def flush(self) -> None:
         """Write all that is not in the file yet."""
@@ -201,7 +202,7 @@ class McapWriter:
         counts = b''.join(struct.pack('<HQ', *item) for item in sorted(self.counts.items()))
         total = sum(self.counts.values())
         kinds = len(self._schemas), len(self._channels), 0, int(bool(metadata_index))
-        numbers = total, *kinds, self._chunks
+        numbers = total, *kinds, len(self._chunk_indexes)
         times = (self.first, self.last) if total else (0, 0)
         statistics = record(
             STATISTICS, struct.pack('<QHIIIIQQI', *numbers, *times, len(counts)), counts
@@ -209,7 +210,7 @@ class McapWriter:
         groups = {
             SCHEMA: b''.join(self._schemas.values()),
             CHANNEL: b''.join(self._channels.values()),
-            CHUNK_INDEX: bytes(self._chunk_indexes),
+            CHUNK_INDEX: b''.join(self._chunk_indexes),
             METADATA_INDEX: metadata_index,
             STATISTICS: statistics,
         }
