@@ -97,18 +97,18 @@ def test_what_arrives_is_taken_later_in_its_order(node, tmp_path, monkeypatch):
         taken.append(value)
         time.sleep(0.001)
         if value == 50:
-            start.take(taken.append, 'hint')
+            start.call(taken.append, 'hint')
 
     for k in range(100):
-        start.take(take, k)
+        start.call(take, k)
     assert taken == []
     node.turn(lambda: bool(taken))
     assert len(taken) < 100, 'the node has to answer in between'
-    start.take(take, 100)
+    start.call(take, 100)
     node.turn(lambda: start.waiting is None)
     assert taken == [*range(101), 'hint']
     assert node.timers == []
-    start.take(take, 'now')
+    start.call(take, 'now')
     assert taken[-1] == 'now'
     assert 'compiled; 100 messages kept, 0 too many' in node.log
 
@@ -117,10 +117,10 @@ def test_the_oldest_go_where_there_are_too_many(node, tmp_path, monkeypatch):
     executable(tmp_path, monkeypatch, 'exit 0')
     monkeypatch.setattr(cold_start, 'LARGEST_QUEUE', 10)
     start, taken = ColdStart(node), []
-    start.take(taken.append, 'set', is_command=True)
+    start.call(taken.append, 'set', is_command=True)
     for k in range(15):
-        start.take(taken.append, k)
-    start.take(taken.append, 'reset', is_command=True)
+        start.call(taken.append, k)
+    start.call(taken.append, 'reset', is_command=True)
     node.turn(lambda: start.waiting is None)
     # Whoever gives a command is told that it was taken.
     assert taken == ['set', *range(5, 15), 'reset']
@@ -130,7 +130,7 @@ def test_the_oldest_go_where_there_are_too_many(node, tmp_path, monkeypatch):
 def test_a_compiler_that_fails_is_told(node, tmp_path, monkeypatch):
     executable(tmp_path, monkeypatch, 'echo "some trace" >&2; echo "no space left" >&2; exit 3')
     start, taken = ColdStart(node), []
-    start.take(taken.append, 1)
+    start.call(taken.append, 1)
     node.turn(lambda: start.waiting is None)
     assert taken == [1]
     assert 'the compiler ended with 3: no space left' in node.log[-1]
@@ -148,7 +148,7 @@ def test_the_compiler_ends_with_the_node(node, tmp_path, monkeypatch):
 def test_a_warm_start_takes_at_once(node, monkeypatch):
     monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
     start, taken = ColdStart(node), []
-    start.take(taken.append, 1)
+    start.call(taken.append, 1)
     assert taken == [1]
     assert node.timers == node.log == []
 
@@ -157,7 +157,7 @@ def test_what_is_kept_does_not_wait_for_the_extension_module(node, tmp_path, mon
     """The compiler goes on when all kernels are in the cache, for the starts to come."""
     executable(tmp_path, monkeypatch, 'exec sleep 60')
     start, taken = ColdStart(node), []
-    start.take(taken.append, 1)
+    start.call(taken.append, 1)
     node.turn(lambda: len(node.timers) == 1)
     assert taken == []
     monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
@@ -173,7 +173,7 @@ def test_where_the_extension_module_alone_is_missing_it_is_built_beside(
     monkeypatch.setattr(cold_start, 'is_extension_missing', lambda: True)
     executable(tmp_path, monkeypatch, f'echo "$@" > {tmp_path}/called')
     start, taken = ColdStart(node), []
-    start.take(taken.append, 1)
+    start.call(taken.append, 1)
     assert taken == [1]
     node.turn(lambda: not node.timers)
     assert (tmp_path / 'called').read_text().strip().endswith('gyro_drift_filter.cli.main compile')
@@ -199,7 +199,7 @@ def test_the_node_answers_while_the_filter_is_compiled(ros_node, monkeypatch):
     assert not answer.success
     assert 'compiled for its first start' in answer.message
     assert filter_.parameters.method == 'adaptive'
-    ros_node._take(imu_message(10**18, np.zeros(3), np.zeros(3)))
+    ros_node._receive(imu_message(10**18, np.zeros(3), np.zeros(3)))
     assert len(ros_node._cold_start.waiting) == 3
     monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
     executor = SingleThreadedExecutor(context=ros_node.context)

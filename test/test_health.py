@@ -49,7 +49,7 @@ KALMAN = Parameters(method='kalman')
 LEARNED = {'noise_blocks': [4, 4, 4], 'measurement_noise': [1e-6, 1e-6, 1e-6]}
 CASES = {
     'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
-    'returned': ({'returned': 1}, {}, 'come back on the input'),
+    'own output': ({'own_outputs': 1}, {}, 'come back on the input'),
     'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
     'never usable': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
     'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),

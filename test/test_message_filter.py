@@ -113,7 +113,7 @@ def test_output_that_comes_back_is_not_filtered_again(delay):
             messages.append(published[k - delay])
             assert looped.take(published[k - delay]) is None
     assert published == wanted
-    assert looped.report().returned == len(data) - delay
+    assert looped.report().own_outputs == len(data) - delay
     at_once = MessageFilter(Parameters())
     assert [out for out in take_at_once(at_once, messages)[0] if out is not None] == wanted
 
@@ -125,7 +125,7 @@ def test_a_driver_that_repeats_itself_is_no_loop(stamp, rate):
     message, filter_ = imu_message(stamp, (rate, 0, 0), (0, 0, 9.8)), MessageFilter(Parameters())
     published = take_all(filter_, 50 * [message])
     assert imu_fields(published[0]).angular_velocity == (rate, 0.0, 0.0)
-    assert filter_.report().returned == 0
+    assert filter_.report().own_outputs == 0
 
 
 def test_changes_of_the_frame_are_counted():

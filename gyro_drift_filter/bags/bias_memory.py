@@ -46,7 +46,7 @@ def check_replaceable(path: Path) -> None:
         )
 
 
-class BiasMemory:
+class ReplayBiasMemory:
     """Recall the bias at the first message that can be read, and remember it at the end.
 
     Its times are the log times of the recordings.

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.bias_memory import BiasMemory
+from gyro_drift_filter.bags.bias_memory import ReplayBiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import Piece, Recording, are_among, is_cdr
@@ -216,7 +216,9 @@ class TopicFilter:
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         filter_ = self.messages.filter
-        self._memory = None if memory is None else BiasMemory(memory, names.node, self.messages)
+        self._memory = (
+            None if memory is None else ReplayBiasMemory(memory, names.node, self.messages)
+        )
         self._watcher = watcher(filter_)
         self._health = Health(names.node)
         temperature = names.temperature, TEMPERATURE_TYPE

@@ -92,8 +92,8 @@ class Mount:
     def __init__(self, rotation: Floats) -> None:
         self.rotation = rotation
 
-    def take(self, unknowns: Floats) -> None:
-        """Take what the unknowns hold of it over, so that they hold no rotation any more."""
+    def turn(self, unknowns: Floats) -> None:
+        """Turn the mount as the unknowns say, which hold no rotation from then on."""
         step = from_vectors(unknowns[TURNED][None])
         self.rotation = multiply(step, self.rotation[None])[0]
         unknowns[TURNED] = 0.0

@@ -127,7 +127,7 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
     for _ in range(ROUNDS):
         near = step < NEAR
         if mount is not None:
-            mount.take(unknowns)
+            mount.turn(unknowns)
             for reference in evidence.references:
                 reference.renew(unknowns, near)
         residuals = _Residuals(evidence)
@@ -145,7 +145,7 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
         if not changed and step < SETTLED and (near or mount is None):
             break
     if mount is not None:
-        mount.take(unknowns)
+        mount.turn(unknowns)
     return np.asarray(unknowns)
 
 

@@ -64,10 +64,10 @@ class Content:
         """
         # What lies between two chunks is hashed on the way; the index at the end is read first.
         if self._hashed < offset <= self._hashed + BLOCK:
-            self._take(self._hashed, offset - self._hashed)
-        return self._take(offset, size)
+            self._read(self._hashed, offset - self._hashed)
+        return self._read(offset, size)
 
-    def _take(self, offset: int, size: int) -> bytes:
+    def _read(self, offset: int, size: int) -> bytes:
         try:
             if self._file is None:
                 self._file = self._files.open(
@@ -94,7 +94,7 @@ class Content:
             OSError: The store does not give it.
         """
         while self._hashed < self.size:
-            if not self._take(self._hashed, BLOCK):
+            if not self._read(self._hashed, BLOCK):
                 raise OSError('the file ends before its size')
         return self._hash.hexdigest()
 

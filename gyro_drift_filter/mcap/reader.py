@@ -117,15 +117,15 @@ def _layout(summary: bytes, end: int) -> Layout | None:
     for opcode, content in records(summary):
         fields = Fields(content)
         if opcode == SCHEMA:
-            key = fields.take('H')
+            key = fields.read('H')
             schemas[key] = fields.text()
         elif opcode == CHANNEL:
-            key, schema = fields.take('HH')
+            key, schema = fields.read('HH')
             channels[key] = fields.text(), schemas[schema]
         elif opcode == CHUNK_INDEX:
-            fields_of_chunks.extend(fields.take('QQQQ'))
+            fields_of_chunks.extend(fields.read('QQQQ'))
             # Readers that go by the index pass over a chunk without one.
-            if fields.take('I') == 0:
+            if fields.read('I') == 0:
                 return None
     chunks = np.array(fields_of_chunks, np.uint64).reshape(-1, 4)
     chunks = chunks[np.lexsort(chunks.T[::-1])]  # by the first column, then by the next one

@@ -58,7 +58,7 @@ class Fields:
         self._data = data
         self._offset = 0
 
-    def take(self, layout: str) -> Any:
+    def read(self, layout: str) -> Any:
         """Return the next field, or the next ones where the layout has several."""
         values = struct.unpack_from('<' + layout, self._data, self._offset)
         self._offset += struct.calcsize('<' + layout)
@@ -66,7 +66,7 @@ class Fields:
 
     def text(self) -> str:
         """Return the next field, a string."""
-        data: bytes = self.take(f'{self.take("I")}s')
+        data: bytes = self.read(f'{self.read("I")}s')
         return data.decode()
 
 

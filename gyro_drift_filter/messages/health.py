@@ -133,7 +133,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Refused (malformed)': now.malformed,
         'Refused (no usable rate yet)': state.refused,
         'Passed on (not reported)': now.not_reported,
-        'Returned (own output)': now.returned,
+        'Returned (own output)': now.own_outputs,
         'Dropped by the middleware': now.lost,
         'Repeats': state.repeats,
         'Gaps': state.gaps,

@@ -57,7 +57,7 @@ class ImuKind(IntEnum):
     GOOD = 0
     NOT_REPORTED = 1  # its covariance starts with -1 (REP-145): the sensor has no gyroscope
     MALFORMED = 2
-    RETURNED = 3  # the filter's own output, which some other node has sent to its input
+    OWN_OUTPUT = 3  # the filter's own output, which some other node has sent to its input
 
 
 class FaultReason(IntEnum):

@@ -112,9 +112,9 @@ INPUT_RULES = (
         'no message: is the driver running, and is the topic right?',
     ),
     Rule(
-        'returned',
+        'own output',
         Level.ERROR,
-        lambda span: span.now.returned > span.before.returned,
+        lambda span: span.now.own_outputs > span.before.own_outputs,
         'the filtered messages come back on the input: some node sends the output there. They are '
         'not filtered again; remap one of the topics',
     ),

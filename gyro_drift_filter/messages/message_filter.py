@@ -14,8 +14,8 @@
 
 """Serialized Imu in, serialized Imu out: what the node and `replay` share.
 
-Both take a message the same way: `read_imu`, `_take`, `patch_imu`. The node has one message at a
-time, a replay many that stand in one array of bytes.
+Both take a message the same way: `read_imu`, `_count_and_filter`, `patch_imu`. The node has one
+message at a time, a replay many that stand in one array of bytes.
 """
 
 from collections.abc import Sequence
@@ -76,7 +76,7 @@ class Reception(TypedDict):
     malformed: int  # messages that are no Imu; nothing is published for them
     last_fault: Fault  # of the last of these
     not_reported: int  # messages without angular velocity, which are passed on as they came
-    returned: int  # messages that this filter had published, and does not filter again
+    own_outputs: int  # messages that this filter had published, and does not filter again
     lost: int  # messages that never came in, as far as the node knows
     frame_changes: int  # messages with another frame_id than the one before
     has_frame_id: bool  # whether there was a message with a header
@@ -126,7 +126,7 @@ def _note_frame_id(data: NDArray[np.uint8], imu: Imu, reception: Reception) -> N
 
 
 @kernel
-def _has_returned(data: NDArray[np.uint8], imu: Imu, published: Published) -> bool:
+def _is_own_output(data: NDArray[np.uint8], imu: Imu, published: Published) -> bool:
     """Tell whether a message is one that was published: by rates and variances, to the last bit.
 
     Equal stamps alone are no sign, as a driver may repeat itself, but it does not know the filter's
@@ -154,7 +154,7 @@ def _remember(imu: Imu, published: Published) -> None:
 
 
 @kernel
-def _take(
+def _count_and_filter(
     data: NDArray[np.uint8],
     imu: Imu,
     reception: Reception,
@@ -168,9 +168,9 @@ def _take(
         reception['last_fault'] = imu['fault']
         return
     remembered = published[imu['sample']['stamp'] % REMEMBERED]
-    if imu['kind'] == ImuKind.GOOD and _has_returned(data, imu, remembered):
-        imu['kind'] = ImuKind.RETURNED
-        reception['returned'] += 1
+    if imu['kind'] == ImuKind.GOOD and _is_own_output(data, imu, remembered):
+        imu['kind'] = ImuKind.OWN_OUTPUT
+        reception['own_outputs'] += 1
         return
     _note_frame_id(data, imu, reception)
     if imu['kind'] == ImuKind.NOT_REPORTED:
@@ -198,7 +198,7 @@ def filter_message(
     """
     imu = imus[0]
     read_imu(message, 0, size, imu)
-    _take(message, imu, reception[0], published, filter_[0])
+    _count_and_filter(message, imu, reception[0], published, filter_[0])
     if not is_published(imu):
         return MessageOutcome.NOTHING
     if imu['kind'] != ImuKind.GOOD:
@@ -228,7 +228,7 @@ def filter_imus(
             read_telemetry(filter_[0], notes[noted]['telemetry'])
             noted += 1
         if i < len(imus):
-            _take(data, imus[i], reception[0], published, filter_[0])
+            _count_and_filter(data, imus[i], reception[0], published, filter_[0])
 
 
 class MessageFilter:
@@ -297,7 +297,7 @@ class MessageFilter:
                 int(reception['malformed']),
                 fault_text(reception['last_fault']) if reception['malformed'] else '',
                 int(reception['not_reported']),
-                int(reception['returned']),
+                int(reception['own_outputs']),
                 int(reception['lost']),
                 int(reception['frame_changes']),
                 _shown(reception['frame_id'][: reception['frame_id_size']].tobytes()),

@@ -120,7 +120,7 @@ class MessageReport(NamedTuple):
         malformed: Messages that are no Imu; nothing is published for them.
         last_malformed: What was wrong with the last of these; empty where there was none.
         not_reported: Messages without angular velocity, which are passed on as they came.
-        returned: Messages that this filter had published, and does not filter again.
+        own_outputs: Messages that this filter had published, and does not filter again.
         lost: Messages that never came in, as far as the node knows.
         frame_changes: Messages with another frame_id than the one before.
         frame: The last frame_id, as it can be shown.
@@ -132,7 +132,7 @@ class MessageReport(NamedTuple):
     malformed: int
     last_malformed: str
     not_reported: int
-    returned: int
+    own_outputs: int
     lost: int
     frame_changes: int
     frame: str

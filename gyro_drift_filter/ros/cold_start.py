@@ -88,7 +88,7 @@ class ColdStart:
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
-    def take(
+    def call(
         self, function: Callable[[Any], None], argument: Any, *, is_command: bool = False
     ) -> None:
         """Call a function with an argument: now, or after all that came before.

@@ -68,8 +68,8 @@ class MotionHint:
     def _subscribe(self) -> None:
         if self._kind != 'none':
             self._subscription = self._node.create_subscription(
-                _CLASSES[self._kind], 'motion_hint', self._take, qos_profile_sensor_data
+                _CLASSES[self._kind], 'motion_hint', self._receive, qos_profile_sensor_data
             )
 
-    def _take(self, message: Any) -> None:
+    def _receive(self, message: Any) -> None:
         self._hint(moves(message))

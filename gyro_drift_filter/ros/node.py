@@ -54,9 +54,9 @@ from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.phrases import counted
+from gyro_drift_filter.ros.bias_memory import NodeBiasMemory
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.losses import Losses
-from gyro_drift_filter.ros.memory import BiasMemory
 from gyro_drift_filter.ros.motion_hint import MotionHint
 from gyro_drift_filter.ros.neighbours import Neighbours
 from gyro_drift_filter.ros.parameters import LiveParameters
@@ -111,7 +111,7 @@ class GyroDriftFilterNode(Node):
             # The first step loads the kernels: before there is a message to wait for it.
             MessageFilter(parameters.current).take(EXAMPLE)
         self._health = Health(self.get_fully_qualified_name())
-        self._memory = BiasMemory(self, self._messages)
+        self._memory = NodeBiasMemory(self, self._messages)
         self._logged: dict[str, tuple[diagnostics.DiagnosticStatus, Time]] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
@@ -130,12 +130,12 @@ class GyroDriftFilterNode(Node):
         self.create_service(Trigger, '~/calibrate', self._calibrate)
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
         self._until_count = _COUNT_EVERY  # messages
-        self._losses = Losses(self._take, lambda: int(self._messages.reception['received']))
+        self._losses = Losses(self._receive, lambda: int(self._messages.reception['received']))
         with _reporting_qos('imu/data_raw'):
             self._input = self.create_subscription(
                 Imu,
                 'imu/data_raw',
-                self._take,
+                self._receive,
                 _INPUT_QOS,
                 raw=True,
                 qos_overriding_options=overridable,
@@ -187,11 +187,11 @@ class GyroDriftFilterNode(Node):
         )
 
     def _configure(self, parameters: Parameters) -> None:
-        self._cold_start.take(self._messages.filter.configure, parameters, is_command=True)
+        self._cold_start.call(self._messages.filter.configure, parameters, is_command=True)
         self._hint.listen(parameters.motion_hint)
 
-    def _take(self, data: bytes) -> None:
-        self._cold_start.take(self._filter, data)
+    def _receive(self, data: bytes) -> None:
+        self._cold_start.call(self._filter, data)
         self._until_count -= 1
         if self._until_count == 0:
             # First, as counting may take a message, and so come here again.
@@ -216,7 +216,7 @@ class GyroDriftFilterNode(Node):
             output.publish(messages.sample_message(name))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._cold_start.take(lambda _: self._messages.filter.reset(), None, is_command=True)
+        self._cold_start.call(lambda _: self._messages.filter.reset(), None, is_command=True)
         response.success = True
         response.message = 'the filter starts from the next sample; parameters are kept'
         return response
@@ -237,10 +237,10 @@ class GyroDriftFilterNode(Node):
         return response
 
     def _note_temperature(self, message: Temperature) -> None:
-        self._cold_start.take(self._messages.filter.note_temperature, message.temperature)
+        self._cold_start.call(self._messages.filter.note_temperature, message.temperature)
 
     def _note_hint(self, moves: bool) -> None:
-        self._cold_start.take(self._messages.filter.hint, moves)
+        self._cold_start.call(self._messages.filter.hint, moves)
 
     def destroy_node(self) -> None:
         """Keep what was learned, and end."""

@@ -33,7 +33,7 @@ from gyro_drift_filter.messages.message_filter import MessageFilter
 _SAVE_SECONDS = 60.0
 
 
-class BiasMemory:
+class NodeBiasMemory:
     """Recall the bias at the first message, which names the frame, and save it seldom.
 
     Attributes:
