@@ -136,3 +136,59 @@ def test_another_turn_on_deviation_holds_at_once_and_until_the_first_rest(random
     assert (known < 1e-3).all()
     filter_.configure(Parameters(bias_turn_on_deviation=0.02))
     np.testing.assert_array_equal(filter_.bias_deviation, known)
+
+
+def turned(random, seconds=40.0, rate=100.0, size=0.8):
+    """Return stamps, and true rates, rates and accelerations (n, 3): ten seconds of rest, a turn.
+
+    The turn is a sine about each axis, the fastest about the second one.
+    """
+    n = round(seconds * rate)
+    time = np.arange(n) / rate
+    begins = np.clip((time - 10.0) / 2.0, 0.0, 1.0)[:, None]
+    truth = size * begins * np.sin(2.0 * np.pi * time[:, None] * [0.3, 0.5, 0.2])
+    rates, accelerations = at_rest(random, seconds)
+    return START + np.round(time * 1e9).astype(np.int64), truth, truth + rates, accelerations
+
+
+def test_an_axis_that_hangs_in_motion_is_uncertain(random):
+    """How the body turns meanwhile nobody knows; the bridge of the first samples is no longer."""
+    stamps, truth, rates, accelerations = turned(random)
+    rates[2500:2700, 1] = rates[2500, 1]
+    results = Filter().run(stamps, rates, accelerations)
+    hung = slice(2510, 2700)
+    error = np.abs(results['angular_velocity'] - truth)[hung, 1]
+    deviation = np.sqrt(results['angular_velocity_variance'][hung, 1])
+    assert error.max() > 0.5
+    assert np.mean(error < 2.0 * deviation) > MOST
+    others = results['angular_velocity_variance'][hung, ::2]
+    assert np.sqrt(others).max() < 0.05
+
+
+def test_no_rate_at_the_end_of_the_range_is_certain(random):
+    """Nor is one that has been the same so often that it would pass for the rate elsewhere."""
+    stamps, truth, rates, accelerations = turned(random, size=7.0)
+    limit = np.radians(250.0)
+    rates = np.clip(rates, -limit, limit)
+    results = Filter().run(stamps, rates, accelerations)
+    clipped = np.abs(rates) == limit
+    clipped[:1500] = False  # the end of the range is not known yet
+    assert clipped.sum() > 1000
+    error = np.abs(results['angular_velocity'] - truth)[clipped]
+    assert (error < 2.0 * np.sqrt(results['angular_velocity_variance'][clipped])).all()
+
+
+@pytest.mark.parametrize('missing', [1, 3, 5])
+def test_the_first_innovation_after_a_gap_is_as_large_as_it_says(missing, random):
+    """An extrapolation over several samples is less certain than one to the next."""
+    squares = []
+    for _ in range(4):
+        stamps, _, rates, accelerations = turned(random)
+        kept, first = np.ones(len(stamps), bool), np.arange(1500, 3900, 97)
+        for k in first:
+            kept[k : k + missing] = False
+        results = Filter().run(stamps[kept], rates[kept], accelerations[kept])
+        behind = np.searchsorted(np.flatnonzero(kept), first + missing)
+        normalised = results['innovation'] ** 2 / results['innovation_variance']
+        squares.append(normalised[behind])
+    assert 0.3 < np.mean(squares) < 1.3

@@ -296,7 +296,7 @@ def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
 
 
 def test_the_end_of_the_range_teaches_no_noise(random):
-    """Nor does a rate that stays there for so long that it is taken for the true one."""
+    """Nor is a rate that stays there taken for the true one, however often it comes."""
     n, rate = 1000, 100.0
     seconds = np.maximum(np.arange(n) / rate - 5.0, 0.0)[:, None]
     turn = np.sin(2 * np.pi * seconds * [1.0, 1.3, 0.7]) * [9.0, 4.0, 3.0]
@@ -312,7 +312,7 @@ def test_the_end_of_the_range_teaches_no_noise(random):
             constant += own['reason'] == Reason.CONSTANT
             assert noise['count'] in (count, 0)
     assert at_limit > 100
-    assert constant > 2
+    assert constant == 0
 
 
 @pytest.mark.parametrize('share', [0.003, 0.01, 0.03])

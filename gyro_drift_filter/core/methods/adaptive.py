@@ -84,12 +84,14 @@ from gyro_drift_filter.core.methods.outliers import (
     feel_jolt,
     find_reason,
     has_returned,
-    note_decision,
     note_held,
+    note_innovation,
     note_missing,
+    note_rate_change,
     note_repeat,
     shake_along,
     start_doubt,
+    unseen_variance,
     was_jolted,
 )
 from gyro_drift_filter.core.polling import Polling
@@ -389,11 +391,12 @@ def update(
     reason = find_reason(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = note_repeat(doubt, sample, noise['variance'])
-    if constant:
+    cut_off = own['at_limit'] and _is_behind(sample, prediction, typical)
+    if constant and not cut_off:
         reason = Reason.CONSTANT
     elif (circumstances['repeated'] or own['hangs']) and doubt['unseen'] < limits['longest_hold']:
         reason = Reason.REPEATED
-    elif own['at_limit'] and _is_behind(sample, prediction, typical):
+    elif cut_off:
         reason = Reason.AT_LIMIT
     decision = decision_of(reason)
     own['reason'] = reason
@@ -406,7 +409,7 @@ def update(
             note_missing(doubt, typical)
         take_prediction(state, own)
         limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
-    elif constant or decision != Decision.ACCEPT:
+    elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
         put_modes_at(state, sample)
         doubt['held'] = 0
         doubt['unseen'] = 0
@@ -429,7 +432,9 @@ def update(
     if doubt['unseen'] == 0:
         doubt['behind_gap'] = unseen > 0
     is_held = decision == Decision.HOLD and not dropout
-    note_decision(doubt, sample - prediction, sample - last_accepted, is_held, limits)
+    note_innovation(doubt, sample - prediction, is_held)
+    if not is_held and not own['hangs']:
+        note_rate_change(doubt, sample - last_accepted, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - last_accepted, sample - last_accepted)
@@ -477,6 +482,8 @@ def estimate(
     if measured and decision == Decision.BRIDGE:
         origin = own['accepted_before']
         rate = origin + predictable(state['bridge']) * (rate - origin)
+    if own['hangs']:
+        variance = max(variance, unseen_variance(state['doubt']))
     if measured and not circumstances['dropout']:
         rate += compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']

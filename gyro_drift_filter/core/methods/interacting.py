@@ -113,8 +113,7 @@ def combine_modes(
     error, lag, ratio = workspace['error'], modes['unseen_lag'], modes['innovation_ratio']
     process = modes['process_ratio']
     noise = state['noise']['variance']
-    # The error of an extrapolation grows about as the number of samples.
-    growth = noise * state['doubt']['held'] * state['doubt']['held']
+    growth = _growth_of_extrapolation(state)
     # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
     unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
     origin, sample = rate[MODES - 1], state['doubt']['last_sample']
@@ -131,6 +130,16 @@ def combine_modes(
     mean = _sum(means)
     variance = max(_sum(squares) - mean * mean, error[0])
     return origin + mean, variance, _sum(others) * noise
+
+
+@kernel
+def _growth_of_extrapolation(state: AdaptiveAxis) -> float:
+    """Return by how much a mode's extrapolation is uncertain, as a share of what moves the mode.
+
+    The error grows about as the number of samples, and its variance, in (rad/s)^2, as the square.
+    """
+    held = state['doubt']['held']
+    return float(state['noise']['variance'] * held * held)
 
 
 @kernel
@@ -276,7 +285,14 @@ def _predict_mixed(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, modes:
         others[j] = prior[j] * logarithm[j]
     mean = _sum(means)
     workspace['prediction'] = origin + mean
-    workspace['prediction_variance'] = max(_sum(squares) - mean * mean, variance[0])
+    total = max(_sum(squares) - mean * mean, variance[0])
+    growth = _growth_of_extrapolation(state)
+    if growth > 0.0:
+        ratio = modes['innovation_ratio']
+        for j in range(MODES):
+            squares[j] = prior[j] * (ratio[j] - 1.0)
+        total += _sum(squares) * growth
+    workspace['prediction_variance'] = total
     # The geometric mean is not blown up by the small chance of a fast mode.
     workspace['typical_innovation'] = math.sqrt(noise['variance'] * math.exp(_sum(others)))
 

@@ -41,6 +41,7 @@ import numpy as np
 from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.methods.mode_set import FORESEEN_SECONDS
 from gyro_drift_filter.core.methods.noise import LARGEST_NOISE
+from gyro_drift_filter.core.sensor_checks import RANGE
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -537,21 +538,33 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
 
 
 @kernel
-def note_decision(
-    doubt: Doubt, innovation: float, change: float, is_held: bool, limits: OutlierLimits
-) -> None:
-    """Keep account of how many samples are held, and how large innovations and changes are, rad/s.
+def note_innovation(doubt: Doubt, innovation: float, is_held: bool) -> None:
+    """Keep account of how large innovations are (rad/s), and of how many samples are held.
 
-    A vibration must not be held for ever, and what is usual is no jump.
+    What is usual is no jump, and a vibration must not be held for ever.
     """
     usual = doubt['usual_innovation']
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
-    if not is_held:
-        usual = doubt['usual_rate_change']
-        largest = max(USUAL_LIMIT * usual, limits['acceleration_limit'])
-        doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
     if is_held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += CROWDED_MEMORY * ((1.0 if is_held else 0.0) - doubt['share_held'])
+
+
+@kernel
+def note_rate_change(doubt: Doubt, change: float, limits: OutlierLimits) -> None:
+    """Keep account of how much the rate changes from one sample to the next, in rad/s."""
+    usual = doubt['usual_rate_change']
+    largest = max(USUAL_LIMIT * usual, limits['acceleration_limit'])
+    doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
+
+
+@kernel
+def unseen_variance(doubt: Doubt) -> float:
+    """Return the variance in (rad/s)^2 of a rate since the last sample that was measured.
+
+    The body may have gone on by the usual change with each one, up to the end of any range.
+    """
+    change = min(doubt['unseen'] * doubt['usual_rate_change'], RANGE)
+    return float(change * change)
 
 
 @kernel
