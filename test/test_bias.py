@@ -42,11 +42,13 @@ from gyro_drift_filter.core.rest.segment import (
     start_segment,
     value_variance,
 )
+from gyro_drift_filter.core.rest.spikes import WAITING, is_spike, let_wait
 from gyro_drift_filter.core.rest.standing import (
     standing_mean,
     standing_scatter,
     variance_of_standing_mean,
 )
+from gyro_drift_filter.core.sample import SAMPLE
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
 from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, motion_below
@@ -693,6 +695,55 @@ def test_outliers_missing_samples_and_bursts_do_not_hide_a_rest(random):
     results = filter_.run(stamps, rates, accelerations)
     np.testing.assert_allclose(results['bias'][-1], truth, atol=0.05 * DEGREE)
     assert results['at_rest'][1000:].mean() > 0.3
+
+
+@pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
+@pytest.mark.parametrize('size', [0.1, 0.5])
+def test_spikes_from_power_on_hide_no_rest(size, rate, random):
+    """Of a size that a body may reach in motion, of which nobody knows yet that there is none."""
+    truth = np.array([1.0, -2.0, 0.5]) * DEGREE
+    rates, accelerations = at_rest(random, 20, truth, rate)
+    spikes = random.random(rates.shape) < 1.0 / 500.0
+    spikes[::60, 1] = True
+    spikes[1::60] = False
+    results = run(Filter(), rates + size * spikes, accelerations, rate)
+    assert results['at_rest'][round(4.0 * rate)] == 1.0
+    np.testing.assert_allclose(results['bias'][-1], truth, atol=0.1 * DEGREE)
+    late = slice(round(5.0 * rate), None)
+    assert results['outlier'][late][spikes[late]].mean() > 0.9
+
+
+@pytest.mark.parametrize('share', [0.02, 0.1, 0.3])
+def test_the_single_counts_of_a_coarse_sensor_are_no_spikes(share, random):
+    """Its bias shows in how often the next count comes: left out they would leave it in."""
+    rates, accelerations = at_rest(random, 60)
+    count = 1.0 * DEGREE
+    rates = count * (random.random(rates.shape) < share)
+    results = run(Filter(), rates, accelerations)
+    np.testing.assert_allclose(results['bias'][-1], share * count, atol=0.05 * count)
+
+
+def test_no_motion_and_no_noise_is_a_spike(random):
+    """Not by hand, not where it begins or ends, not in a vibration; but what is back at once is."""
+    rates, _ = at_rest(random, 60)
+    moved = rates + 0.3 * by_hand(random, 60)[0]
+    shaken = rates + 0.05 * np.sin(0.3 * 2.0 * np.pi * np.arange(6000))[:, None]
+    steps = rates + 0.5 * (np.arange(6000) // 300 % 2)[:, None]
+    assert [spikes_in(given) for given in (rates, moved, shaken, steps)] == [[], [], [], []]
+    moved[np.arange(500, 6000, 500), 2] += 0.5
+    assert spikes_in(moved) == list(range(500, 6000, 500))
+
+
+def spikes_in(rates):
+    """Return the indexes of the spikes."""
+    waiting, sample = zeroed(WAITING)[0], zeroed(SAMPLE)[0]
+    found = []
+    for k, rate in enumerate(rates):
+        sample['angular_velocity'] = rate
+        if is_spike(waiting, sample, 0):
+            found.append(k - 1)
+        let_wait(waiting, sample, True, 0)
+    return found
 
 
 def test_a_change_of_temperature_widens_the_bias(random):

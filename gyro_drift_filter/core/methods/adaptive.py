@@ -95,8 +95,8 @@ from gyro_drift_filter.core.methods.outliers import (
     was_jolted,
 )
 from gyro_drift_filter.core.polling import Polling
-from gyro_drift_filter.core.rest.detection import has_stood_still
-from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
+from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
+from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
@@ -296,7 +296,7 @@ def note_circumstances(
     hit = 0.0 if still else explained_jump(circumstances['shake'], usual, limits)
     circumstances['explained_jump'] = hit
     circumstances['still'] = still
-    circumstances['at_rest'] = has_stood_still(rest, SEGMENT_BLOCKS)
+    circumstances['at_rest'] = shows_noise(rest)
     transition = Transition.SETTLING if settling else Transition.MOVING
     circumstances['transition'] = Transition.SHAKEN if shaken else transition
 

@@ -36,6 +36,7 @@ from gyro_drift_filter.core.rest.segment import (
     start_segment,
     start_value,
 )
+from gyro_drift_filter.core.rest.spikes import forget_waiting, is_spike, let_wait
 from gyro_drift_filter.core.rest.standing import note_gravity
 from gyro_drift_filter.core.rest.stationarity import holds_together, is_steady, is_still, tilts
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
@@ -57,6 +58,7 @@ def start_rest(rest: Rest) -> None:
     start_block(rest)
     start_segment(rest)
     forget_segment_before(rest)
+    forget_waiting(rest['waiting'])
 
 
 @kernel
@@ -67,8 +69,27 @@ def note_sample(
 
     So does it itself where it is not `trusted`; where it is, all rates are usable. An acceleration
     that is no number or beyond all sensors counts as zero: who has none has none all the time.
+    While the noise is not known, it waits for the next one, which shows whether it is a spike.
     Returns whether a block is complete, so that `close_block` has to be called.
     """
+    waiting, complete = rest['waiting'], False
+    if waiting['waits']:
+        sound = waiting['trusted']
+        if sound and trusted and is_spike(waiting, sample, missing):
+            sound = False
+        complete = _add_sample(rest, waiting['sample'], sound, waiting['missing'], lengths)
+    if not rest['known']:
+        let_wait(waiting, sample, trusted, missing)
+        return complete
+    waiting['waits'] = False
+    return _add_sample(rest, sample, trusted, missing, lengths) or complete
+
+
+@kernel
+def _add_sample(
+    rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
+) -> bool:
+    """Add a sample to the value under way, as `note_sample` says."""
     rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     rest['samples'] += 1 + missing
     if trusted:
@@ -172,3 +193,13 @@ def has_stood_still(rest: Rest, blocks: int) -> bool:
     A steady turn that is no bias is still, too: what is noise shows as well in it.
     """
     return bool(rest['at_rest'] or (rest['known'] and rest['run'] >= blocks))
+
+
+@kernel
+def shows_noise(rest: Rest) -> bool:
+    """Return whether the last samples that were accepted are noise alone, for a segment's time.
+
+    In the first segment nobody could tell a spike from motion, so that they may be among them.
+    """
+    spiky = rest['learned'] == 1 and rest['waiting']['spikes'] > 0
+    return has_stood_still(rest, SEGMENT_BLOCKS) and not spiky

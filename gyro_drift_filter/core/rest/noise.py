@@ -68,6 +68,8 @@ def learn_noise(rest: Rest, length: int) -> None:
             signal['variance'] += share * (variance - signal['variance'])
             signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
+    if rest['learned'] > 1:
+        rest['waiting']['spikes'] = 0
     rest['calm_known'] = False
     rest['restless'] = 0
     rest['steady_seconds'] = 0.0

@@ -19,6 +19,7 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.rest.spikes import WAITING, Waiting
 
 VALUE_SECONDS = 0.01
 BLOCK_SECONDS = 0.125
@@ -98,6 +99,7 @@ class BlockOutcome(IntEnum):
 class Rest(TypedDict):
     """The rest under way, and what is known of the noise."""
 
+    waiting: Annotated[Waiting, WAITING, ()]
     signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
     known: bool  # what the noise is
     calm_known: bool  # what that of the accelerations was, where `known` was doubted

@@ -1,0 +1,102 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Spikes before the first rest, when nobody knows yet what is noise.
+
+A sample waits until the next one has come. If its rate has jumped and is back, it is a spike:
+nothing that has mass turns so. Where the noise is known, outliers are found by it instead.
+"""
+
+from typing import Annotated, TypedDict
+
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.sample import SAMPLE, Sample
+
+# A spike stands out by so many times what is usual: noise alone does in one of 10^7 samples. It
+# is more than so many counts, as a coarse sensor at rest shows single ones.
+SPIKE_RATIO, SPIKE_COUNTS = 7.0, 3.0
+# The rates before and after it lie within this share of it.
+LARGEST_STEP = 0.5
+# What is usual is a mean over so many samples, of which each counts for so many means at most.
+USUAL_SAMPLES, LARGEST_SIZE = 20, 5.0
+
+
+class Waiting(TypedDict):
+    """The last sample, which waits for the next one, and what is usual."""
+
+    sample: Annotated[Sample, SAMPLE, ()]
+    waits: bool  # there is such a sample; else only what is usual means anything
+    trusted: bool
+    missing: int  # samples before it
+    before: PerAxis  # rad/s, the sample before it; read only if it was the very one before
+    follows: bool  # whether it was, and was trusted
+    usual: PerAxis  # distance of a rate from the middle of its neighbours, rad/s
+    seen: int  # samples that are in it, up to `USUAL_SAMPLES`
+    spikes: int  # how many there were since a rest has been confirmed by a second segment
+    count: PerAxis  # rad/s, the smallest change of a rate; 0 before the first
+
+
+WAITING = record(Waiting)
+
+
+@kernel
+def forget_waiting(waiting: Waiting) -> None:
+    """Let no sample wait any more."""
+    waiting['waits'] = False
+
+
+@kernel
+def is_spike(waiting: Waiting, sample: Sample, missing: int) -> bool:
+    """Return whether the sample that waits is a spike, as the next one shows.
+
+    Both are trusted, and `missing` samples lie between them.
+    """
+    if not waiting['follows'] or missing > 0:
+        return False
+    spike = False
+    known = waiting['seen'] == USUAL_SAMPLES
+    if not known:
+        waiting['seen'] += 1
+    now, rate = sample['angular_velocity'], waiting['sample']['angular_velocity']
+    for axis in range(3):
+        before, usual = waiting['before'][axis], waiting['usual'][axis]
+        size = abs(rate[axis] - 0.5 * (before + now[axis]))
+        least = max(SPIKE_RATIO * usual, SPIKE_COUNTS * waiting['count'][axis])
+        step = abs(now[axis] - before)
+        if known and size > least and step < LARGEST_STEP * size:
+            spike = True
+        counted = min(size, LARGEST_SIZE * usual) if known else size
+        waiting['usual'][axis] += (counted - usual) / waiting['seen']
+    if spike:
+        waiting['spikes'] += 1
+    return spike
+
+
+@kernel
+def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> None:
+    """Let a sample wait, with `missing` ones before it, for the next one."""
+    waits = waiting['sample']
+    follows = waiting['waits'] and waiting['trusted'] and trusted and missing == 0
+    for axis in range(3):
+        rate, before = sample['angular_velocity'][axis], waits['angular_velocity'][axis]
+        change, count = abs(rate - before), waiting['count'][axis]
+        if follows and change > 0.0 and (change < count or count == 0.0):
+            waiting['count'][axis] = change
+        waiting['before'][axis] = before
+        waits['angular_velocity'][axis] = rate
+        waits['linear_acceleration'][axis] = sample['linear_acceleration'][axis]
+    waiting['follows'] = follows
+    waiting['waits'] = True
+    waiting['trusted'] = trusted
+    waiting['missing'] = missing
