@@ -697,6 +697,39 @@ def test_outliers_missing_samples_and_bursts_do_not_hide_a_rest(random):
     assert results['at_rest'][1000:].mean() > 0.3
 
 
+def rests_in_poses(random, count=8):
+    """Return rates, accelerations (n, 3) and the ends of rests of 7 s, each in another pose."""
+    spells = [(7.0, False), (6.0, True)] * count
+    rates, accelerations = moving_and_resting(random, spells, lambda time: np.zeros(3))
+    for k in range(count):
+        pose = Rotation.from_euler('xyz', random.uniform(-0.5, 0.5, 3))
+        accelerations[1300 * k :] = pose.apply(accelerations[1300 * k :])
+    return rates, accelerations, 1300 * np.arange(count) + 690
+
+
+@pytest.mark.parametrize('failed', [np.nan, 0.0, np.inf])
+def test_reads_of_the_accelerometer_that_fail_hide_no_rest(failed, random):
+    rates, accelerations, ends = rests_in_poses(random)
+    accelerations[random.random(len(rates)) < 0.05] = failed
+    results = run(Filter(), rates, accelerations)
+    assert (results['at_rest'][ends] == 1.0).all()
+
+
+def test_an_accelerometer_that_measures_every_fourth_sample_hides_no_rest(random):
+    rates, accelerations, ends = rests_in_poses(random)
+    accelerations[np.arange(len(rates)) % 4 > 0] = np.nan
+    results = run(Filter(), rates, accelerations)
+    assert (results['at_rest'][ends] == 1.0).mean() > 0.8
+
+
+@pytest.mark.parametrize('count', [0.15, 0.3, 0.6])
+def test_a_coarse_accelerometer_hides_no_rest(count, random):
+    """An axis that shows one count in one pose toggles between two of them in the next one."""
+    rates, accelerations, ends = rests_in_poses(random, 16)
+    results = run(Filter(), rates, count * np.round(accelerations / count))
+    assert (results['at_rest'][ends] == 1.0).mean() > 0.85
+
+
 @pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
 @pytest.mark.parametrize('size', [0.1, 0.5])
 def test_spikes_from_power_on_hide_no_rest(size, rate, random):

@@ -14,8 +14,8 @@
 
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
-from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
+from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio, note_count
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
@@ -47,6 +47,7 @@ LEAST_STEADY_BLOCKS = 6
 # So long after the noise has been doubted, and without a rest since, the accelerations of the one
 # before are no bound any more. A noise that is known is kept: else a road would be a rest.
 FORGET_CALM_SECONDS = 300.0
+LEAST_COUNT = 1e-5  # m/s^2: no accelerometer has a finer one; less is rounding of a calibration
 
 
 @kernel
@@ -67,9 +68,8 @@ def note_sample(
 ) -> bool:
     """Take a sample in, with `missing` ones before it, which count as time alone.
 
-    So does it itself where it is not `trusted`; where it is, all rates are usable. An acceleration
-    that is no number or beyond all sensors counts as zero: who has none has none all the time.
-    While the noise is not known, it waits for the next one, which shows whether it is a spike.
+    So does it itself where it is not `trusted`; where it is, all rates are usable. While the noise
+    is not known, it waits for the next one, which shows whether it is a spike.
     Returns whether a block is complete, so that `close_block` has to be called.
     """
     waiting, complete = rest['waiting'], False
@@ -90,15 +90,14 @@ def _add_sample(
     rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
 ) -> bool:
     """Add a sample to the value under way, as `note_sample` says."""
-    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
+    rate = sample['angular_velocity']
     rest['samples'] += 1 + missing
     if trusted:
         rest['averaged'] += 1
+        _note_force(rest, sample['linear_acceleration'])
         for axis in range(3):
-            gyroscope, accelerometer = rest['signals'][axis], rest['signals'][3 + axis]
-            gyroscope['value'] += rate[axis]
-            force = acceleration[axis]
-            accelerometer['value'] += force if abs(force) <= LARGEST_ACCELERATION else 0.0
+            rest['signals'][axis]['value'] += rate[axis]
+            rest['signals'][3 + axis]['value'] += rest['force'][axis]
     if rest['samples'] < lengths['value']:
         return False
     # Without missing samples it is one: the division is for the others, as it takes its time.
@@ -107,6 +106,27 @@ def _add_sample(
         add_value(rest)
     start_value(rest)
     return bool(rest['index'] >= lengths['block'])
+
+
+@kernel
+def _note_force(rest: Rest, acceleration: PerAxis) -> None:
+    """Note an acceleration (3,) in m/s^2, and the smallest change of it, which is a count.
+
+    A read that failed gives no number, or zeros on all axes. The last one that was measured stands
+    in for it: else one in a hundred of them would hide every rest. Who has no accelerometer has
+    zeros all the time.
+    """
+    force, counts = rest['force'], rest['force_count']
+    if acceleration[0] == 0.0 and acceleration[1] == 0.0 and acceleration[2] == 0.0:
+        return
+    for axis in range(3):
+        if not abs(acceleration[axis]) <= LARGEST_ACCELERATION:
+            continue
+        change, least = abs(acceleration[axis] - force[axis]), counts[axis]
+        if force[axis] != 0.0 and change > LEAST_COUNT and (change < least or least == 0.0):
+            counts[axis] = change
+            note_count(rest, 3 + axis, change)
+        force[axis] = acceleration[axis]
 
 
 @kernel

@@ -46,9 +46,9 @@ LARGEST_EXCESS = 3.0
 
 
 @kernel
-def note_count(rest: Rest, axis: int, count: float) -> None:
-    """Note what a count of an axis of the gyroscope is worth in rad/s, 0 where it is not known."""
-    rest['signals'][axis]['least_variance'] = COUNT_VARIANCE * count * count
+def note_count(rest: Rest, signal: int, count: float) -> None:
+    """Note what a count of a signal is worth in its unit, 0 where it is not known."""
+    rest['signals'][signal]['least_variance'] = COUNT_VARIANCE * count * count
 
 
 @kernel

@@ -74,9 +74,11 @@ def is_spike(waiting: Waiting, sample: Sample, missing: int) -> bool:
         size = abs(rate[axis] - 0.5 * (before + now[axis]))
         least = max(SPIKE_RATIO * usual, SPIKE_COUNTS * waiting['count'][axis])
         step = abs(now[axis] - before)
-        if known and size > least and step < LARGEST_STEP * size:
+        # A device that is not ready has shown one rate so far, of which nothing is usual.
+        judged = known and usual > 0.0
+        if judged and size > least and step < LARGEST_STEP * size:
             spike = True
-        counted = min(size, LARGEST_SIZE * usual) if known else size
+        counted = min(size, LARGEST_SIZE * usual) if judged else size
         waiting['usual'][axis] += (counted - usual) / waiting['seen']
     if spike:
         waiting['spikes'] += 1
