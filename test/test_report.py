@@ -310,6 +310,26 @@ def test_an_outlier_counts_once_in_the_table_of_methods(tmp_path, random):
     assert '2 samples held back' in text
 
 
+@pytest.mark.parametrize('command', ['report', 'replay'])
+def test_outliers_that_nobody_looks_for_are_told_on_page_and_terminal(
+    command, source, tmp_path, capsys
+):
+    settings = tmp_path / 'settings.yaml'
+    settings.write_text('/**:\n  ros__parameters:\n    outlier:\n      enabled: false\n')
+    target = tmp_path / 'target'
+    assert main([command, str(source), '-o', str(target), '--params', str(settings)]) == 0
+    said = 'not looked for: outlier.enabled is false'
+    printed = capsys.readouterr().out
+    assert f'outliers {said}' in printed
+    if command == 'report':
+        page = target.read_text()
+        assert said in Cells(page).text
+        assert [shown(page, f'held_back.axes.{axis}') for axis in range(3)] == ['-'] * 3
+    else:
+        rows = printed.split('outliers\n')[-1].splitlines()[:3]
+        assert [row.split()[-1] for row in rows] == ['-'] * 3
+
+
 def test_wrong_options_are_told_before_the_work(source, tmp_path, capsys):
     page = tmp_path / 'page.html'
     page.write_text('mine')

@@ -26,6 +26,7 @@ from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
@@ -306,6 +307,26 @@ def test_what_is_no_number_is_not_held_back(tmp_path, random):
     assert verdict.held_back.axes.tolist() == [1, 2, 0]
     assert verdict.held_back.samples == 3
     assert '3 samples held back (x 1, y 2, z 0)' in ' '.join(as_text(verdict).split())
+
+
+@pytest.mark.parametrize('method', METHOD_NAMES)
+def test_outliers_that_nobody_looks_for_are_not_called_none(method, tmp_path, random):
+    source = bag(tmp_path / 'in', *at_rest(random, 12))
+    looked_for = as_text(judged(source, tmp_path, Parameters(method=method)))
+    assert '  outliers none' in looked_for
+    text = as_text(judged(source, tmp_path, Parameters(method=method, outlier_enabled=False)))
+    assert '  outliers not looked for: outlier.enabled is false' in text
+
+
+def test_a_useless_filter_that_looks_for_no_outliers_says_so(tmp_path, random):
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 12)
+    source = bag(tmp_path / 'in', rates + turn, accelerations + push)
+    assert 'no outlier came' in headline(judged(source, tmp_path))
+    verdict = judged(source, tmp_path, Parameters(outlier_enabled=False))
+    assert verdict.outcome == 'useless'
+    assert 'outliers were not looked for: outlier.enabled is false' in headline(verdict)
+    assert 'no outlier came' not in headline(verdict)
 
 
 def test_a_filter_that_lags_now_and_then_is_told(tmp_path, random):

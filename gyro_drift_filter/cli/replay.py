@@ -191,7 +191,8 @@ def _table(verdict: 'Verdict') -> str:
                 _degrees(values[axis]) for values in (rests.raw_deviation, rests.filtered_deviation)
             ]
             cells.append(f'{rests.ratio[axis]:.3f}' if math.isfinite(rests.ratio[axis]) else '-')
-        rows.append([name, *cells, str(verdict.held_back.axes[axis])])
+        held = verdict.held_back
+        rows.append([name, *cells, str(held.axes[axis]) if held.looked_for else '-'])
     return table(rows)
 
 

@@ -281,7 +281,7 @@ def _axes_table(verdict: Verdict, method: str) -> str:
         silent = f' ({text_of(verdict.silent[axis])})' if verdict.silent[axis] else ''
         rows.append(
             f'<th scope="row">{name}{silent}</th>{cells}'
-            + _cell(f'held_back.axes.{axis}', held, str(held))
+            + _cell(f'held_back.axes.{axis}', held, str(held), known=verdict.held_back.looked_for)
         )
     head = (
         'deg/s', 'bias', '+-', 'std raw at rest', f'std {method}', 'ratio',
@@ -301,13 +301,14 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
         ratio = verdict.rests.ratio
         quiet = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else float('nan')
         heard = [axis for axis in range(3) if not verdict.silent[axis]]
+        held = verdict.held_back
         changed = float(max(verdict.change_in_motion[heard], default=np.nan))
         cells = (
             _cell('median_ratio', quiet, f'{quiet:.3f}'),
             _cell('largest_change', changed, f'{_degrees(changed):.4f}'),
             _cell('heading.left', verdict.heading.left, per_minute(verdict.heading.left)),
             _cell('lagging', verdict.lagging, f'{100.0 * verdict.lagging:.0f} %'),
-            _cell('outliers', verdict.held_back.samples, str(verdict.held_back.samples)),
+            _cell('outliers', held.samples, str(held.samples), known=held.looked_for),
         )
         rows.append(f'<th scope="row">{method}</th>{"".join(cells)}<td>{verdict.outcome}</td>')
     head = (

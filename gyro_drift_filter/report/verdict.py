@@ -139,6 +139,7 @@ class HeldBack:
     """Samples that were held back as outliers; what was no usable number is none of them.
 
     Attributes:
+        looked_for: Whether the parameters have the filter look for outliers.
         axes: How many on each axis (3,).
         at_rest: Samples with an outlier on some axis while at rest.
         in_motion: The same in motion.
@@ -149,6 +150,7 @@ class HeldBack:
         in_busiest: How many there are.
     """
 
+    looked_for: bool
     axes: NDArray[np.int64]
     at_rest: int
     in_motion: int
@@ -263,7 +265,7 @@ class RunWatch:
         rests = _rests(total, filter_)
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
-        held_back = _held_back(total['outliers'], run)
+        held_back = _held_back(total['outliers'], filter_.parameters.outlier_enabled, run)
         gains = _gains(rests, bias, held_back, run)
         lagging = self._lagging / self._rules.seconds if self._rules.seconds > 0.0 else 0.0
         outcome = Outcome.HELPED if gains else Outcome.USELESS
@@ -358,14 +360,15 @@ def _rests(total: Any, filter_: Filter) -> Rests:
     )
 
 
-def _held_back(found: Any, run: Run) -> HeldBack:
+def _held_back(found: Any, looked_for: bool, run: Run) -> HeldBack:
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
-        return HeldBack(axes, 0, 0, None, None, None, 0)
+        return HeldBack(looked_for, axes, 0, 0, None, None, None, 0)
     first, last = (1e-9 * (int(found[name]) - run.start) for name in ('first', 'last'))
     busiest = first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
-    return HeldBack(axes, at_rest, in_motion, first, last, busiest, int(found['in_busiest']))
+    in_busiest = int(found['in_busiest'])
+    return HeldBack(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
 
 
 def _gains(rests: Rests, bias: Bias, held_back: HeldBack, run: Run) -> list[str]:

@@ -22,7 +22,14 @@ import numpy as np
 
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.phrases import by_axis, counted
-from gyro_drift_filter.report.verdict import SIGNIFICANT, Bias, BiasSource, Outcome, Verdict
+from gyro_drift_filter.report.verdict import (
+    SIGNIFICANT,
+    Bias,
+    BiasSource,
+    HeldBack,
+    Outcome,
+    Verdict,
+)
 
 _WIDTH = 100
 _INDENT = 11
@@ -33,6 +40,7 @@ _VISIBLE = 0.0087
 _LAG_SHARE = 0.005
 # A good gyroscope's scale is off by so much; it is told where that is more than what is left.
 _SCALE = 0.01
+_NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
 
 class Statement(NamedTuple):
@@ -137,11 +145,16 @@ def _why_useless(verdict: Verdict) -> str:
     if verdict.rests.count and 'noise' not in verdict.gains:
         why.append('there is hardly any noise at rest to take away')
     if 'outliers' not in verdict.gains:
-        many = verdict.held_back.axes.max() > 0
-        why.append('what it held back is too much to be outliers' if many else 'no outlier came')
+        why.append(_why_no_outliers(verdict.held_back))
     moves = not verdict.rests.count and not _is_beyond(verdict)
     advice = '. Let it stand still for ten seconds at the start' if moves else ''
     return _listed(why) + advice
+
+
+def _why_no_outliers(held: HeldBack) -> str:
+    if held.samples:
+        return 'what it held back is too much to be outliers'
+    return 'no outlier came' if held.looked_for else f'outliers were {_NOT_LOOKED_FOR}'
 
 
 def _is_beyond(verdict: Verdict) -> bool:
@@ -235,7 +248,7 @@ def _about_heading(verdict: Verdict) -> str:
 def _about_outliers(verdict: Verdict) -> str:
     held, count = verdict.held_back, verdict.held_back.samples
     if held.first is None or held.last is None or held.busiest is None:
-        return 'none'
+        return 'none' if held.looked_for else _NOT_LOOKED_FOR
     if count == 1:
         where = 'at rest' if held.at_rest else 'in motion'
         return f'1 sample held back, {where} at {held.first:.1f} s'
