@@ -305,9 +305,10 @@ def test_an_outlier_counts_once_in_the_table_of_methods(tmp_path, random):
     imu = [(stamp, imu_message(stamp, rate, (0, 0, 9.8))) for stamp, rate in samples]
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
     text, (verdict, _) = report(source, tmp_path, '--methods', 'adaptive', 'kalman')
-    assert verdict['held_back']['axes'] == [2, 2, 2]
+    assert verdict['outliers']['axes'] == [2, 2, 2]
     assert shown(text, 'outliers') == '2'
-    assert '2 samples held back' in text
+    assert '2 samples flagged as outliers' in text
+    assert 'held back' not in text  # kalman uses what it flags
 
 
 @pytest.mark.parametrize('command', ['report', 'replay'])
@@ -324,7 +325,7 @@ def test_outliers_that_nobody_looks_for_are_told_on_page_and_terminal(
     if command == 'report':
         page = target.read_text()
         assert said in Cells(page).text
-        assert [shown(page, f'held_back.axes.{axis}') for axis in range(3)] == ['-'] * 3
+        assert [shown(page, f'outliers.axes.{axis}') for axis in range(3)] == ['-'] * 3
     else:
         rows = printed.split('outliers\n')[-1].splitlines()[:3]
         assert [row.split()[-1] for row in rows] == ['-'] * 3

@@ -186,7 +186,7 @@ def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     for first, stop in edges.reshape(-1, 2):
         # What is kept of a rest: whole blocks but the last one; the last rest all of it.
         kept = stop if stop == len(rates) else first + max((stop - first) // block - 1, 0) * block
-        # What was held back is no noise.
+        # What was flagged is no noise.
         of_rest = rates[first:kept][~(results['outlier'][first:kept] > 0.0).any(axis=1)]
         squares += of_rest.var(axis=0) * len(of_rest) if len(of_rest) else 0.0
     np.testing.assert_allclose(got['noise']['raw_squares'], squares, rtol=1e-6)
@@ -289,24 +289,24 @@ def test_outliers_are_counted_where_they_are(tmp_path, random):
     for k in (500, 1500, 1520, 1540, 2500):
         rates[k, 2] += 2.0
     verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
-    held = verdict.held_back
-    assert held.axes.tolist() == [0, 0, 5]
-    assert (held.first, held.last) == pytest.approx((5.0, 25.0))
-    assert held.in_busiest == 3
-    assert held.at_rest + held.in_motion == 5
+    outliers = verdict.outliers
+    assert outliers.axes.tolist() == [0, 0, 5]
+    assert (outliers.first, outliers.last) == pytest.approx((5.0, 25.0))
+    assert outliers.in_busiest == 3
+    assert outliers.at_rest + outliers.in_motion == 5
     assert 'outliers' in verdict.gains
 
 
-def test_what_is_no_number_is_not_held_back(tmp_path, random):
-    """The samples held back were those without a rate, and on each axis none."""
+def test_what_is_no_number_is_no_outlier(tmp_path, random):
+    """The samples that were flagged were those without a rate, and on each axis none."""
     rates, accelerations = at_rest(random, 30)
     rates[::10] = np.nan
     for k, axis in ((1505, 1), (2005, 0), (2505, 1)):
         rates[k, axis] += 2.0
     verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
-    assert verdict.held_back.axes.tolist() == [1, 2, 0]
-    assert verdict.held_back.samples == 3
-    assert '3 samples held back (x 1, y 2, z 0)' in ' '.join(as_text(verdict).split())
+    assert verdict.outliers.axes.tolist() == [1, 2, 0]
+    assert verdict.outliers.samples == 3
+    assert '3 samples flagged as outliers (x 1, y 2, z 0)' in ' '.join(as_text(verdict).split())
 
 
 @pytest.mark.parametrize('method', METHOD_NAMES)

@@ -191,8 +191,8 @@ def _table(verdict: 'Verdict') -> str:
                 _degrees(values[axis]) for values in (rests.raw_deviation, rests.filtered_deviation)
             ]
             cells.append(f'{rests.ratio[axis]:.3f}' if math.isfinite(rests.ratio[axis]) else '-')
-        held = verdict.held_back
-        rows.append([name, *cells, str(held.axes[axis]) if held.looked_for else '-'])
+        outliers = verdict.outliers
+        rows.append([name, *cells, str(outliers.axes[axis]) if outliers.looked_for else '-'])
     return table(rows)
 
 

@@ -69,7 +69,7 @@ MEASURED = (
     Column('temperature', _NUMBER, 'degC', 'mean of the temperature topic beside the Imu'),
     Column('vibration', _NUMBER, 'rad/s', 'amplitude of the strongest line above motion; 0: none'),
     Column('vibration_frequency', _NUMBER, 'Hz', 'of that line'),
-    Column('outlier_share', _NUMBER, '1', 'samples held back as outliers, of all'),
+    Column('outlier_share', _NUMBER, '1', 'samples flagged as outliers, of all'),
     Column('consistency', _NUMBER, '1', 'mean of squared innovation by its variance; 1 is ideal'),
     Column('drift_before', _NUMBER, 'rad/s', 'of the heading by the raw rates; the same for axes'),
     Column('drift_after', _NUMBER, 'rad/s', 'deviation of what the filter leaves of it'),

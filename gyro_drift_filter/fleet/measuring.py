@@ -306,7 +306,7 @@ def _rows_of_topic(
             'bias_deviation': verdict.bias.deviations[axis] if is_known else None,
             'vibration': line[0],
             'vibration_frequency': line[1],
-            'outlier_share': verdict.held_back.axes[axis] / max(summary.received, 1),
+            'outlier_share': verdict.outliers.axes[axis] / max(summary.received, 1),
             'consistency': state.nis_sum[axis] / nis if nis else None,
         }
         if noise is not None:

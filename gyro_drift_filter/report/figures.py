@@ -148,8 +148,8 @@ class Drawer:
             'rates',
             'Rates',
             'As the sensor gave them, and as the filter publishes them: without the bias, quiet at '
-            'rest (shaded), and through at once in motion. Crosses are samples that were held '
-            'back as outliers.',
+            'rest (shaded), and through at once in motion. Crosses are samples that were flagged '
+            'as outliers.',
             'time (s)',
             'deg/s',
             in_time=True,
@@ -344,8 +344,8 @@ class Drawer:
         resting = np.asarray(self.main.resting) > 0
         for axis, name in enumerate(AXES):
             innovation = self._normalised(axis).astype(np.float64)
-            held_back = np.asarray(self.main.columns['outlier'][axis]) > 0
-            usable = np.isfinite(innovation) & ~held_back
+            flagged = np.asarray(self.main.columns['outlier'][axis]) > 0
+            usable = np.isfinite(innovation) & ~flagged
             normal = innovation[usable]
             if len(normal) and np.ptp(normal) > 0:
                 density, _ = np.histogram(normal.clip(-6.0, 6.0), _BINS, density=True)

@@ -277,11 +277,13 @@ def _axes_table(verdict: Verdict, method: str) -> str:
             )
             for key, of_axes, turns in values
         )
-        held = int(verdict.held_back.axes[axis])
+        flagged = int(verdict.outliers.axes[axis])
         silent = f' ({text_of(verdict.silent[axis])})' if verdict.silent[axis] else ''
         rows.append(
             f'<th scope="row">{name}{silent}</th>{cells}'
-            + _cell(f'held_back.axes.{axis}', held, str(held), known=verdict.held_back.looked_for)
+            + _cell(
+                f'outliers.axes.{axis}', flagged, str(flagged), known=verdict.outliers.looked_for
+            )
         )
     head = (
         'deg/s', 'bias', '+-', 'std raw at rest', f'std {method}', 'ratio',
@@ -301,14 +303,14 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
         ratio = verdict.rests.ratio
         quiet = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else float('nan')
         heard = [axis for axis in range(3) if not verdict.silent[axis]]
-        held = verdict.held_back
+        outliers = verdict.outliers
         changed = float(max(verdict.change_in_motion[heard], default=np.nan))
         cells = (
             _cell('median_ratio', quiet, f'{quiet:.3f}'),
             _cell('largest_change', changed, f'{_degrees(changed):.4f}'),
             _cell('heading.left', verdict.heading.left, per_minute(verdict.heading.left)),
             _cell('lagging', verdict.lagging, f'{100.0 * verdict.lagging:.0f} %'),
-            _cell('outliers', held.samples, str(held.samples), known=held.looked_for),
+            _cell('outliers', outliers.samples, str(outliers.samples), known=outliers.looked_for),
         )
         rows.append(f'<th scope="row">{method}</th>{"".join(cells)}<td>{verdict.outcome}</td>')
     head = (

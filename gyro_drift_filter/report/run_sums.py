@@ -61,7 +61,7 @@ record(Noise)
 
 
 class Outliers(TypedDict):
-    """Where samples were held back. Times are log times in ns, 0 before there was one."""
+    """Where samples were flagged as outliers. Times are log times in ns, 0 before there was one."""
 
     axes: CountPerAxis
     at_rest: int  # samples with an outlier on some axis
@@ -188,7 +188,7 @@ def _add_heading(imu: Imu, step: float, sums: RunSums) -> None:
 
 @kernel
 def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums) -> None:
-    """Add the noise of a sample, where it is one at rest; what was held back is no noise."""
+    """Add the noise of a sample, where it is one at rest; an outlier is no noise."""
     result, raw, block = imu['result'], imu['sample']['angular_velocity'], sums['block']
     if result['at_rest'] == 0.0:
         if sums['resting']:
@@ -285,15 +285,15 @@ def _clear(noise: Noise) -> None:
 
 @kernel
 def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
-    """Count a sample that was held back; what is no number, or is a repeat, is none."""
-    result, found, held = imu['result'], sums['outliers'], False
+    """Count a sample that was flagged; what is no number, or is a repeat, is none."""
+    result, found, flagged = imu['result'], sums['outliers'], False
     if result['status'] != SampleStatus.FILTERED:
         return
     for axis in range(3):
         if result['outlier'][axis] > 0.0 and is_usable(imu['sample']['angular_velocity'][axis]):
             found['axes'][axis] += 1
-            held = True
-    if not held:
+            flagged = True
+    if not flagged:
         return
     if result['at_rest'] > 0.0:
         found['at_rest'] += 1

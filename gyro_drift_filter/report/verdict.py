@@ -44,7 +44,7 @@ _QUIETER = 0.9
 SIGNIFICANT = 3.0
 # A filter that does not fit its sensor for more than this share of the time lags.
 _LAGGING_SHARE = 0.1
-# What is held back by spikes is a small share; many of them are motion or a false model.
+# What is flagged because of spikes is a small share; many of them are motion or a false model.
 _SPIKES = 0.1
 
 
@@ -135,8 +135,8 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class HeldBack:
-    """Samples that were held back as outliers; what was no usable number is none of them.
+class FlaggedOutliers:
+    """Samples that were flagged as outliers; what was no usable number is none of them.
 
     Attributes:
         looked_for: Whether the parameters have the filter look for outliers.
@@ -184,7 +184,7 @@ class Verdict:
         rests: The rests.
         bias: The bias.
         heading: The drift of the heading.
-        held_back: The outliers.
+        outliers: Those that were flagged.
         change_in_motion: Root mean square (3,) in rad/s of what the filter changes in motion beside
             the bias; NaN without enough motion.
         silent: Why an axis has no figures (3,); empty where it has.
@@ -206,7 +206,7 @@ class Verdict:
     rests: Rests
     bias: Bias
     heading: Heading
-    held_back: HeldBack
+    outliers: FlaggedOutliers
     change_in_motion: Floats
     silent: list[str]
     lagging: float
@@ -265,8 +265,8 @@ class RunWatch:
         rests = _rests(total, filter_)
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
-        held_back = _held_back(total['outliers'], filter_.parameters.outlier_enabled, run)
-        gains = _gains(rests, bias, held_back, run)
+        outliers = _flagged_outliers(total['outliers'], filter_.parameters.outlier_enabled, run)
+        gains = _gains(rests, bias, outliers, run)
         lagging = self._lagging / self._rules.seconds if self._rules.seconds > 0.0 else 0.0
         outcome = Outcome.HELPED if gains else Outcome.USELESS
         if lagging > _LAGGING_SHARE:
@@ -291,7 +291,7 @@ class RunWatch:
             rests=rests,
             bias=bias,
             heading=heading,
-            held_back=held_back,
+            outliers=outliers,
             change_in_motion=(
                 np.sqrt(total['changed'] / moving) if moving >= _FEWEST else np.full(3, np.nan)
             ),
@@ -360,18 +360,18 @@ def _rests(total: Any, filter_: Filter) -> Rests:
     )
 
 
-def _held_back(found: Any, looked_for: bool, run: Run) -> HeldBack:
+def _flagged_outliers(found: Any, looked_for: bool, run: Run) -> FlaggedOutliers:
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
-        return HeldBack(looked_for, axes, 0, 0, None, None, None, 0)
+        return FlaggedOutliers(looked_for, axes, 0, 0, None, None, None, 0)
     first, last = (1e-9 * (int(found[name]) - run.start) for name in ('first', 'last'))
     busiest = first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
     in_busiest = int(found['in_busiest'])
-    return HeldBack(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
+    return FlaggedOutliers(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
 
 
-def _gains(rests: Rests, bias: Bias, held_back: HeldBack, run: Run) -> list[str]:
+def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, run: Run) -> list[str]:
     """Return what the filter did for the recording."""
     gains = []
     if np.isfinite(rests.ratio).any() and np.nanmedian(rests.ratio) < _QUIETER:
@@ -379,7 +379,7 @@ def _gains(rests: Rests, bias: Bias, held_back: HeldBack, run: Run) -> list[str]
     is_found = bias.source != BiasSource.UNKNOWN and bias.taken_off
     if is_found and bool(np.any(np.abs(bias.rates) > SIGNIFICANT * bias.deviations)):
         gains.append('bias')
-    if 0 < int(held_back.axes.max()) < _SPIKES * run.received:
+    if 0 < int(outliers.axes.max()) < _SPIKES * run.received:
         gains.append('outliers')
     return gains
 

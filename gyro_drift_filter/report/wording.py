@@ -26,7 +26,7 @@ from gyro_drift_filter.report.verdict import (
     SIGNIFICANT,
     Bias,
     BiasSource,
-    HeldBack,
+    FlaggedOutliers,
     Outcome,
     Verdict,
 )
@@ -75,9 +75,7 @@ def headline(verdict: Verdict) -> str:
             part = 'what gravity shows of ' if of_motion else ''
             parts.append(f'{part}the bias is subtracted')
     if 'outliers' in verdict.gains:
-        count = verdict.held_back.samples
-        what = 'an outlier' if count == 1 else 'outliers'
-        parts.append(f'{counted(count, "sample")} {_was(count)} held back as {what}')
+        parts.append(_flagged(verdict.outliers.samples))
     return f'It helped: {_listed(parts)}.'
 
 
@@ -145,16 +143,16 @@ def _why_useless(verdict: Verdict) -> str:
     if verdict.rests.count and 'noise' not in verdict.gains:
         why.append('there is hardly any noise at rest to take away')
     if 'outliers' not in verdict.gains:
-        why.append(_why_no_outliers(verdict.held_back))
+        why.append(_why_no_outliers(verdict.outliers))
     moves = not verdict.rests.count and not _is_beyond(verdict)
     advice = '. Let it stand still for ten seconds at the start' if moves else ''
     return _listed(why) + advice
 
 
-def _why_no_outliers(held: HeldBack) -> str:
-    if held.samples:
-        return 'what it held back is too much to be outliers'
-    return 'no outlier came' if held.looked_for else f'outliers were {_NOT_LOOKED_FOR}'
+def _why_no_outliers(outliers: FlaggedOutliers) -> str:
+    if outliers.samples:
+        return 'what it flagged is too much to be outliers'
+    return 'no outlier came' if outliers.looked_for else f'outliers were {_NOT_LOOKED_FOR}'
 
 
 def _is_beyond(verdict: Verdict) -> bool:
@@ -246,23 +244,26 @@ def _about_heading(verdict: Verdict) -> str:
 
 
 def _about_outliers(verdict: Verdict) -> str:
-    held, count = verdict.held_back, verdict.held_back.samples
-    if held.first is None or held.last is None or held.busiest is None:
-        return 'none' if held.looked_for else _NOT_LOOKED_FOR
+    outliers, count = verdict.outliers, verdict.outliers.samples
+    if outliers.first is None or outliers.last is None or outliers.busiest is None:
+        return 'none' if outliers.looked_for else _NOT_LOOKED_FOR
     if count == 1:
-        where = 'at rest' if held.at_rest else 'in motion'
-        return f'1 sample held back, {where} at {held.first:.1f} s'
+        where = 'at rest' if outliers.at_rest else 'in motion'
+        return f'1 sample flagged as an outlier, {where} at {outliers.first:.1f} s'
     text = (
-        f'{counted(count, "sample")} held back ({by_axis(held.axes.tolist())}), '
-        f'{held.at_rest} of them at rest; from {held.first:.1f} to {held.last:.1f} s'
+        f'{counted(count, "sample")} flagged as outliers ({by_axis(outliers.axes.tolist())}), '
+        f'{outliers.at_rest} of them at rest; from {outliers.first:.1f} to {outliers.last:.1f} s'
     )
-    if held.in_busiest < count and held.in_busiest > 1:
-        text += f', most in the ten seconds from {held.busiest:.1f} s on ({held.in_busiest})'
+    if outliers.in_busiest < count and outliers.in_busiest > 1:
+        text += (
+            f', most in the ten seconds from {outliers.busiest:.1f} s on ({outliers.in_busiest})'
+        )
     return text
 
 
-def _was(count: int) -> str:
-    return 'was' if count == 1 else 'were'
+def _flagged(count: int) -> str:
+    flagged = 'was flagged as an outlier' if count == 1 else 'were flagged as outliers'
+    return f'{counted(count, "sample")} {flagged}'
 
 
 def _listed(parts: list[str]) -> str:
