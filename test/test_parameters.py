@@ -24,6 +24,7 @@ from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS
 from gyro_drift_filter.messages.parameter_sections import is_section_of
 from support.paths import REPOSITORY
+from tools import write_parameter_files
 from tools.write_parameter_files import parameter_files
 
 SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
@@ -43,6 +44,19 @@ def test_files_are_those_of_the_table():
     for path, content in parameter_files().items():
         assert path.read_text() == content, 'run `make parameters`'
     assert read_parameters(SHIPPED) == Parameters()
+
+
+def test_a_group_is_written_once_wherever_its_parameters_stand(monkeypatch, tmp_path):
+    scattered = sorted(DESCRIPTIONS, key=lambda description: description.name.rpartition('.')[2])
+    monkeypatch.setattr(write_parameter_files, 'DESCRIPTIONS', tuple(scattered))
+    files = {path.suffix: content for path, content in parameter_files().items()}
+    values = yaml.safe_load(files['.yaml'])['/**']['ros__parameters']
+    assert read_parameters(write(tmp_path, files['.yaml'])) == Parameters()
+    written = {name for name, value in values.items() if not isinstance(value, dict)}
+    for group in GROUPS:
+        written |= {f'{group}.{name}' for name in values[group]}
+        assert files['.md'].count(f'## {group}\n') == 1
+    assert written == set(Parameters().names())
 
 
 def test_every_parameter_is_described():

@@ -18,7 +18,6 @@ Run it by `make parameters` after a change of gyro_drift_filter/core/parameters.
 where the files are not what this writes.
 """
 
-from itertools import groupby
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -99,14 +98,13 @@ def _markdown_row(description: Description) -> str:
 
 
 def _groups() -> list[tuple[str, list[Description]]]:
-    """Return the parameters by groups in the order of the table; '' comes first, with no group."""
-
-    def group_of(description: Description) -> str:
-        return description.name.rpartition('.')[0]
-
-    without_group_first = sorted(DESCRIPTIONS, key=lambda description: group_of(description) != '')
-    by_group = groupby(without_group_first, group_of)
-    return [(group, list(described)) for group, described in by_group]
+    """Return the parameters by groups, each once: '' first, with no group, then as in the table."""
+    groups: dict[str, list[Description]] = {'': []}
+    for description in DESCRIPTIONS:
+        # Those of a group need not follow each other, and of a key that is there twice YAML keeps
+        # the last one only.
+        groups.setdefault(description.name.rpartition('.')[0], []).append(description)
+    return list(groups.items())
 
 
 def _shown(value: Any) -> str:
