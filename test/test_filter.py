@@ -25,7 +25,14 @@ from hypothesis import strategies as st
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias.records import Hint
-from gyro_drift_filter.core.methods import METHOD_NAMES, METHOD_STATES, METHODS
+from gyro_drift_filter.core.methods import (
+    METHOD_NAMES,
+    METHOD_STATES,
+    METHODS,
+    is_noise_known,
+    learned_noise,
+    start_over,
+)
 from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -382,6 +389,59 @@ def test_a_method_works_on_its_own_state_alone(method, random):
     assert states[method.state].tobytes().strip(b'\0')
     for name in set(METHOD_STATES.names) - {method.state, 'tracking'}:
         assert not states[name].tobytes().strip(b'\0'), f'{method.name} changes the state of {name}'
+
+
+def at_rest_with(deviation, rate, begin, random, n=2000):
+    """Return (stamps, rates, accelerations) of a rest at 100 Hz, from the sample `begin` on."""
+    rates = rate + deviation * random.standard_normal((n, 3))
+    accelerations = [0.0, 0.0, 9.8] + 0.02 * random.standard_normal((n, 3))
+    return 10**18 + 10_000_000 * np.arange(begin, begin + n), rates, accelerations
+
+
+@pytest.mark.parametrize('method', METHODS, ids=METHOD_NAMES)
+def test_a_method_that_starts_over_forgets_what_it_has_learned(method, random):
+    loud, quiet = (at_rest_with(0.02, 0.1, 0, random), at_rest_with(0.001, 0.3, 2000, random))
+    again, fresh = Filter(Parameters(method=method.name)), Filter(Parameters(method=method.name))
+    again.run(*loud)
+    # Only the method is fresh: clock, sensor checks, rest and bias are the same in both.
+    fresh.restore(again.snapshot())
+    fresh.record['state']['methods'] = np.zeros(1, METHOD_STATES)
+    start_over(again.record[0])
+    got, expected = again.run(*quiet), fresh.run(*quiet)
+    needed = f'{method.name} needs a line in `start_over` of core/methods/__init__.py'
+    for name in ('angular_velocity', 'innovation_variance', 'process_noise', 'measurement_noise'):
+        # The accelerometer's usual changes, which adaptive keeps, are no noise of the gyroscope.
+        np.testing.assert_allclose(got[name], expected[name], rtol=0.01, atol=1e-9, err_msg=needed)
+    for axis in range(3):
+        assert learned_noise(again.record[0], axis) == learned_noise(fresh.record[0], axis), needed
+
+
+# They are given a model of the noise, so that the first innovation can be judged by it.
+GIVEN_A_MODEL = ('kalman', 'sage_husa')
+
+
+@pytest.mark.parametrize('method', METHODS, ids=METHOD_NAMES)
+def test_innovations_are_judged_only_where_the_noise_is_known(method, random):
+    filter_ = Filter(Parameters(method=method.name))
+    samples, counts = at_rest_with(0.005, 0.1, 0, random), filter_.state['counts']
+
+    def known():
+        return [bool(is_noise_known(filter_.record[0], axis)) for axis in range(3)]
+
+    filter_.run(*(part[:20] for part in samples))
+    is_given = method.name in GIVEN_A_MODEL
+    assert known() == [is_given] * 3, (
+        f'{method.name} needs a branch in `is_noise_known` of core/methods/__init__.py, or belongs '
+        'to GIVEN_A_MODEL'
+    )
+    assert (counts['nis_samples'] > 0).all() == is_given
+    filter_.run(*(part[20:] for part in samples))
+    assert known() == [True] * 3
+    assert (counts['nis_samples'] > 1000).all()
+    blocks = [learned_noise(filter_.record[0], axis)[0] for axis in range(3)]
+    assert [count > 0 for count in blocks] == [method.advice.learns_noise] * 3, (
+        f'{method.name} needs a branch in `learned_noise` of core/methods/__init__.py'
+    )
 
 
 def test_an_infinite_first_rate_leaves_the_size_of_counts_open():
