@@ -432,11 +432,28 @@ def test_what_the_bag_names_runs_nothing_in_a_browser(browser, tmp_path):
     check_quiet(browser, tmp_path / 'page.html')
 
 
-def test_each_method_has_a_colour_of_its_own():
+def palettes_of_the_page():
+    """Return for each theme of the page the colours of the methods, and those of other roles."""
     page = (REPOSITORY / 'gyro_drift_filter' / 'report' / 'page.js').read_text()
-    palettes = [
-        re.findall(r'#\w{6}', of_theme) for of_theme in re.findall(r'methods: \[(.*?)\]', page)
-    ]
+    palettes = {}
+    for theme, colours in re.findall(r'^ +(light|dark): \{(.*)\},$', page, re.MULTILINE):
+        (of_methods,) = re.findall(r'methods: \[(.*?)\]', colours)
+        palettes[f'{theme} in report/page.js'] = (
+            re.findall(r'#\w{6}', of_methods),
+            dict(re.findall(r"(\w+): '(#\w{6})'", colours)),
+        )
+    return palettes
+
+
+def test_each_method_has_a_colour_of_its_own():
+    palettes = palettes_of_the_page()
     assert len(palettes) == 2
-    for palette in (*palettes, pictures.METHODS):
-        assert len(set(palette)) > len(METHOD_NAMES)
+    palettes['report/pictures.py'] = pictures.METHOD_COLOURS, pictures._COLOURS
+    for where, (of_methods, others) in palettes.items():
+        # One more than there are methods: it is for the next one.
+        assert len(set(of_methods)) > len(METHOD_NAMES), f'add a colour for a method: {where}'
+        # What is drawn in one panel with several methods.
+        beside = [others[role] for role in ('raw', 'recorded', 'outlier')]
+        drawn = [*of_methods, *beside]
+        twice = sorted({colour for colour in drawn if drawn.count(colour) > 1})
+        assert not twice, f'{twice} stands for two things, choose another one for a method: {where}'

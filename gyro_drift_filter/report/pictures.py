@@ -36,7 +36,7 @@ _COLOURS = {
     'deviation': '#0072b2',
     'expected': '#1a1a1a',
 }
-METHODS = ('#0072b2', '#cc79a7', '#e69f00', '#6a51a3')
+METHOD_COLOURS = ('#0072b2', '#cc79a7', '#e69f00', '#6a51a3')
 _REST = '#009e73'
 
 
@@ -60,7 +60,7 @@ def draw(
         The files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    colours = _COLOURS | {m: METHODS[k % len(METHODS)] for k, m in enumerate(methods)}
+    colours = _COLOURS | {m: METHOD_COLOURS[k % len(METHOD_COLOURS)] for k, m in enumerate(methods)}
     names = roles | {'q': 'Q', 'r': 'R', 'expected': 'normal', 'band': 'band', 'deviation': '+-'}
     written = []
     for figure in figures:
