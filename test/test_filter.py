@@ -31,6 +31,7 @@ from gyro_drift_filter.core.methods import (
     METHODS,
     is_noise_known,
     learned_noise,
+    noise_block_seconds,
     start_over,
 )
 from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
@@ -441,6 +442,9 @@ def test_innovations_are_judged_only_where_the_noise_is_known(method, random):
     blocks = [learned_noise(filter_.record[0], axis)[0] for axis in range(3)]
     assert [count > 0 for count in blocks] == [method.advice.learns_noise] * 3, (
         f'{method.name} needs a branch in `learned_noise` of core/methods/__init__.py'
+    )
+    assert (noise_block_seconds(filter_.record[0]) > 0.0) == method.advice.learns_noise, (
+        f'{method.name} needs a branch in `noise_block_seconds` of core/methods/__init__.py'
     )
 
 

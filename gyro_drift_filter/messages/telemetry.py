@@ -24,7 +24,6 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
 from gyro_drift_filter.core.bias.records import bias_variance
-from gyro_drift_filter.core.methods.noise import NOISE_BLOCK_SECONDS
 from gyro_drift_filter.core.quantisation import known_count
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 
@@ -152,7 +151,6 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     state, coefficients = filter_['state'], filter_['coefficients']
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, quantisation = state['checks'], state['quantisation']
-    paper = state['methods']['paper']
     out['samples'] = counts['samples']
     out['repeats'] = counts['repeats']
     out['refused'] = counts['refused']
@@ -178,9 +176,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
     out['least_rest_seconds'] = coefficients['rest']['least_rest']
-    # A block of whole samples may be a little shorter than the time that it is meant for.
-    block = coefficients['methods']['adaptive']['block_samples'] * clock['mean_period']
-    out['noise_block_seconds'] = max(NOISE_BLOCK_SECONDS, block)
+    out['noise_block_seconds'] = methods.noise_block_seconds(filter_)
     out['segments'] = bias['segments']
     out['beyond_max'] = bias['beyond_max']
     out['turning'] = bias['turning']
@@ -198,7 +194,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['outliers'][axis] = counts['outliers'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]
-        out['divergences'][axis] = paper[axis]['divergences']
+        out['divergences'][axis] = methods.divergences(filter_, axis)
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
         blocks, correlation = methods.learned_noise(filter_, axis)

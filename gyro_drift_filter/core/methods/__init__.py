@@ -35,8 +35,9 @@ So the first sample goes through `predict` and `update`, too; the paper's method
 by `starting`. Coefficients are those of the sample period before the step; if the clock finds
 another one in the step, `change_period` ends it. The other verbs are for methods that need them:
 `note_circumstances` and `compare_axes` for what all axes show together, `change_period` for what is
-counted per sample, `start_over`, `learned_noise` and `is_noise_known` for noise that is learned
-(the last one is asked after `update`, of the variance before it), `change_model` for what
+counted per sample, `start_over`, `learned_noise`, `noise_block_seconds` and `is_noise_known` for
+noise that is learned (the last one is asked after `update`, of the variance before it),
+`divergences` for a method that starts anew where it has diverged, `change_model` for what
 parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
@@ -51,6 +52,7 @@ from gyro_drift_filter.core.methods import adaptive, paper
 from gyro_drift_filter.core.methods.adaptive import AdaptiveCoefficients, AdaptiveWorkspace
 from gyro_drift_filter.core.methods.adaptive_axis import ADAPTIVE_AXIS, AdaptiveAxis
 from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.methods.noise import NOISE_BLOCK_SECONDS
 from gyro_drift_filter.core.methods.paper import (
     PAPER_AXIS,
     PAPER_COEFFICIENTS,
@@ -270,6 +272,25 @@ def learned_noise(filter_: 'FilterRecord', axis: int) -> tuple[int, float]:
         noise = filter_['state']['methods']['adaptive'][axis]['noise']
         return noise['blocks'], noise['autocorrelation'][0]
     return 0, 0.0
+
+
+@kernel
+def noise_block_seconds(filter_: 'FilterRecord') -> float:
+    """Return how long the blocks of rest are that the noise is learned from; 0 without them."""
+    if filter_['settings']['method'] == ADAPTIVE:
+        samples = filter_['coefficients']['methods']['adaptive']['block_samples']
+        # A block of whole samples may be a little shorter than the time that it is meant for.
+        return max(NOISE_BLOCK_SECONDS, samples * filter_['state']['clock']['mean_period'])
+    return 0.0
+
+
+@kernel
+def divergences(filter_: 'FilterRecord', axis: int) -> int:
+    """Return how often an axis has diverged since the reset.
+
+    The count outlives a switch to another method, so that a switch back does not make it grow.
+    """
+    return filter_['state']['methods']['paper'][axis]['divergences']
 
 
 @kernel
