@@ -59,7 +59,7 @@ class Message(IntEnum):
 
     SAMPLE = 0
     REPEAT = 1  # of the last one, as the sensor is polled faster: no sample
-    FIRST_SAMPLE = 2  # since repeats are known to be none
+    POLLING_FOUND = 2  # a sample, at which repeats turn out to be none: the sensor is polled faster
 
 
 class Polling(TypedDict):
@@ -134,7 +134,7 @@ def _judge(
     polling['samples_per_message'] = measurements / all_messages if faster else 1.0
     _count_anew(polling, number)
     polling['window'] = min(2 * polling['window'], MEASUREMENTS)
-    return Message.FIRST_SAMPLE if faster and not was_faster else Message.SAMPLE
+    return Message.POLLING_FOUND if faster and not was_faster else Message.SAMPLE
 
 
 @kernel

@@ -75,8 +75,8 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         return
     number = state['counts']['samples'] - state['counts']['repeats']
     message = note_message(state['polling'], state['checks'], sample, number)
-    if message == Message.FIRST_SAMPLE:
-        _start_over(filter_)
+    if message == Message.POLLING_FOUND:
+        _adopt_sensor_period(filter_)
     period, elapsed, missing, needs_half = clock['period'], 0.0, 0, False
     if message != Message.REPEAT:
         if filter_['coefficients']['period'] != period:
@@ -129,8 +129,8 @@ def _repeat_result(result: Result) -> None:
 
 
 @kernel
-def _start_over(filter_: FilterRecord) -> None:
-    """Start over with the sensor's own sample period: so far each repeat counted as a sample."""
+def _adopt_sensor_period(filter_: FilterRecord) -> None:
+    """Adopt the sensor's own sample period, and start over: each repeat counted as a sample."""
     state, sample_rate = filter_['state'], filter_['settings']['sample_rate']
     lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'], sample_rate)
     methods.start_over(filter_)
