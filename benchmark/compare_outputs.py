@@ -19,7 +19,8 @@
 
 BEFORE and AFTER are the folders of the checkouts; both run in this Python. Each recording goes
 through each method, with and without --diagnostics. Prints a line for each of these cases, and ends
-with status 1 where one of them differs.
+with status 1 where one of them differs. The methods are those of the checkout that this file is in;
+--methods leaves out one that only one of the two has.
 
 Without a tolerance messages have to be the same bytes. With one, the numbers of a field may differ
 by that share of the largest number that the field takes in the topic, and decimal numbers in texts
@@ -41,7 +42,8 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-METHODS = ('adaptive', 'kalman', 'sage_husa')
+from gyro_drift_filter.core.methods import METHOD_NAMES
+
 # An installed package would fill in for what a folder lacks.
 _REPLAY = """
 import sys
@@ -245,7 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('after', type=Path)
     parser.add_argument('bags', type=Path, nargs='+', metavar='bag')
     parser.add_argument('--tolerance', type=float, default=0.0)
-    parser.add_argument('--methods', nargs='+', choices=METHODS, default=METHODS)
+    parser.add_argument('--methods', nargs='+', choices=METHOD_NAMES, default=METHOD_NAMES)
     options: Any = parser.parse_args(arguments)
     checkouts = [options.before.resolve(), options.after.resolve()]
     failed = 0

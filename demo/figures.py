@@ -21,6 +21,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.simulation.drive import Drive
 from gyro_drift_filter.simulation.experiments import Simulation
 
@@ -28,7 +29,9 @@ mpl.use('Agg')
 from matplotlib import pyplot as plt
 
 Rates = Mapping[str, NDArray[np.float64]]
-_COLOURS = {'raw': '#b8c0cc', 'kalman': '#d1722b', 'sage_husa': '#1f5fa8', 'adaptive': '#2a8a57'}
+# In the order of METHOD_NAMES, the last ones for methods to come; matplotlib chooses any further.
+_OF_METHODS = ('#d1722b', '#1f5fa8', '#2a8a57', '#8a4fb0', '#b03a48')
+_COLOURS = {'raw': '#b8c0cc', **dict(zip(METHOD_NAMES, _OF_METHODS, strict=False))}
 
 
 def draw_heading(path: Path, drive: Drive, turned: Rates) -> None:
@@ -41,7 +44,9 @@ def draw_heading(path: Path, drive: Drive, turned: Rates) -> None:
     above.set_ylabel('rate about z (rad/s)')
     above.set_title('measured, and the true rate (dashed)', fontsize=10, loc='left')
     for name, error in turned.items():
-        below.plot(time, error, color=_COLOURS[name], label=f'{name}: {error[-1]:.2f} at the end')
+        below.plot(
+            time, error, color=_COLOURS.get(name), label=f'{name}: {error[-1]:.2f} at the end'
+        )
     below.set_ylabel('heading off by (deg)')
     below.set_xlabel('time (s)')
     below.legend(fontsize=9)

@@ -22,10 +22,12 @@ from pathlib import Path
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
 
+from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.messages.parameter_sections import NoSectionsError, read_sections
 
-USAGE = """\
+_METHODS = f'{", ".join(METHOD_NAMES[:-1])} or {METHOD_NAMES[-1]}'
+USAGE = f"""\
 usage: gyro_drift_filter_node [--help] [--ros-args ...]
 
 Filter a gyroscope while the robot runs: drift, noise and outliers go, motion stays.
@@ -41,7 +43,7 @@ Filter a gyroscope while the robot runs: drift, noise and outliers go, motion st
   -r imu/data_raw:=/camera/imu   filter another topic
   -r __ns:=/robot1               run in a namespace; -r __node:=NAME gives another name
   --params-file FILE.yaml        parameters, as config/gyro_drift_filter.yaml
-  -p method:=adaptive            how to filter: adaptive, kalman or sage_husa
+  -p method:=adaptive            how to filter: {_METHODS}
   -p bias.enabled:=true          whether the bias is subtracted; it is learned in any case
   -p sample_rate:=0.0            Hz, for a driver that does not stamp; 0 learns it from stamps
 
