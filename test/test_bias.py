@@ -322,7 +322,7 @@ def test_after_a_slow_turn_short_rests_are_believed_again(random):
     filter_ = Filter()
     run(filter_, *at_rest(random, 10))
     run(filter_, *at_rest(random, 10, (0.0, 0.0, 5.0 * DEGREE)), start=START + 10 * 10**9)
-    assert filter_.state['bias']['turning'] > 0
+    assert filter_.state['bias']['segments_turning'] > 0
     truth = np.array([0.1, -0.1, 0.1]) * DEGREE
     spells = 4 * [(20, True), (3, False)] + [(1, True)]
     rates, accelerations = moving_and_resting(random, spells, lambda time: truth)
@@ -580,7 +580,7 @@ def test_a_rate_beyond_the_largest_bias_is_left_in_and_counted(random):
     filter_ = Filter()
     results = run(filter_, *at_rest(random, 60, (0.0, 0.0, 12.0 * DEGREE)))
     assert np.abs(results['bias']).max() < 1e-3
-    assert filter_.state['bias']['beyond_max'] > 20
+    assert filter_.state['bias']['segments_beyond_max'] > 20
     filter_ = Filter(Parameters(bias_max=0.3))
     results = run(filter_, *at_rest(random, 60, (0.0, 0.0, 12.0 * DEGREE)))
     assert results['bias'][-1, 2] == pytest.approx(12.0 * DEGREE, rel=0.01)

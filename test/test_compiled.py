@@ -111,7 +111,7 @@ def test_numba_and_plain_python_agree(results):
         assert np.isfinite(a).all()
         scale = np.abs(a).max() or 1
         assert np.abs(1.0 * a - b).max() <= 1e-12 * scale, name
-    for name in ('segments', 'turning', 'beyond_max'):
+    for name in ('segments', 'segments_turning', 'segments_beyond_max'):
         assert compiled[f'adaptive {name}'] > 0, f'the recording has to have {name}'
 
 

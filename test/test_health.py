@@ -101,7 +101,7 @@ CASES = {
         'lower model.process_noise',
     ),
     'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
-    'beyond bias.max': ({'beyond': True}, {}, 'bias.max (10 deg/s)'),
+    'beyond bias.max': ({'rest_beyond_max': True}, {}, 'bias.max (10 deg/s)'),
     'no bias for long': (
         {'bias_known': False, 'rest_seconds': 11.0},
         {'bias_known': False, 'rest_seconds': 9.0},
@@ -525,7 +525,7 @@ def test_telemetry_is_that_of_the_state(random):
     deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
-        **{name: checks[name] for name in ('unusable', 'clipped', 'mixed')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'clipped_uncalibrated')},
         **{name: checks[name] for name in ('beyond_range', 'times_stuck')},
         'not_measured': state['polling']['not_measured'],
         'samples_per_message': 1.0,
@@ -551,8 +551,8 @@ def test_telemetry_is_that_of_the_state(random):
         'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],
-        **{name: bias[name] for name in ('bias', 'beyond', 'rest_seconds', 'segments')},
-        **{name: bias[name] for name in ('beyond_max', 'turning')},
+        **{name: bias[name] for name in ('bias', 'rest_beyond_max', 'rest_seconds', 'segments')},
+        **{name: bias[name] for name in ('segments_beyond_max', 'segments_turning')},
         'bias_known': bias['known'],
         'bias_corrected': bias['corrected'] > 0,
         'bias_provisional': bias['provisional'][0] > 0.0,

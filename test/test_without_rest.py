@@ -81,7 +81,7 @@ def test_a_rate_that_is_too_large_for_a_bias_at_rest_is_none_in_motion_either(ra
     rates, accelerations = at_rest(random, 80.0, (15.0 * DEGREE, 8.0 * DEGREE, 0.0))
     filter_ = Filter()
     results = filter_.run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
-    assert filter_.state['bias']['beyond_max'] > 0
+    assert filter_.state['bias']['segments_beyond_max'] > 0
     assert np.abs(results['bias']).max() < 2e-3
 
 

@@ -124,7 +124,7 @@ FILTER_RULES = (
     Rule(
         'beyond bias.max',
         Level.WARN,
-        lambda span: span.now.telemetry.beyond,
+        lambda span: span.now.telemetry.rest_beyond_max,
         lambda span: (
             'steady as at rest, but the rate is beyond bias.max '
             f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: are '

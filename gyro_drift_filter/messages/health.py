@@ -185,8 +185,8 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'At rest': state.at_rest,
         'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
         'Segments of rest the bias was learned from': state.segments,
-        'Segments of rest with a rate beyond bias.max': state.beyond_max,
-        'Segments of rest with a rate the bias can not have come to': state.turning,
+        'Segments of rest with a rate beyond bias.max': state.segments_beyond_max,
+        'Segments of rest with a rate the bias can not have come to': state.segments_turning,
         'Divergences': state.divergences,
     }
 

@@ -35,13 +35,15 @@ Values = Annotated[list[float], np.float64, (3,)]
 class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
-    Counts begin anew at each reset; only segments, beyond_max and turning are kept, as the bias is.
-    Bias and its deviation are those at rest, in rad/s; noise is a variance in
-    (rad/s)^2, of the last sample, and what deviates at rest in rad/s and m/s^2, 0 while that is not
-    known; the period and what ends in seconds are in s, rest_seconds since
-    the start where segments is 0. count_size is the rate in rad/s that a count of the sensor stands
-    for, 0 where no counts are seen; faults are members of `AxisFault`; mixed is 1 for an axis that
-    was clipped before a driver has calibrated it.
+    Counts begin anew at each reset; only those of segments are kept, as the bias is. Bias and its
+    deviation are those at rest, in rad/s; noise is a variance in (rad/s)^2, of the last sample, and
+    what deviates at rest in rad/s and m/s^2, 0 while that is not known; the period and what ends in
+    seconds are in s, rest_seconds since the start where segments is 0. count_size is the rate in
+    rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
+    `AxisFault`; clipped_uncalibrated is 1 for an axis that was clipped before the driver calibrated
+    its rates; rest_beyond_max says that the rest under way has a rate beyond bias.max, and
+    segments_beyond_max counts such segments of rest; segments_turning counts those with a rate that
+    the bias can not have come to, so that the sensor turned.
     """
 
     samples: int
@@ -56,7 +58,7 @@ class Telemetry(NamedTuple):
     count_size: Values
     unusable: Counts
     clipped: Counts
-    mixed: Counts
+    clipped_uncalibrated: Counts
     outliers: Counts
     nis_samples: Counts
     nis_sum: Values
@@ -83,14 +85,14 @@ class Telemetry(NamedTuple):
     bias_provisional: bool
     bias: Values
     bias_deviation: Values
-    beyond: bool
+    rest_beyond_max: bool
     at_rest: bool
     rest_seconds: float
     steady_seconds: float
     least_rest_seconds: float
     segments: int
-    beyond_max: int
-    turning: int
+    segments_beyond_max: int
+    segments_turning: int
 
     @property
     def message_period(self) -> float:
@@ -171,15 +173,15 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0
     out['bias_provisional'] = bias['provisional'][0] > 0.0
-    out['beyond'] = bias['beyond']
+    out['rest_beyond_max'] = bias['rest_beyond_max']
     out['at_rest'] = bias['rest']['at_rest']
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
     out['least_rest_seconds'] = coefficients['rest']['least_rest']
     out['noise_block_seconds'] = methods.noise_block_seconds(filter_)
     out['segments'] = bias['segments']
-    out['beyond_max'] = bias['beyond_max']
-    out['turning'] = bias['turning']
+    out['segments_beyond_max'] = bias['segments_beyond_max']
+    out['segments_turning'] = bias['segments_turning']
     out['all_zero'] = True
     for axis in range(3):
         if checks['measured'][axis] != 0.0:
@@ -190,7 +192,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
-        out['mixed'][axis] = checks['mixed'][axis]
+        out['clipped_uncalibrated'][axis] = checks['clipped_uncalibrated'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]

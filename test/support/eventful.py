@@ -208,7 +208,10 @@ def main(out, way):
         )
         saved |= {f'{method} {name}': results[name] for name in results.dtype.names}
         bias = filter_.state['bias']
-        saved |= {f'{method} {name}': bias[name] for name in ('segments', 'turning', 'beyond_max')}
+        saved |= {
+            f'{method} {name}': bias[name]
+            for name in ('segments', 'segments_turning', 'segments_beyond_max')
+        }
     still = Filter(Parameters(bias_initial=(0.01, 0.0, 0.0)))
     silent = np.full((1500, 3), np.nan)
     results = still.run(stamps[:1500], np.zeros((1500, 3)), silent)

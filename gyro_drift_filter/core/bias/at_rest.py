@@ -136,7 +136,7 @@ def leave_rest(state: Bias) -> None:
 @kernel
 def _forget_stillness(state: Bias) -> None:
     state['recent_count'] = 0
-    state['beyond'] = False
+    state['rest_beyond_max'] = False
     state['still_seconds'] = 0.0
     state['still_blocks'] = 0.0
     for axis in range(3):
@@ -272,8 +272,8 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
     rest = state['rest']
     for axis in range(3):
         if abs(segment_mean(rest, axis)) > largest:
-            state['beyond_max'] += 1
-            state['beyond'] = True
+            state['segments_beyond_max'] += 1
+            state['rest_beyond_max'] = True
             return False
     if not state['known']:
         if not (is_far_from_provisional(state) and is_less_steady(state)):
@@ -296,7 +296,7 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
     if unreachable > 0:
-        state['turning'] += 1
+        state['segments_turning'] += 1
         state['doubted_segments'] = DOUBTED_SEGMENTS
         take_back(state, unreachable)
         return _judge_unreachable(state, lengths)
@@ -376,7 +376,7 @@ def _settle(state: Bias) -> None:
     state['known'] = True
     for axis in range(3):
         state['provisional'][axis] = 0.0
-    state['beyond'] = False
+    state['rest_beyond_max'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0
     state['growth'] = 0.0

@@ -79,11 +79,11 @@ class Bias(TypedDict):
     rest_seconds: float  # since the last rest, or since the start where there was none
     doubted_segments: int  # of rest, to go until one is accepted after a slow turn
     turn: SlowTurn  # the rate of rest that was not accepted
-    beyond: bool  # the stillness under way has a rate beyond the largest bias
+    rest_beyond_max: bool  # the stillness under way has a rate beyond the largest bias
     # segments of rest that were counted
     segments: int  # that the bias was learned from
-    beyond_max: int  # with a rate that no bias has
-    turning: int  # with a rate that the bias can't have come to
+    segments_beyond_max: int  # with a rate that no bias has
+    segments_turning: int  # with a rate that the bias can't have come to
     corrected: int  # times that motion alone has shown another bias
 
 

@@ -82,7 +82,7 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
     # At rest, too, it is more than a bias can be; or the driver takes gravity off.
-    if state['beyond_max'] > 0 or not _is_carried(unknown):
+    if state['segments_beyond_max'] > 0 or not _is_carried(unknown):
         return
     up = (x / length, y / length, z / length)
     first, second = _across(up)
