@@ -162,6 +162,11 @@ def test_a_rule_applies_where_it_should_and_nowhere_else(name):
     assert text in (rule.text if isinstance(rule.text, str) else rule.text(found))
 
 
+def test_advice_of_a_method_without_its_own_says_what_to_do():
+    texts = Advice().outliers, Advice().large_innovations, Advice().small_innovations
+    assert not [text for text in texts if '?' in text]
+
+
 def test_rules_have_names_of_their_own_and_leave_a_sound_filter_alone():
     assert len(RULES) == len(INPUT_RULES) + len(FILTER_RULES)
     assert CASES.keys() == RULES.keys()

@@ -46,7 +46,7 @@ def _largest(values: list[float]) -> float:
 
 
 def _noise_excess(span: Span) -> float:
-    """Return how many times larger than found innovations are expected, squared."""
+    """Return the innovation variance that is expected, over the one found, of the worst axis."""
     # Of noise that it has learned a method can't expect too much, but for a dead band, which has
     # none at rest. Nor does a stuck sensor say anything.
     if span.is_noise_learned or span.now.telemetry.stuck:

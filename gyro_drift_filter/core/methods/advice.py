@@ -30,6 +30,10 @@ class Advice(NamedTuple):
     """
 
     outliers: str = 'look at the raw rates'
-    large_innovations: str = 'does its model of noise and motion fit this sensor?'
-    small_innovations: str = 'does its model of the noise fit this sensor?'
+    large_innovations: str = (
+        'give its model more noise or faster motion, as this sensor has, or set method to adaptive'
+    )
+    small_innovations: str = (
+        'give its model less noise, as this sensor has, or set method to adaptive'
+    )
     learns_noise: bool = False
