@@ -530,7 +530,7 @@ def test_telemetry_is_that_of_the_state(random):
     deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
-        **{name: checks[name] for name in ('unusable', 'clipped', 'clipped_uncalibrated')},
+        **{name: checks[name] for name in ('unusable', 'clipped', 'clipped_calibrated')},
         **{name: checks[name] for name in ('beyond_range', 'times_stuck')},
         'not_measured': state['polling']['not_measured'],
         'samples_per_message': 1.0,

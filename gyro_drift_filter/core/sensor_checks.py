@@ -89,7 +89,7 @@ class SensorChecks(TypedDict):
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
-    clipped_uncalibrated: CountPerAxis  # 1 where `_note_flat` found the end of the range, else 0
+    clipped_calibrated: CountPerAxis  # 1 where `_note_flat` found the end of the range, else 0
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
     comes_alive: bool  # an axis does with this sample
@@ -267,12 +267,12 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
     if size <= CLIPPED_RATE or _is_passed(checks, axis, size):
         checks['flat'][axis] = 0
         return False
-    if checks['clipped_uncalibrated'][axis] and size > (1.0 + MIXED) * largest[axis]:
-        checks['clipped_uncalibrated'][axis] = 0  # it was none: there are larger ones
+    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * largest[axis]:
+        checks['clipped_calibrated'][axis] = 0  # it was none: there are larger ones
         largest[axis] = 0.0
     if _note_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
         largest[axis] = max(largest[axis], size)
-        checks['clipped_uncalibrated'][axis] = 1
+        checks['clipped_calibrated'][axis] = 1
         checks['clipped'][axis] += 1
         return True
     if not _is_known_limit(checks, axis, size):
@@ -320,7 +320,7 @@ def _note_passed(checks: SensorChecks, axis: int, rate: float) -> None:
         checks['passed'][axis] = max(checks['passed'][axis], slowest)
     if _is_passed(checks, axis, checks['largest'][axis]):
         checks['largest'][axis] = 0.0  # it was none
-        checks['clipped_uncalibrated'][axis] = 0
+        checks['clipped_calibrated'][axis] = 0
 
 
 @kernel
@@ -354,13 +354,13 @@ def _note_flat(
 def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
     """Return whether rates were stopped at this size before: on this axis, or else on another."""
     clipped, largest = checks['clipped'], checks['largest']
-    if checks['clipped_uncalibrated'][axis]:
+    if checks['clipped_calibrated'][axis]:
         return bool(size >= (1.0 - MIXED) * largest[axis])
     resolution = checks['resolution'][axis]
     if clipped[axis] > 0 and largest[axis] > 0.0:
         return bool(size >= largest[axis] - resolution)
     for other in range(3):
-        near = MIXED * largest[other] if checks['clipped_uncalibrated'][other] else resolution
+        near = MIXED * largest[other] if checks['clipped_calibrated'][other] else resolution
         if clipped[other] > 0 and abs(size - largest[other]) <= near:
             return True
     return False

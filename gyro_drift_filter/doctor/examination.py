@@ -115,7 +115,7 @@ def examine(seen: Examined) -> list[Finding]:
     refuted = set()
     if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
         refuted.add('gaps')
-    if not any(state.clipped_uncalibrated) and not any(map(is_clipped, seen.rates, seen.outliers)):
+    if not any(state.clipped_calibrated) and not any(map(is_clipped, seen.rates, seen.outliers)):
         refuted.add('clipped')
     findings += [
         _with_constant_axes(finding, seen.rates)

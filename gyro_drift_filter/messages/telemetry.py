@@ -40,7 +40,7 @@ class Telemetry(NamedTuple):
     what deviates at rest in rad/s and m/s^2, 0 while that is not known; the period and what ends in
     seconds are in s, rest_seconds since the start where segments is 0. count_size is the rate in
     rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
-    `AxisFault`; clipped_uncalibrated is 1 for an axis that was clipped before the driver calibrated
+    `AxisFault`; clipped_calibrated is 1 for an axis that was clipped before the driver calibrated
     its rates; rest_beyond_max says that the rest under way has a rate beyond bias.max, and
     segments_beyond_max counts such segments of rest; segments_turning counts those with a rate that
     the bias can not have come to, so that the sensor turned.
@@ -58,7 +58,7 @@ class Telemetry(NamedTuple):
     count_size: Values
     unusable: Counts
     clipped: Counts
-    clipped_uncalibrated: Counts
+    clipped_calibrated: Counts
     outliers: Counts
     nis_samples: Counts
     nis_sum: Values
@@ -192,7 +192,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
-        out['clipped_uncalibrated'][axis] = checks['clipped_uncalibrated'][axis]
+        out['clipped_calibrated'][axis] = checks['clipped_calibrated'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]
