@@ -625,6 +625,7 @@ def test_each_reason_is_given_for_some_sample(random):
     n = 5000
     rates = 0.005 * random.standard_normal((n, 3))
     accelerations = np.array([0.0, 0.0, 9.8]) + 0.02 * random.standard_normal((n, 3))
+    rates[0] += 20.0  # corrupted, and nothing speaks for it
     in_motion = slice(2000, 3000)
     rates[in_motion] += 8.0 * np.sin(np.outer(np.arange(1000) / 100.0, [25.0, 20.0, 30.0]))
     rates[2600:2800:5] = rates[2599:2799:5]  # polled faster than it measures

@@ -773,7 +773,7 @@ def spikes_in(rates):
     found = []
     for k, rate in enumerate(rates):
         sample['angular_velocity'] = rate
-        if is_spike(waiting, sample, 0):
+        if is_spike(waiting, sample, True, 0):
             found.append(k - 1)
         let_wait(waiting, sample, True, 0)
     return found

@@ -57,6 +57,28 @@ def test_a_gap_in_motion(gap, random):
     assert clock['restarts'] == (gap > 1.0)
 
 
+@pytest.mark.parametrize('size', [8.0, 35.0])
+@pytest.mark.parametrize('behind', ['power-on', 'a gap'])
+@pytest.mark.parametrize('speed', [0.0, 1.0])
+def test_a_corrupted_message_that_the_filter_starts_at_costs_one_sample(
+    speed, behind, size, random
+):
+    """Nothing speaks for it, so it is not believed against all that follow."""
+    n = 2000
+    seconds = np.arange(n) / 100.0
+    truth = speed * np.sin(0.5 * seconds)[:, None] * np.ones(3)
+    rates = truth + 0.005 * random.standard_normal((n, 3))
+    accelerations = np.tile([0.0, 0.0, 9.8], (n, 1)) + 0.02 * random.standard_normal((n, 3))
+    begin = 0 if behind == 'power-on' else 1000
+    seconds[begin:] += 2.0
+    rates[begin] += [size, -size, size]
+    stamps = 10**18 + np.round(seconds * 1e9).astype(np.int64)
+    out = Filter(Parameters(bias_enabled=False)).run(stamps, rates, accelerations)
+    after = slice(begin + 1, begin + 300)
+    assert np.abs(out['angular_velocity'] - truth)[after].max() < 0.03
+    assert not out['outlier'][after].any()
+
+
 @pytest.mark.parametrize(('first', 'then'), [(100.0, 400.0), (400.0, 100.0)])
 def test_the_rate_changes_in_mid_stream(first, then, random):
     """The period is learned anew within seconds; motion is followed meanwhile."""

@@ -72,6 +72,7 @@ from gyro_drift_filter.core.methods.noise import (
     usual_deviation,
 )
 from gyro_drift_filter.core.methods.outliers import (
+    CONFIRMED_START,
     FIRST_CHANGE,
     JOLT_SAMPLES,
     Circumstances,
@@ -399,6 +400,10 @@ def update(
     elif cut_off:
         reason = Reason.AT_LIMIT
     decision = decision_of(reason)
+    if decision == Decision.ACCEPT:
+        doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
+    elif reason == Reason.UNCONFIRMED:
+        doubt['confirmations'] = 1
     own['reason'] = reason
     own['accepted_before'] = last_accepted
     own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, last_accepted)

@@ -62,6 +62,8 @@ BODY_LIMIT_SAMPLES = 2  # ... so many samples more to be accepted
 CONSTANT_DEVIATIONS = 0.01  # standard deviations of the noise: repeats closer than this ...
 CONSTANT_SAMPLES = 14  # ... so many times are a constant, whatever was learned before
 
+CONFIRMED_START = 2  # samples that agree: until then the first one is as doubtful as the next
+
 CROWDED = 0.25  # share of held samples above which the doubt is wrong, not the samples ...
 CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
@@ -125,10 +127,11 @@ class Reason(IntEnum):
     AGREED = 14  # more in a row agree than outliers do
     HELD_LONGEST = 15  # no more are held back
     CROWDED_WHILE_HELD = 16  # as CROWDED, with samples held back
+    UNCONFIRMED = 17  # far from the sample that the filter started at, for which nothing speaks
     # BRIDGE
-    REPEATED = 17  # the sensor has not measured since the sample before
+    REPEATED = 18  # the sensor has not measured since the sample before
     # PASS
-    AT_LIMIT = 18  # at the end of the range
+    AT_LIMIT = 19  # at the end of the range
 
 
 class Circumstances(TypedDict):
@@ -168,6 +171,7 @@ class Doubt(TypedDict):
 
     held: int  # consecutive samples that were held back or are missing
     unseen: int  # consecutive samples that were not measured, up to the last one
+    confirmations: int  # accepted samples since the one that it starts at, itself among them
     behind_gap: bool  # the last one that was measured came behind some that were not
     # These mean nothing where none is held.
     agreeing: int  # how many of the latest agree
@@ -290,6 +294,7 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
     doubt['held'] = 0
     doubt['unseen'] = 0
+    doubt['confirmations'] = 0
     doubt['behind_gap'] = False
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
@@ -338,6 +343,8 @@ def find_reason(
         return Reason.ALL_ZERO
     if not doubtful:
         return Reason.EXPECTED
+    if doubt['confirmations'] < CONFIRMED_START:
+        return Reason.UNCONFIRMED
     if _stays(sample, prediction, last_accepted):
         return Reason.STAYED
     return Reason.PUSHED if _is_pushed(size, circumstances, limits) else Reason.FAR

@@ -72,17 +72,28 @@ def note_sample(
     is not known, it waits for the next one, which shows whether it is a spike.
     Returns whether a block is complete, so that `close_block` has to be called.
     """
-    waiting, complete = rest['waiting'], False
+    waiting = rest['waiting']
+    if rest['known'] and not waiting['waits']:
+        return _add_sample(rest, sample, trusted, missing, lengths)
+    spike, complete = is_spike(waiting, sample, trusted, missing), False
     if waiting['waits']:
-        sound = waiting['trusted']
-        if sound and trusted and is_spike(waiting, sample, missing):
-            sound = False
-        complete = _add_sample(rest, waiting['sample'], sound, waiting['missing'], lengths)
-    if not rest['known']:
-        let_wait(waiting, sample, trusted, missing)
+        complete = _add_sample(rest, waiting['sample'], not spike, 0, lengths)
+    let_wait(waiting, sample, trusted, missing)
+    if rest['known']:
+        forget_waiting(waiting)
+    elif _completes_block(rest, missing, lengths):
+        # So that no block is later for it: of the last samples of blocks nobody waits for the next.
+        waiting['waits'] = False
+    if waiting['waits']:
         return complete
-    waiting['waits'] = False
     return _add_sample(rest, sample, trusted, missing, lengths) or complete
+
+
+@kernel
+def _completes_block(rest: Rest, missing: int, lengths: RestLengths) -> bool:
+    """Return whether the block is complete with a sample, and `missing` ones before it."""
+    values = (rest['samples'] + 1 + missing) // lengths['value']
+    return bool(values > 0 and rest['index'] + values >= lengths['block'])
 
 
 @kernel

@@ -36,11 +36,10 @@ class Waiting(TypedDict):
     """The last sample, which waits for the next one, and what is usual."""
 
     sample: Annotated[Sample, SAMPLE, ()]
-    waits: bool  # there is such a sample; else only what is usual means anything
+    waits: bool  # it does so, and is in no value yet
     trusted: bool
-    missing: int  # samples before it
-    before: PerAxis  # rad/s, the sample before it; read only if it was the very one before
-    follows: bool  # whether it was, and was trusted
+    follows: bool  # it is trusted, and so is the one before it
+    before: PerAxis  # rad/s, the sample before it
     usual: PerAxis  # distance of a rate from the middle of its neighbours, rad/s
     seen: int  # samples that are in it, up to `USUAL_SAMPLES`
     spikes: int  # how many there were since a rest has been confirmed by a second segment
@@ -52,17 +51,18 @@ WAITING = record(Waiting)
 
 @kernel
 def forget_waiting(waiting: Waiting) -> None:
-    """Let no sample wait any more."""
+    """Let no sample wait any more, nor be a neighbour of the next one."""
     waiting['waits'] = False
+    waiting['trusted'] = False
 
 
 @kernel
-def is_spike(waiting: Waiting, sample: Sample, missing: int) -> bool:
-    """Return whether the sample that waits is a spike, as the next one shows.
+def is_spike(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> bool:
+    """Return whether the last sample is a spike, as the next one shows; note what is usual.
 
-    Both are trusted, and `missing` samples lie between them.
+    `missing` samples lie between them.
     """
-    if not waiting['follows'] or missing > 0:
+    if not (trusted and waiting['follows'] and missing == 0):
         return False
     spike = False
     known = waiting['seen'] == USUAL_SAMPLES
@@ -87,9 +87,12 @@ def is_spike(waiting: Waiting, sample: Sample, missing: int) -> bool:
 
 @kernel
 def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> None:
-    """Let a sample wait, with `missing` ones before it, for the next one."""
+    """Let a sample wait for the next one, if that can tell whether it is a spike.
+
+    `missing` samples lie before it.
+    """
     waits = waiting['sample']
-    follows = waiting['waits'] and waiting['trusted'] and trusted and missing == 0
+    follows = waiting['trusted'] and trusted and missing == 0
     for axis in range(3):
         rate, before = sample['angular_velocity'][axis], waits['angular_velocity'][axis]
         change, count = abs(rate - before), waiting['count'][axis]
@@ -99,6 +102,5 @@ def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> N
         waits['angular_velocity'][axis] = rate
         waits['linear_acceleration'][axis] = sample['linear_acceleration'][axis]
     waiting['follows'] = follows
-    waiting['waits'] = True
+    waiting['waits'] = follows and waiting['seen'] == USUAL_SAMPLES
     waiting['trusted'] = trusted
-    waiting['missing'] = missing
