@@ -556,6 +556,25 @@ def test_a_turn_from_power_on_is_unlearned_at_the_first_rest(speed, random):
     np.testing.assert_allclose(results['bias'][500], truth, atol=0.2 * DEGREE)
 
 
+@pytest.mark.parametrize('speed', [3.0, 6.0, 9.0])
+@pytest.mark.parametrize('stands', [1.2, 1.6])
+def test_a_turn_that_replaces_the_provisional_bias_is_undone_at_the_next_rest(
+    stands, speed, random
+):
+    """The robot turns about the vertical for 30 s after a second, as to look around, and drives."""
+    truth = np.array([1.0, -2.0, 0.5]) * DEGREE
+    standing, turning = round(stands * 100), slice(round(stands * 100), round(stands * 100) + 3000)
+    rates, accelerations = at_rest(random, 90, truth)
+    rates[turning, 2] += speed * DEGREE
+    turn, push = by_hand(random, 20)
+    rates[5000:7000] += 0.3 * turn
+    accelerations[5000:7000] += push
+    results = run(Filter(), rates, accelerations)
+    np.testing.assert_allclose(results['bias'][standing - 1], truth, atol=0.3 * DEGREE)
+    np.testing.assert_allclose(results['bias'][turning.stop + 500], truth, atol=0.1 * DEGREE)
+    np.testing.assert_allclose(results['bias'][-1], truth, atol=0.1 * DEGREE)
+
+
 def test_standing_still_by_the_robots_own_word_is_believed_at_once(random):
     """After a slow turn the filter would wait for a second segment that agrees."""
     filter_ = Filter()

@@ -276,7 +276,12 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
             state['rest_beyond_max'] = True
             return False
     if not state['known']:
-        if not (is_far_from_provisional(state) and is_less_steady(state)):
+        if not is_far_from_provisional(state):
+            return True
+        if not is_less_steady(state):
+            # One of the two was a turn about the vertical: the next rest shows which.
+            if not state['turn']['gave_up']:
+                give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
@@ -323,9 +328,7 @@ def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
     elif update_slow_turn(turn, rest, seconds, state['bias'], largest):
         return False
     elif turn['gave_up']:
-        for axis in range(3):
-            variance = state['variance'][axis] + state['reach']
-            give_up_bias(turn, axis, state['bias'][axis], variance)
+        give_up_bias(turn, state['bias'], state['variance'], state['reach'])
     state['known'] = False
     state['doubted_segments'] = 0
     state['recent_count'] = 0

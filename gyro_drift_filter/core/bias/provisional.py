@@ -22,7 +22,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance
 from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
-from gyro_drift_filter.core.bias.slow_turn import GATE
+from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -80,22 +80,24 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
     """
     rest = state['rest']
     total = before = 0.0
-    significant = state['provisional'][0] > 0.0 or state['known']
+    replaces, far = state['provisional'][0] > 0.0, False
+    significant = replaces or state['known']
     for axis in range(3):
         mean = _mean(rest, axis, standing)
         if abs(mean) > largest:
             return
         variance = _variance(rest, axis, standing, unseen)
         distance = mean - state['bias'][axis]
-        if state['known'] and distance * distance > GATE * GATE * (
-            variance + bias_variance(state, axis)
-        ):
-            return  # it turns: the bias of the last run is another one
+        far = far or distance * distance > GATE * GATE * (variance + bias_variance(state, axis))
         significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
         total += variance
         before += bias_variance(state, axis)
     if total >= before or not significant:
         return
+    if state['known'] and far:
+        return  # it turns: the bias of the last run is another one
+    if replaces and far and not state['turn']['gave_up']:
+        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
     for axis in range(3):
         state['bias'][axis] = _mean(rest, axis, standing)
         # Scaled to the length of a segment, as later segments are compared with it.

@@ -118,10 +118,15 @@ def update_slow_turn(
 
 
 @kernel
-def give_up_bias(turn: SlowTurn, axis: int, bias: float, variance: float) -> None:
-    """Keep the bias of an axis (rad/s) and its variance, which a rate that lasts replaces."""
-    turn['given_up'][axis] = bias
-    turn['given_up_variance'][axis] = variance
+def give_up_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float) -> None:
+    """Keep a bias (3,) in rad/s that another rate replaces, as that may yet have been a turn.
+
+    Its variance is `variance` (3,) and, as it may have come away meanwhile, `reach`, (rad/s)^2.
+    """
+    turn['gave_up'] = True
+    for axis in range(3):
+        turn['given_up'][axis] = bias[axis]
+        turn['given_up_variance'][axis] = variance[axis] + reach
 
 
 @kernel
