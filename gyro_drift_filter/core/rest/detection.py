@@ -14,7 +14,7 @@
 
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
-from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio, note_count
 from gyro_drift_filter.core.rest.records import (
     HALF,
@@ -62,7 +62,7 @@ def start_rest(rest: Rest) -> None:
     forget_waiting(rest['waiting'])
 
 
-@kernel
+@inlined_kernel
 def note_sample(
     rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
 ) -> bool:
@@ -72,17 +72,26 @@ def note_sample(
     is not known, it waits for the next one, which shows whether it is a spike.
     Returns whether a block is complete, so that `close_block` has to be called.
     """
-    waiting = rest['waiting']
-    if rest['known'] and not waiting['waits']:
+    if rest['known']:
         return _add_sample(rest, sample, trusted, missing, lengths)
+    return _wait_for_next(rest, sample, trusted, missing, lengths)
+
+
+@kernel
+def _wait_for_next(
+    rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
+) -> bool:
+    """Take the sample that waits in, unless this one shows that it is a spike; let this one wait.
+
+    Arguments and result as for `note_sample`.
+    """
+    waiting = rest['waiting']
     spike, complete = is_spike(waiting, sample, trusted, missing), False
     if waiting['waits']:
         complete = _add_sample(rest, waiting['sample'], not spike, 0, lengths)
     let_wait(waiting, sample, trusted, missing)
-    if rest['known']:
-        forget_waiting(waiting)
-    elif _completes_block(rest, missing, lengths):
-        # So that no block is later for it: of the last samples of blocks nobody waits for the next.
+    # The last sample of a block is taken in at once, so that no block is later for it.
+    if _completes_block(rest, missing, lengths):
         waiting['waits'] = False
     if waiting['waits']:
         return complete
@@ -96,7 +105,7 @@ def _completes_block(rest: Rest, missing: int, lengths: RestLengths) -> bool:
     return bool(values > 0 and rest['index'] + values >= lengths['block'])
 
 
-@kernel
+@inlined_kernel
 def _add_sample(
     rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
 ) -> bool:
@@ -119,7 +128,7 @@ def _add_sample(
     return bool(rest['index'] >= lengths['block'])
 
 
-@kernel
+@inlined_kernel
 def _note_force(rest: Rest, acceleration: PerAxis) -> None:
     """Note an acceleration (3,) in m/s^2, and the smallest change of it, which is a count.
 

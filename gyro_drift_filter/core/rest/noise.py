@@ -25,6 +25,7 @@ from gyro_drift_filter.core.rest.segment import (
     segment_mean,
     value_variance,
 )
+from gyro_drift_filter.core.rest.spikes import forget_waiting
 
 # The variance of a value that lies anywhere within a count, in counts squared.
 COUNT_VARIANCE = 1.0 / 12.0
@@ -68,6 +69,7 @@ def learn_noise(rest: Rest, length: int) -> None:
             signal['variance'] += share * (variance - signal['variance'])
             signal['scatter'] += share * (scatter - signal['scatter'])
     rest['known'] = True
+    forget_waiting(rest['waiting'])  # else it is one of long ago when the noise is forgotten
     if rest['learned'] > 1:
         rest['waiting']['spikes'] = 0
     rest['calm_known'] = False
