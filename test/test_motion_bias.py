@@ -87,6 +87,22 @@ def test_gravity_shows_the_shift_of_the_bias_where_the_body_tilts(random):
     assert np.mean(left[True]) < 0.8 * np.mean(left[False])
 
 
+@pytest.mark.parametrize(('noise', 'largest'), [(1e-5, 3e-6), (1e-4, 1e-4)])
+def test_what_speeds_up_and_brakes_moves_no_bias_of_a_good_sensor(noise, largest, random):
+    """It drives at one to two m/s for ten minutes, and such a gyroscope does not walk so far."""
+    rates, accelerations = at_rest(random, 610.0)
+    time = np.arange(len(rates)) / 100.0
+    drives = np.clip(time - 10.0, 0.0, 1.0)
+    rates = noise * random.standard_normal(rates.shape)
+    rates[:, 2] += 0.4 * np.sin(0.5 * time) * drives
+    speed = (1.5 + 0.5 * np.sin(2.0 * np.pi * time / 20.0)) * drives
+    accelerations[:, 0] += np.gradient(speed, 0.01)
+    accelerations[:, 1] += speed * rates[:, 2]
+    accelerations += drives[:, None] * 0.2 * random.standard_normal(accelerations.shape)
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias']).max() < largest
+
+
 def test_a_landing_brings_the_bias_at_rest_back(random):
     bias, shift = np.array([0.01, -0.02, 0.005]), np.array([8e-4, -8e-4, 0.0])
     rates, accelerations = flown(random, 190, bias, shift)
@@ -293,13 +309,13 @@ def test_a_rest_measures_both_biases(random):
 def test_a_rest_undoes_what_misled_in_motion(random):
     """As a speed that lasts: gravity seems to have been elsewhere. The bias has not moved."""
     bias = np.array([0.01, -0.02, 0.005])
-    flight = flown(random, 60, bias, np.zeros(3), noise=5e-4)
+    flight = flown(random, 60, bias, np.zeros(3), noise=2e-3)
     time = np.arange(len(flight[0])) / 100.0
     flight[1][:, 0] += np.where((time > 12.0) & (time < 55.0), 0.4, 0.0)
     filter_ = Filter()
     in_motion = run(filter_, *flight)['bias'][-1]
     assert np.abs(in_motion - bias).max() > 2e-4
-    rates, accelerations = flown(random, 10, bias, np.zeros(3), noise=5e-4)
+    rates, accelerations = flown(random, 60, bias, np.zeros(3), rest=60.0, noise=2e-3)
     run(filter_, rates, accelerations, start=START + 60 * 10**9)
     after = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3]
     np.testing.assert_allclose(after, bias, atol=6e-5)

@@ -66,7 +66,7 @@ from gyro_drift_filter.core.rest.noise import (
     variance_of_mean,
 )
 from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
-from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, RestLengths
+from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import segment_mean
 from gyro_drift_filter.core.sample import Sample
 
@@ -83,6 +83,9 @@ WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
 DOUBTED_SEGMENTS = 2
+# No gyroscope's bias walks further within a second than its noise says for a second: the Allan
+# deviation of each falls for 1.7 s at least, and of most for minutes. In 1/s.
+FASTEST_WALK = 1.0
 LARGEST_THERMAL_CHANGE = 1.0  # rad/s: no change of temperature moves the bias by more
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
@@ -205,10 +208,26 @@ def _take_segment(state: Bias, moved: bool, lengths: RestLengths, settings: 'Set
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
     if _judge_segment(state, moved, lengths, settings['bias_max']):
         _learn(state)
+        state['motion']['untrackable'] = _untrackable(
+            rest, lengths['block_seconds'], settings['bias_random_walk']
+        )
         next_segment(rest, moved)
     else:
         next_segment(rest, True)
         rest['at_rest'] = False
+
+
+@kernel
+def _untrackable(rest: Rest, block_seconds: float, random_walk: float) -> float:
+    """Return by what share of its variance the random walk exceeds that of this sensor's bias.
+
+    `random_walk` in rad/s^(3/2); see `FASTEST_WALK`.
+    """
+    noise = 0.0  # (rad/s)^2 s, of the noisiest axis
+    for axis in range(3):
+        noise = max(noise, variance_of_mean(rest, axis, 1.0) * block_seconds)
+    largest, walked = FASTEST_WALK * FASTEST_WALK * noise, random_walk * random_walk
+    return 1.0 - largest / walked if largest < walked else 0.0
 
 
 @kernel

@@ -92,6 +92,7 @@ class MotionBias(TypedDict):
     covariance: Covariance
     bias_at_rest: BiasAtRest
     growth: float  # (rad/s)^2, of both biases, since it was last added
+    untrackable: float  # share of the growth that motion teaches nothing of
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     # sums over it
@@ -310,8 +311,10 @@ def widen_both(state: MotionBias, axis: int, variance: float) -> None:
 @kernel
 def settle_growth(state: MotionBias) -> None:
     """Add what both biases have walked since the last time."""
+    untrackable = state['untrackable'] * state['growth']
     for axis in range(3):
-        widen_both(state, axis, state['growth'])
+        widen_both(state, axis, state['growth'] - untrackable)
+        state['bias_at_rest']['untracked'][axis] += untrackable
     state['growth'] = 0.0
 
 
