@@ -31,7 +31,14 @@ from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.rest.detection import close_block
 from gyro_drift_filter.core.rest.noise import doubt_noise
-from gyro_drift_filter.core.rest.records import HALF, REST, REST_LENGTHS, SEGMENT_BLOCKS, SIGNALS
+from gyro_drift_filter.core.rest.records import (
+    HALF,
+    REST,
+    REST_LENGTHS,
+    SEGMENT_BLOCKS,
+    SIGNALS,
+    Obstacle,
+)
 from gyro_drift_filter.core.rest.segment import (
     add_waiting_block,
     drop_early_half,
@@ -796,6 +803,55 @@ def spikes_in(rates):
             found.append(k - 1)
         let_wait(waiting, sample, True, 0)
     return found
+
+
+def shaken_later(rates, accelerations, random):
+    rates[1500:, 1] *= 5.0
+
+
+def turned_later(rates, accelerations, random):
+    rates[1500:, 2] += 0.05
+
+
+def turning_faster_and_faster(rates, accelerations, random):
+    rates[:, 2] += 0.0005 * np.arange(3000)
+
+
+def without_rates(rates, accelerations, random):
+    rates[1500:] = np.nan
+
+
+def jumping(rates, accelerations, random):
+    rates[:, 0] += np.repeat(0.1 * random.standard_normal(30), 100)
+
+
+def shaken_from_the_second_second_on(rates, accelerations, random):
+    rates[130:, 1] *= 8.0
+
+
+@pytest.mark.parametrize(
+    ('change', 'obstacle', 'signal'),
+    [
+        (shaken_later, Obstacle.VARIES, 1),
+        (turned_later, Obstacle.NO_BIAS, 0),
+        (turning_faster_and_faster, Obstacle.DRIFTS, 2),
+        (without_rates, Obstacle.FEW_SAMPLES, 0),
+        (jumping, Obstacle.SCATTERS, 0),
+        (shaken_from_the_second_second_on, Obstacle.UNEVEN, 1),
+    ],
+)
+def test_it_is_noted_why_a_stretch_is_no_rest(change, obstacle, signal, random):
+    rates, accelerations = at_rest(random, 30)
+    change(rates, accelerations, random)
+    filter_, noted = Filter(), set()
+    rest = filter_.state['bias']['rest']
+    for first in range(0, 3000, 10):
+        part = slice(first, first + 10)
+        run(filter_, rates[part], accelerations[part], start=START + first * 10_000_000)
+        if rest['at_rest']:
+            assert rest['obstacle'] == Obstacle.NONE
+        noted.add((Obstacle(rest['obstacle']), int(rest['obstacle_signal'])))
+    assert (obstacle, signal) in noted
 
 
 def test_a_change_of_temperature_widens_the_bias(random):

@@ -24,11 +24,13 @@ from scipy.signal import lfilter
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import ADVICE, METHOD_NAMES, METHODS, Method
 from gyro_drift_filter.core.methods.advice import Advice
+from gyro_drift_filter.core.rest.records import Obstacle
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import applying
 from gyro_drift_filter.messages.span import span_of
 from gyro_drift_filter.messages.telemetry import (
@@ -250,6 +252,26 @@ def report(messages, seconds=1.0):
     health = Health()
     filter_all(filter_, messages)
     return health.judge(filter_.report(), seconds)
+
+
+@pytest.mark.parametrize('obstacle', Obstacle)
+def test_why_there_is_no_rest_is_told_of_each_obstacle(obstacle):
+    found = [
+        why_not_at_rest(span(rest_obstacle=obstacle, rest_obstacle_signal=k).now.telemetry)
+        for k in range(6)
+    ]
+    of_a_signal = Obstacle.FEW_SAMPLES < obstacle < Obstacle.NO_BIAS
+    assert len(set(found)) == (6 if of_a_signal else 1)
+    if of_a_signal:
+        assert 'the angular velocity about y' in found[1]
+        assert 'the acceleration along z' in found[5]
+    assert why_not_at_rest(span(rest_obstacle=obstacle, at_rest=True).now.telemetry) == 'at rest'
+
+
+def test_a_reason_against_rest_is_told_with_the_warning():
+    found = span(steady_seconds=200.0, rest_obstacle=Obstacle.SCATTERS, rest_obstacle_signal=2)
+    text = RULES['no rest'].text(found)
+    assert 'as the mean of the angular velocity about z wanders more than that of noise' in text
 
 
 def test_health_of_a_sound_input():
@@ -543,6 +565,8 @@ def test_telemetry_is_that_of_the_state(random):
         'rate_deviation_at_rest': deviations[:3],
         'acceleration_deviation_at_rest': deviations[3:],
         'steady_seconds': bias['rest']['steady_seconds'],
+        'rest_obstacle': bias['rest']['obstacle'],
+        'rest_obstacle_signal': bias['rest']['obstacle_signal'],
         # Sixteen blocks of 13 samples, one before them, and one after them.
         'least_rest_seconds': pytest.approx(18 * 0.13),
         'outliers': counts['outliers'],

@@ -17,6 +17,7 @@
 import math
 
 from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown
 from gyro_drift_filter.messages.span import Span
 
@@ -118,8 +119,11 @@ FILTER_RULES = (
         'no rest',
         Level.WARN,
         lambda span: span.now.telemetry.steady_seconds > _LONG_WITHOUT_REST,
-        'gravity has stood still for minutes, and yet no rest is found: if the robot stands, look '
-        'for what makes its rates wander or jump (a motor, a fan, a loose mount, temperature)',
+        lambda span: (
+            'gravity has stood still for minutes, and yet no rest is found, as '
+            f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '
+            'rates wander or jump (a motor, a fan, a loose mount, temperature)'
+        ),
     ),
     Rule(
         'beyond bias.max',

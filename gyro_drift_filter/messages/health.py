@@ -31,6 +31,7 @@ from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
+from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, applying
 from gyro_drift_filter.messages.span import Span, span_of
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
@@ -183,6 +184,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Bias at rest (rad/s)': state.bias,
         'Deviation of the bias at rest (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,
+        'Why not at rest': why_not_at_rest(state),
         'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
         'Segments of rest the bias was learned from': state.segments,
         'Segments of rest with a rate beyond bias.max': state.segments_beyond_max,

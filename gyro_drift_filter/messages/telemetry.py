@@ -41,9 +41,10 @@ class Telemetry(NamedTuple):
     seconds are in s, rest_seconds since the start where segments is 0. count_size is the rate in
     rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
     `AxisFault`; clipped_calibrated is 1 for an axis that was clipped before the driver calibrated
-    its rates; rest_beyond_max says that the rest under way has a rate beyond bias.max, and
-    segments_beyond_max counts such segments of rest; segments_turning counts those with a rate that
-    the bias can not have come to, so that the sensor turned.
+    its rates; rest_obstacle is a member of `Obstacle`, which showed last that a block or a segment
+    was no rest, in the signal rest_obstacle_signal; rest_beyond_max says that the rest under way has
+    a rate beyond bias.max, and segments_beyond_max counts such segments of rest; segments_turning
+    counts those with a rate that the bias can not have come to, so that the sensor turned.
     """
 
     samples: int
@@ -87,6 +88,8 @@ class Telemetry(NamedTuple):
     bias_deviation: Values
     rest_beyond_max: bool
     at_rest: bool
+    rest_obstacle: int
+    rest_obstacle_signal: int
     rest_seconds: float
     steady_seconds: float
     least_rest_seconds: float
@@ -175,6 +178,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['bias_provisional'] = bias['provisional'][0] > 0.0
     out['rest_beyond_max'] = bias['rest_beyond_max']
     out['at_rest'] = bias['rest']['at_rest']
+    out['rest_obstacle'] = bias['rest']['obstacle']
+    out['rest_obstacle_signal'] = bias['rest']['obstacle_signal']
     out['rest_seconds'] = bias['rest_seconds']
     out['steady_seconds'] = bias['rest']['steady_seconds']
     out['least_rest_seconds'] = coefficients['rest']['least_rest']

@@ -66,8 +66,9 @@ from gyro_drift_filter.core.rest.noise import (
     variance_of_mean,
 )
 from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
-from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
+from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import segment_mean
+from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
 
 if TYPE_CHECKING:
@@ -215,6 +216,7 @@ def _take_segment(state: Bias, moved: bool, lengths: RestLengths, settings: 'Set
     else:
         next_segment(rest, True)
         rest['at_rest'] = False
+        note_obstacle(rest, Obstacle.NO_BIAS, 0)
 
 
 @kernel

@@ -22,6 +22,7 @@ from gyro_drift_filter.core.rest.records import (
     SIGNALS,
     BlockOutcome,
     Halves,
+    Obstacle,
     Rest,
     RestLengths,
 )
@@ -38,7 +39,13 @@ from gyro_drift_filter.core.rest.segment import (
 )
 from gyro_drift_filter.core.rest.spikes import forget_waiting, is_spike, let_wait
 from gyro_drift_filter.core.rest.standing import note_gravity
-from gyro_drift_filter.core.rest.stationarity import holds_together, is_steady, is_still, tilts
+from gyro_drift_filter.core.rest.stationarity import (
+    holds_together,
+    is_steady,
+    note_obstacle,
+    obstacle_of_block,
+    tilts,
+)
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
@@ -161,9 +168,13 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     still = 2 * rest['count'] >= length
     if still:
         for i in range(SIGNALS):
-            if not is_still(rest, rest['signals'][i]):
+            obstacle = obstacle_of_block(rest, rest['signals'][i])
+            if obstacle != Obstacle.NONE:
                 still = False
+                note_obstacle(rest, obstacle, i)
         note_gravity(rest, lengths['block_seconds'])
+    else:
+        note_obstacle(rest, Obstacle.FEW_SAMPLES, 0)
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
@@ -220,6 +231,7 @@ def next_segment(rest: Rest, moved: bool) -> None:
     else:
         learn_variance_ratio(rest)
         rest['at_rest'] = True
+        rest['obstacle'] = Obstacle.NONE
         for i in range(SIGNALS):
             rest['signals'][i]['before'] = segment_mean(rest, i)
             rest['signals'][i]['before_blocks'] = rest['blocks']

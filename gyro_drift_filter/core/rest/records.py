@@ -96,6 +96,21 @@ class BlockOutcome(IntEnum):
     STEADY = 3  # the segment under way is steady, if not known as rest yet
 
 
+class Obstacle(IntEnum):
+    """Why the last block, or the segment that it completes, is no rest."""
+
+    NONE = 0  # it is, or nothing speaks against it yet
+    FEW_SAMPLES = 1  # more than half are missing, were held back, or came while a hint said MOVES
+    VARIES = 2  # the values of the block vary more than noise does
+    MOVED = 3  # the mean of the block is another one than that of the segment
+    SCATTERS = 4  # the means of blocks scatter more than those of noise
+    DRIFTS = 5  # they move smoothly, or from one half of the segment to the other
+    UNEVEN = 6  # the values vary far more at one time than at another
+    LOUD = 7  # the accelerations vary far more than at a rest before
+    TILTED = 8  # gravity is elsewhere than in the segment before
+    NO_BIAS = 9  # its rate is none that the bias can have come to
+
+
 class Rest(TypedDict):
     """The rest under way, and what is known of the noise."""
 
@@ -114,6 +129,8 @@ class Rest(TypedDict):
     standing: Annotated[Sequence[Standing], STANDING, (3,)]
     standing_blocks: int  # for which it has stood, rest or not
     at_rest: bool
+    obstacle: int  # a member of Obstacle
+    obstacle_signal: int  # of which signal; of all where it is `FEW_SAMPLES` or `NO_BIAS`
     samples: int  # since the start of the value, missing ones among them
     averaged: int  # of them, those that are in its mean
     index: int  # values since the start of the block, missing ones among them

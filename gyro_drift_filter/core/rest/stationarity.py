@@ -22,6 +22,7 @@ from gyro_drift_filter.core.rest.records import (
     BLOCK_SECONDS,
     HALF,
     SIGNALS,
+    Obstacle,
     Rest,
     RestLengths,
     Signal,
@@ -74,49 +75,74 @@ TURN_SHARE, LEAST_TURN, TURN_DEVIATIONS = 0.25, 0.05, 2.0
 
 
 @kernel
-def is_still(rest: Rest, signal: Signal) -> bool:
-    """Return whether the block is noise, as far as the noise is known."""
+def obstacle_of_block(rest: Rest, signal: Signal) -> Obstacle:
+    """Return what shows that the block is no noise, as far as the noise is known."""
     if not rest['known']:
-        return True
+        return Obstacle.NONE
     count = rest['count']
     mean, variance = block_moments(rest, signal)
     alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
     if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
-        return False
+        return Obstacle.VARIES
     blocks = rest['blocks']
     if blocks == 0:
-        return True
+        return Obstacle.NONE
     distance = mean - (signal['first'] + signal['means'] / blocks)
     spread = signal['scatter'] * (1.0 + 1.0 / blocks)
-    return bool(distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread)
+    near = distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread
+    return Obstacle.NONE if near else Obstacle.MOVED
 
 
 @kernel
 def holds_together(rest: Rest, lengths: RestLengths) -> bool:
-    """Return whether the means of the segment scatter as noise does, and gravity stands."""
+    """Return whether the means of the segment scatter as noise does, and gravity stands.
+
+    What shows that they do not is noted.
+    """
     for i in range(SIGNALS):
-        signal = rest['signals'][i]
-        if rest['known']:
-            limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
-            if scatter_of_means(rest, signal) > limit * signal['scatter']:
-                return False
-            scatter = signal['scatter'] * rest['variance_ratio']
-            if i < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
-                return False
-        elif not _is_stationary(rest, i, lengths) or (i >= 3 and not is_calm(rest, signal)):
+        obstacle = _obstacle_of_segment(rest, i, lengths)
+        if obstacle != Obstacle.NONE:
+            note_obstacle(rest, obstacle, i)
             return False
-        if i >= 3 and signal['before_blocks'] > 0:
-            blocks = 1.0 * rest['blocks']
-            step = segment_mean(rest, i) - signal['before']
-            spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
-            if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
-                return False
     return True
 
 
 @kernel
-def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
-    """Return whether signal `index` can be that of a body at rest, with noise of any spectrum."""
+def note_obstacle(rest: Rest, obstacle: Obstacle, signal: int) -> None:
+    """Note why a block or a segment is no rest."""
+    rest['obstacle'] = obstacle
+    rest['obstacle_signal'] = signal
+
+
+@kernel
+def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstacle:
+    """Return what of signal `index` shows that the segment is no rest."""
+    signal = rest['signals'][index]
+    if rest['known']:
+        limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
+        if scatter_of_means(rest, signal) > limit * signal['scatter']:
+            return Obstacle.SCATTERS
+        scatter = signal['scatter'] * rest['variance_ratio']
+        if index < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
+            return Obstacle.DRIFTS
+    else:
+        obstacle = _obstacle_of_first(rest, index, lengths)
+        if obstacle != Obstacle.NONE:
+            return obstacle
+        if index >= 3 and not is_calm(rest, signal):
+            return Obstacle.LOUD
+    if index >= 3 and signal['before_blocks'] > 0:
+        blocks = 1.0 * rest['blocks']
+        step = segment_mean(rest, index) - signal['before']
+        spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
+        if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
+            return Obstacle.TILTED
+    return Obstacle.NONE
+
+
+@kernel
+def _obstacle_of_first(rest: Rest, index: int, lengths: RestLengths) -> Obstacle:
+    """Return what of signal `index` can't be that of a body at rest, with noise of any spectrum."""
     signal, length = rest['signals'][index], 1.0 * lengths['block']
     scatter = scatter_of_means(rest, signal)
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
@@ -126,18 +152,20 @@ def _is_stationary(rest: Rest, index: int, lengths: RestLengths) -> bool:
     # By the differences of means that follow each other, which a slow turn leaves as they are.
     step_variance = 0.5 * mean_square_step(rest, signal)
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
-    smooth = alike > LARGEST_SMOOTH and _is_smooth(step_variance, scatter)
+    if alike > LARGEST_SMOOTH and _is_smooth(step_variance, scatter):
+        return Obstacle.DRIFTS
     # A vibration that the blocks alias makes the means alternate, which leads nowhere: those of two
     # blocks each scatter less than by half.
     slow_scatter = max(min(scatter, 2.0 * scatter - step_variance), LEAST_SLOW_SHARE * scatter)
     correlated = max(min(alike, length * BLOCK_SECONDS / lengths['block_seconds']), 1.0)
-    return (
-        not smooth
-        and slow_scatter * correlated <= walk * walk / lengths['block_seconds']
-        and max(signal['largest_variance'], signal['early_largest_variance']) <= limit * variance
-        and not _has_unlike_halves(rest, signal)
-        and not _has_halves(rest, signal, max(step_variance, variance / length), deviations)
-    )
+    if not slow_scatter * correlated <= walk * walk / lengths['block_seconds']:
+        return Obstacle.SCATTERS
+    largest = max(signal['largest_variance'], signal['early_largest_variance'])
+    if not largest <= limit * variance or _has_unlike_halves(rest, signal):
+        return Obstacle.UNEVEN
+    if _has_halves(rest, signal, max(step_variance, variance / length), deviations):
+        return Obstacle.DRIFTS
+    return Obstacle.NONE
 
 
 @kernel
