@@ -49,6 +49,10 @@ state, nothing = filter_.state['methods']['average'], (0.0, 0.0, 0.0)
 filter_.run(10**18 + 10_000_000 * np.arange(400), z, np.zeros_like(z))
 error, noise = state['variance'].copy(), state['innovation_variance'].copy()
 np.testing.assert_allclose(noise, 1e-4, rtol=0.3)
+# It fits its sensor: its innovations are as large as it says, and R is that of the noise.
+counts = filter_.state['counts']
+np.testing.assert_allclose(counts['nis_sum'] / counts['nis_samples'], 1.0, atol=0.5)
+np.testing.assert_allclose(filter_.state['result']['measurement_noise'], 1e-4, rtol=0.3)
 for k in range(400, 420):
     filter_.step(10**18 + 10_000_000 * k, (np.nan,) * 3, nothing)
 assert (state['variance'] > 1.1 * error).all()
