@@ -42,9 +42,10 @@ class Telemetry(NamedTuple):
     rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
     `AxisFault`; clipped_calibrated is 1 for an axis that was clipped before the driver calibrated
     its rates; rest_obstacle is a member of `Obstacle`, which showed last that a block or a segment
-    was no rest, in the signal rest_obstacle_signal; rest_beyond_max says that the rest under way has
-    a rate beyond bias.max, and segments_beyond_max counts such segments of rest; segments_turning
-    counts those with a rate that the bias can not have come to, so that the sensor turned.
+    was no rest, in the signal rest_obstacle_signal; rest_beyond_max says that the rest under way
+    has a rate beyond bias.max, and segments_beyond_max counts such segments of rest;
+    segments_turning counts those with a rate that the bias can not have come to, so that the sensor
+    turned.
     """
 
     samples: int
