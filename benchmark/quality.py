@@ -248,9 +248,14 @@ def score(candidate: Candidate, world: World) -> dict[str, list[float]]:
     return scored.figures
 
 
+def larger_is_better(name: str) -> bool:
+    """Return whether a figure is a share of what should come through or be caught."""
+    return name.endswith(('gain', 'caught', 'caught_rest'))
+
+
 def worst(name: str, values: list[float]) -> float:
     """Return the worst of a figure's values: the smallest share caught, the NIS furthest from 1."""
-    if name.endswith(('gain', 'caught', 'caught_rest')):
+    if larger_is_better(name):
         return min(values)
     if '.nis' in name:
         return max(values, key=lambda value: abs(np.log(max(value, 1e-9))))
@@ -268,7 +273,7 @@ def falls_short(figures: dict[str, list[float]], bars: Mapping[str, Bar] = BARS)
         median_, worst_ = float(np.median(figures[name])), worst(name, figures[name])
         if '.nis' in name:
             holds = 1 / worst_bar <= worst_ <= worst_bar
-        elif name.endswith(('gain', 'caught', 'caught_rest')):
+        elif larger_is_better(name):
             holds = worst_ >= worst_bar
         else:
             holds = worst_ <= worst_bar and (median_bar is None or median_ <= median_bar)

@@ -112,7 +112,7 @@ def _share(name: str, values: list[float], bar: quality.Bar) -> float:
     worst, limit = quality.worst(name, values), bar[1]
     if '.nis' in name:
         return abs(math.log(max(worst, 1e-9))) / math.log(limit)
-    if name.endswith(('gain', 'caught', 'caught_rest')):
+    if quality.larger_is_better(name):
         return (1.0 - worst) / (1.0 - limit)
     return worst / limit
 

@@ -49,7 +49,7 @@ from gyro_drift_filter.core.rest.segment import (
     start_segment,
     value_variance,
 )
-from gyro_drift_filter.core.rest.spikes import WAITING, is_spike, let_wait
+from gyro_drift_filter.core.rest.spikes import WAITING, let_wait, note_next
 from gyro_drift_filter.core.rest.standing import (
     standing_mean,
     standing_scatter,
@@ -799,7 +799,7 @@ def spikes_in(rates):
     found = []
     for k, rate in enumerate(rates):
         sample['angular_velocity'] = rate
-        if is_spike(waiting, sample, True, 0):
+        if note_next(waiting, sample, True, 0):
             found.append(k - 1)
         let_wait(waiting, sample, True, 0)
     return found

@@ -69,6 +69,18 @@ def is_usable(rate: float) -> bool:
 
 
 @kernel
+def finer(resolution: float, change: float) -> float:
+    """Return the smallest change of a signal, so far `resolution`, after another one.
+
+    Both in the signal's unit; the resolution is 0 before the first change, and a `change` of 0 is
+    none.
+    """
+    if change > 0.0 and (change < resolution or resolution == 0.0):
+        return change
+    return resolution
+
+
+@kernel
 def is_zero(values: PerAxis) -> bool:
     """Return whether all axes are exactly 0."""
     return bool(values[0] == 0.0 and values[1] == 0.0 and values[2] == 0.0)

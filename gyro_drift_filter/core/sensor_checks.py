@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.sample import Sample, are_equal, is_usable, is_zero
+from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
@@ -300,8 +300,7 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
             change = abs(rate)  # a rate is a number of steps, too
     if change > 0.0:
         checks['last_change'][axis] = change
-        if change < resolution[axis] or resolution[axis] == 0.0:
-            resolution[axis] = change
+        resolution[axis] = finer(resolution[axis], change)
     if abs(rate) > CLIPPED_RATE and abs(rate) > checks['passed'][axis]:
         _note_passed(checks, axis, rate)  # by the steps before this one
     checks['step_before'][axis] = checks['step'][axis]

@@ -121,7 +121,7 @@ def update_slow_turn(
 def give_up_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float) -> None:
     """Keep a bias (3,) in rad/s that another rate replaces, as that may yet have been a turn.
 
-    Its variance is `variance` (3,) and, as it may have come away meanwhile, `reach`, (rad/s)^2.
+    Its variance is now `variance` (3,) plus that of its random walk since, `reach`, in (rad/s)^2.
     """
     turn['gave_up'] = True
     for axis in range(3):

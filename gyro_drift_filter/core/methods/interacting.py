@@ -134,9 +134,9 @@ def combine_modes(
 
 @kernel
 def _growth_of_extrapolation(state: AdaptiveAxis) -> float:
-    """Return by how much a mode's extrapolation is uncertain, as a share of what moves the mode.
+    """Return the variance in (rad/s)^2 that an extrapolation adds, per innovation ratio less 1.
 
-    The error grows about as the number of samples, and its variance, in (rad/s)^2, as the square.
+    Its error grows about as the number of samples, and so the variance as their square.
     """
     held = state['doubt']['held']
     return float(state['noise']['variance'] * held * held)

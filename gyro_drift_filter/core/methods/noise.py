@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.sample import finer
 
 NOISE_BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s. A block counts as
@@ -233,9 +234,7 @@ def learn_noise(
     if run >= 1:
         first = sample - before[0]
         noise['first_differences'] += first * first
-        change = abs(first)
-        if change > 0.0 and (noise['resolution'] == 0.0 or change < noise['resolution']):
-            noise['resolution'] = change
+        noise['resolution'] = finer(noise['resolution'], abs(first))
         noise['first_difference_count'] += 1
     if run >= 2:
         second = sample - before[1]

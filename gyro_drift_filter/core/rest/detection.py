@@ -15,7 +15,7 @@
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
 from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
-from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio, note_count
+from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
@@ -37,7 +37,7 @@ from gyro_drift_filter.core.rest.segment import (
     start_segment,
     start_value,
 )
-from gyro_drift_filter.core.rest.spikes import forget_waiting, is_spike, let_wait
+from gyro_drift_filter.core.rest.spikes import forget_waiting, let_wait, note_next
 from gyro_drift_filter.core.rest.standing import note_gravity
 from gyro_drift_filter.core.rest.stationarity import (
     holds_together,
@@ -46,7 +46,7 @@ from gyro_drift_filter.core.rest.stationarity import (
     obstacle_of_block,
     tilts,
 )
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample, finer, is_zero
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
@@ -54,7 +54,7 @@ LEAST_STEADY_BLOCKS = 6
 # So long after the noise has been doubted, and without a rest since, the accelerations of the one
 # before are no bound any more. A noise that is known is kept: else a road would be a rest.
 FORGET_CALM_SECONDS = 300.0
-LEAST_COUNT = 1e-5  # m/s^2: no accelerometer has a finer one; less is rounding of a calibration
+FINEST_RESOLUTION = 1e-5  # m/s^2, of any accelerometer; less is rounding of a calibration
 
 
 @kernel
@@ -93,7 +93,7 @@ def _wait_for_next(
     Arguments and result as for `note_sample`.
     """
     waiting = rest['waiting']
-    spike, complete = is_spike(waiting, sample, trusted, missing), False
+    spike, complete = note_next(waiting, sample, trusted, missing), False
     if waiting['waits']:
         complete = _add_sample(rest, waiting['sample'], not spike, 0, lengths)
     let_wait(waiting, sample, trusted, missing)
@@ -137,22 +137,21 @@ def _add_sample(
 
 @inlined_kernel
 def _note_force(rest: Rest, acceleration: PerAxis) -> None:
-    """Note an acceleration (3,) in m/s^2, and the smallest change of it, which is a count.
+    """Note an acceleration (3,) in m/s^2, and the smallest change of it.
 
     A read that failed gives no number, or zeros on all axes. The last one that was measured stands
     in for it: else one in a hundred of them would hide every rest. Who has no accelerometer has
     zeros all the time.
     """
-    force, counts = rest['force'], rest['force_count']
-    if acceleration[0] == 0.0 and acceleration[1] == 0.0 and acceleration[2] == 0.0:
+    force, resolution = rest['force'], rest['force_resolution']
+    if is_zero(acceleration):
         return
     for axis in range(3):
         if not abs(acceleration[axis]) <= LARGEST_ACCELERATION:
             continue
-        change, least = abs(acceleration[axis] - force[axis]), counts[axis]
-        if force[axis] != 0.0 and change > LEAST_COUNT and (change < least or least == 0.0):
-            counts[axis] = change
-            note_count(rest, 3 + axis, change)
+        change = abs(acceleration[axis] - force[axis])
+        if force[axis] != 0.0 and change > FINEST_RESOLUTION:
+            resolution[axis] = finer(resolution[axis], change)
         force[axis] = acceleration[axis]
 
 

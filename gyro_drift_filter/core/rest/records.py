@@ -117,7 +117,7 @@ class Rest(TypedDict):
     waiting: Annotated[Waiting, WAITING, ()]
     signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
     force: PerAxis  # m/s^2, the last acceleration that was measured; 0 before the first
-    force_count: PerAxis  # m/s^2, the smallest change of it; 0 before the first
+    force_resolution: PerAxis  # m/s^2, the smallest change of it; 0 before the first
     known: bool  # what the noise is
     calm_known: bool  # what that of the accelerations was, where `known` was doubted
     learned: int  # segments that it was learned from

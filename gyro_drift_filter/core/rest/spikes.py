@@ -21,7 +21,7 @@ nothing that has mass turns so. Where the noise is known, outliers are found by 
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.sample import SAMPLE, Sample
+from gyro_drift_filter.core.sample import SAMPLE, Sample, finer
 
 # A spike stands out by so many times what is usual: noise alone does in one of 10^7 samples. It
 # is more than so many counts, as a coarse sensor at rest shows single ones.
@@ -37,13 +37,13 @@ class Waiting(TypedDict):
 
     sample: Annotated[Sample, SAMPLE, ()]
     waits: bool  # it does so, and is in no value yet
-    trusted: bool
+    trusted: bool  # it is no outlier, and its sensor measures
     follows: bool  # it is trusted, and so is the one before it
     before: PerAxis  # rad/s, the sample before it
     usual: PerAxis  # distance of a rate from the middle of its neighbours, rad/s
     seen: int  # samples that are in it, up to `USUAL_SAMPLES`
-    spikes: int  # how many there were since a rest has been confirmed by a second segment
-    count: PerAxis  # rad/s, the smallest change of a rate; 0 before the first
+    spikes: int  # so many, until a second segment of rest has been found
+    resolution: PerAxis  # rad/s, the smallest change of a rate; 0 before the first
 
 
 WAITING = record(Waiting)
@@ -57,8 +57,8 @@ def forget_waiting(waiting: Waiting) -> None:
 
 
 @kernel
-def is_spike(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> bool:
-    """Return whether the last sample is a spike, as the next one shows; note what is usual.
+def note_next(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> bool:
+    """Note what is usual; return whether the sample shows that the last one is a spike.
 
     `missing` samples lie between them.
     """
@@ -72,7 +72,7 @@ def is_spike(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> b
     for axis in range(3):
         before, usual = waiting['before'][axis], waiting['usual'][axis]
         size = abs(rate[axis] - 0.5 * (before + now[axis]))
-        least = max(SPIKE_RATIO * usual, SPIKE_COUNTS * waiting['count'][axis])
+        least = max(SPIKE_RATIO * usual, SPIKE_COUNTS * waiting['resolution'][axis])
         step = abs(now[axis] - before)
         # A device that is not ready has shown one rate so far, of which nothing is usual.
         judged = known and usual > 0.0
@@ -95,9 +95,9 @@ def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> N
     follows = waiting['trusted'] and trusted and missing == 0
     for axis in range(3):
         rate, before = sample['angular_velocity'][axis], waits['angular_velocity'][axis]
-        change, count = abs(rate - before), waiting['count'][axis]
-        if follows and change > 0.0 and (change < count or count == 0.0):
-            waiting['count'][axis] = change
+        if follows:
+            resolution = waiting['resolution'][axis]
+            waiting['resolution'][axis] = finer(resolution, abs(rate - before))
         waiting['before'][axis] = before
         waits['angular_velocity'][axis] = rate
         waits['linear_acceleration'][axis] = sample['linear_acceleration'][axis]
