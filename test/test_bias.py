@@ -891,6 +891,28 @@ def test_a_known_bias_is_taken_off_the_first_sample(random):
     np.testing.assert_allclose(run(known, *data)['bias'][[0, -1]], [truth, truth], atol=1e-3)
 
 
+@pytest.mark.parametrize('moved', [1.0, 2.0, 5.0])
+def test_a_remembered_bias_that_is_another_one_now(moved, random):
+    """About the vertical, so that gravity does not tell it from a turn."""
+    remembered = np.array([0.2, -0.1, 0.3]) * DEGREE
+    truth = remembered + np.array([0.0, 0.0, moved]) * DEGREE
+    filter_ = Filter()
+    filter_.set_bias(remembered, (0.0087,) * 3)
+    results = run(filter_, *at_rest(random, 10, truth))
+    np.testing.assert_allclose(results['bias'][400], truth, atol=0.05 * DEGREE)
+
+
+def test_a_remembered_bias_comes_back_after_a_turn_from_the_first_sample_on(random):
+    remembered = np.array([0.2, -0.1, 0.3]) * DEGREE
+    turning = at_rest(random, 10, remembered + np.array([0.0, 0.0, 3.0]) * DEGREE)
+    resting = at_rest(random, 10, remembered)
+    filter_ = Filter()
+    filter_.set_bias(remembered, (0.0087,) * 3)
+    run(filter_, *turning)
+    results = run(filter_, *resting, start=START + 10 * 10**9)
+    np.testing.assert_allclose(results['bias'][400], remembered, atol=0.05 * DEGREE)
+
+
 def test_calibrate(random):
     truth = np.array([0.0, 0.0, -1.0]) * DEGREE
     filter_ = Filter()

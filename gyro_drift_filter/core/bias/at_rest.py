@@ -50,6 +50,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
     forget_slow_turn,
     give_up_bias,
+    give_up_first_bias,
     interrupt_slow_turn,
     is_back,
     update_slow_turn,
@@ -302,8 +303,7 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
             return True
         if not is_less_steady(state):
             # One of the two was a turn about the vertical: the next rest shows which.
-            if not state['turn']['gave_up']:
-                give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+            give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
             return True
         # A motion that is nearly steady, as of a drone that takes off.
         unlearn_first_segment(rest)
@@ -322,6 +322,12 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
     if unreachable > 0 and moved:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
+    if unreachable > 0 and state['segments'] == 0:
+        # The first rest of a run: since it was switched off the bias may have come anywhere.
+        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        state['known'] = False
+        state['recent_count'] = 0
+        return True
     if unreachable > 0:
         state['segments_turning'] += 1
         state['doubted_segments'] = DOUBTED_SEGMENTS

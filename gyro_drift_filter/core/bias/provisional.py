@@ -22,7 +22,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance
 from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
-from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
+from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_first_bias
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -96,8 +96,8 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
         return
     if state['known'] and far:
         return  # it turns: the bias of the last run is another one
-    if replaces and far and not state['turn']['gave_up']:
-        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+    if replaces and far:
+        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
     for axis in range(3):
         state['bias'][axis] = _mean(rest, axis, standing)
         # Scaled to the length of a segment, as later segments are compared with it.

@@ -130,6 +130,13 @@ def give_up_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float)
 
 
 @kernel
+def give_up_first_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float) -> None:
+    """Do as `give_up_bias`, unless an earlier bias that was given up may yet be right."""
+    if not turn['gave_up']:
+        give_up_bias(turn, bias, variance, reach)
+
+
+@kernel
 def is_back(turn: SlowTurn, rest: Rest, bias: PerAxis) -> bool:
     """Return whether the segment has the bias that was given up: the rate that lasted was a turn.
 
