@@ -32,6 +32,7 @@ _SUBCOMMANDS = (
     'calibrate',
     'tune',
     'doctor',
+    'explain',
     'fleet',
     'fleet-report',
     'simulate',

@@ -17,13 +17,16 @@
 from enum import IntEnum
 from typing import TypedDict
 
-from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 
 # A rate beyond this is no rate: nearly 30,000 times what the fastest gyroscopes measure, in rad/s.
 LARGEST_RATE = 1.0e6
 
 # Nor is an acceleration beyond this: ten times the range of accelerometers for impacts, in m/s^2.
 LARGEST_ACCELERATION = 2.0e4
+
+# In place of a method's reason: the rate was no usable number, so no method has seen it.
+UNUSABLE = -1
 
 
 class Sample(TypedDict):
@@ -54,6 +57,8 @@ class Result(TypedDict):
     process_noise: PerAxis  # Q, (rad/s)^2
     measurement_noise: PerAxis  # R, (rad/s)^2
     outlier: PerAxis  # 0 or 1
+    # why it is one or not: a key of `Method.reasons`, or UNUSABLE
+    reason: CountPerAxis
     bias: PerAxis  # subtracted from the rate, rad/s
     at_rest: float  # 0 or 1
 

@@ -45,6 +45,7 @@ from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
     RESULT,
     SAMPLE,
+    UNUSABLE,
     Result,
     Sample,
     SampleStatus,
@@ -263,11 +264,13 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
             continue
         usable = is_usable(rate[axis])
         result['innovation_variance'][axis] = methods.innovation_variance(filter_, axis)
-        innovation, outlier = 0.0, True
+        innovation, outlier, reason = 0.0, True, UNUSABLE
         if usable:
             innovation, outlier = methods.update(filter_, axis, rate[axis])
+            reason = methods.reason(filter_, axis, outlier)
         result['innovation'][axis] = innovation
         result['outlier'][axis] = outlier
+        result['reason'][axis] = reason
         sample_or_none = rate[axis] if usable else np.nan
         estimate, variance, process, measurement = methods.estimate(filter_, axis, sample_or_none)
         filtered[axis] = result['angular_velocity'][axis] = estimate

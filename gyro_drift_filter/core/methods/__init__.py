@@ -37,18 +37,20 @@ another one in the step, `change_period` ends it. The other verbs are for method
 `note_circumstances` and `compare_axes` for what all axes show together, `change_period` for what is
 counted per sample, `start_over`, `learned_noise`, `noise_block_seconds` and `is_noise_known` for
 noise that is learned (the last one is asked after `update`, of the variance before it),
-`divergences` for a method that starts anew where it has diverged, `change_model` for what
+`divergences` for a method that starts anew where it has diverged, `reason` for one that has more
+than one for an outlier, `change_model` for what
 parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, inlined_kernel, kernel, record
-from gyro_drift_filter.core.methods import adaptive, paper
+from gyro_drift_filter.core.methods import adaptive, outliers, paper
 from gyro_drift_filter.core.methods.adaptive import AdaptiveCoefficients, AdaptiveWorkspace
 from gyro_drift_filter.core.methods.adaptive_axis import ADAPTIVE_AXIS, AdaptiveAxis
 from gyro_drift_filter.core.methods.advice import Advice
@@ -75,17 +77,21 @@ class Method(NamedTuple):
         name: What users write.
         state: Its field of `MethodStates`; a switch between methods that share one keeps the state.
         advice: What to do where it does not fit its sensor; without its own, general texts.
+        reasons: Why a sample is accepted or an outlier, by the numbers that `reason` returns.
+        undecided: Those of samples that tell nothing of outliers before them.
     """
 
     name: str
     state: str
     advice: Advice = Advice()
+    reasons: Mapping[int, str] = MappingProxyType({0: 'accepted', 1: 'an outlier'})
+    undecided: Collection[int] = ()
 
 
 METHODS = (
-    Method('kalman', 'paper', paper.ADVICE),
-    Method('sage_husa', 'paper', paper.ADVICE),
-    Method('adaptive', 'adaptive', adaptive.ADVICE),
+    Method('kalman', 'paper', paper.ADVICE, paper.REASONS),
+    Method('sage_husa', 'paper', paper.ADVICE, paper.REASONS),
+    Method('adaptive', 'adaptive', adaptive.ADVICE, outliers.REASONS, (outliers.Reason.REPEATED,)),
 )
 METHOD_NAMES = tuple(method.name for method in METHODS)
 ADVICE = {method.name: method.advice for method in METHODS}
@@ -260,6 +266,14 @@ def is_noise_known(filter_: 'FilterRecord', axis: int) -> bool:
         known = filter_['state']['methods']['adaptive'][axis]['noise']['blocks'] > 0
         return known and not repeated
     return True
+
+
+@kernel
+def reason(filter_: 'FilterRecord', axis: int, outlier: bool) -> int:
+    """Return why a sample that was taken in counts as an outlier or not, see `Method.reasons`."""
+    if filter_['settings']['method'] == ADAPTIVE:
+        return filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
+    return 1 if outlier else 0
 
 
 @kernel

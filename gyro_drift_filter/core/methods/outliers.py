@@ -33,6 +33,7 @@ at every rate of turn.
 """
 
 import math
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import TYPE_CHECKING, TypedDict
 
@@ -104,34 +105,68 @@ class Decision(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a decision is what it is; `decision_of` says which one it is."""
+    """Why a decision is what it is: `REASONS` says it, and `decision_of` which one it is.
+
+    `find_reason` judges a sample by its innovation. `adaptive.update` overrules it where the rate
+    says nothing: for CONSTANT, REPEATED and AT_LIMIT.
+    """
 
     # ACCEPT
-    EXPECTED = 0  # within the limits
-    CROWDED = 1  # so many were held back of late that the doubt is wrong
-    RETURNED = 2  # back at the prediction from before those that were held back
-    CONSTANT = 3  # it has come so often that it is the rate, and all modes are put there
+    EXPECTED = 0
+    CROWDED = 1
+    RETURNED = 2
+    CONSTANT = 3
     # HOLD
-    FAR = 4  # beyond the limits; or, after held ones, neither back nor shown to be motion
-    # zeros on all axes, or a read that failed, and not as predicted: there was nothing to report
-    ALL_ZERO = 5
+    FAR = 4
+    FAR_AT_REST = 5
+    BEYOND_BODY = 6
+    ALL_ZERO = 7
+    UNDECIDED = 8
     # START_ANEW
-    REACHED = 6  # as far as a body can come since the last sample that was measured
-    STAYED = 7  # where the last accepted one was, as a motion may end at once
-    PUSHED = 8  # the accelerometer was shaken by as much as explains the jump, or by a jolt before
-    JOLTED = 9  # the accelerometer has jumped, and the next sample is still away
-    CONFIRMED = 10  # a jump that only rest makes doubtful, and that the next sample confirms
-    GROWN = 11  # further away, as a motion is that has only begun
-    GROWN_AGAIN = 12  # further away for the second time
-    GONE_ON = 13  # by steps like the first one, as a body does that is stopped
-    AGREED = 14  # more in a row agree than outliers do
-    HELD_LONGEST = 15  # no more are held back
-    CROWDED_WHILE_HELD = 16  # as CROWDED, with samples held back
-    UNCONFIRMED = 17  # far from the sample that the filter started at, for which nothing speaks
+    REACHED = 9
+    STAYED = 10
+    PUSHED = 11
+    JOLTED = 12
+    CONFIRMED = 13
+    GROWN = 14
+    GROWN_AGAIN = 15
+    GONE_ON = 16
+    AGREED = 17
+    HELD_LONGEST = 18
+    CROWDED_WHILE_HELD = 19
+    UNCONFIRMED = 20
     # BRIDGE
-    REPEATED = 18  # the sensor has not measured since the sample before
+    REPEATED = 21
     # PASS
-    AT_LIMIT = 19  # at the end of the range
+    AT_LIMIT = 22
+
+
+# In the words of a user, of the sample at hand.
+REASONS: Mapping[int, str] = {
+    Reason.EXPECTED: 'within the limits',
+    Reason.CROWDED: 'accepted: so many were held back of late that the doubt is wrong',
+    Reason.RETURNED: 'back at the prediction: those held back before it were outliers',
+    Reason.CONSTANT: 'accepted: it has come so often that it is the rate',
+    Reason.FAR: 'beyond outlier.threshold and outlier.acceleration',
+    Reason.FAR_AT_REST: 'beyond outlier.threshold, and the sensor stood still until then',
+    Reason.BEYOND_BODY: 'a jump that no body makes within a sample period',
+    Reason.ALL_ZERO: 'a read that failed: all three rates are 0 or one value, and not as predicted',
+    Reason.UNDECIDED: 'neither back at the prediction nor shown to be motion yet',
+    Reason.REACHED: 'motion: a body can have come there since the last sample that was measured',
+    Reason.STAYED: 'motion that has ended: the rate is that of the last accepted sample',
+    Reason.PUSHED: 'motion: the accelerometer was shaken by as much as explains it',
+    Reason.JOLTED: 'motion: the accelerometer has jumped, and the next sample is still away',
+    Reason.CONFIRMED: 'motion: the next sample confirms a jump that only rest made doubtful',
+    Reason.GROWN: 'motion: further away, as a turn is that has only begun',
+    Reason.GROWN_AGAIN: 'motion: further away for the second time',
+    Reason.GONE_ON: 'motion: by steps like the first one, as of a body that is stopped',
+    Reason.AGREED: 'motion: more samples in a row agree than outliers do',
+    Reason.HELD_LONGEST: 'motion: no more samples are held back',
+    Reason.CROWDED_WHILE_HELD: 'motion: so many were held back of late that the doubt is wrong',
+    Reason.UNCONFIRMED: 'accepted: nothing speaks for the sample that the filter started at',
+    Reason.REPEATED: 'bridged: the sensor has not measured since the sample before',
+    Reason.AT_LIMIT: 'passed on: the rate is at the end of the range',
+}
 
 
 class Circumstances(TypedDict):
@@ -347,7 +382,11 @@ def find_reason(
         return Reason.UNCONFIRMED
     if _stays(sample, prediction, last_accepted):
         return Reason.STAYED
-    return Reason.PUSHED if _is_pushed(size, circumstances, limits) else Reason.FAR
+    if _is_pushed(size, circumstances, limits):
+        return Reason.PUSHED
+    if beyond:
+        return Reason.BEYOND_BODY
+    return Reason.FAR_AT_REST if still else Reason.FAR
 
 
 @kernel
@@ -427,7 +466,7 @@ def _reason_behind_held(
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
     if alike and doubt['agreeing'] >= run:
         return Reason.AGREED
-    return Reason.HELD_LONGEST if lasted else Reason.FAR
+    return Reason.HELD_LONGEST if lasted else Reason.UNDECIDED
 
 
 @kernel

@@ -42,6 +42,7 @@ Each is named where it stands:
 """
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -321,6 +322,11 @@ def _adapt(
     state['process_noise'] = max(noise, NOISE_FLOOR * coefficients['process_noise'])
 
 
+# By whether a sample is an outlier, 0 or 1.
+REASONS: Mapping[int, str] = {
+    0: 'within the limit',
+    1: 'the square of the innovation differs from what is expected by more than epsilon',
+}
 ADVICE = Advice(
     outliers='for a robot that moves, set method to adaptive; else raise epsilon',
     large_innovations='it lags behind motion; set method to adaptive, or raise model.process_noise '

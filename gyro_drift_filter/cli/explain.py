@@ -1,0 +1,152 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`gyro_drift explain`: why samples of a recording were flagged, and what became of them."""
+
+import argparse
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
+from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import say
+from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.time_options import add_time_options, between
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.errors import printable
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.core import Filter
+    from gyro_drift_filter.report.flagged import FlaggedSequence
+
+_HEAD = '       s axis samples     rate innovation deviations'
+
+
+def add_parser(subcommands: Any) -> None:
+    """Add the subcommand to the parser of `gyro_drift`."""
+    command = subcommands.add_parser(
+        'explain',
+        help='say why samples were flagged as outliers',
+        description='Send a recording through the filter and list the samples that it flagged: '
+        'when, on which axis, by how much they missed their prediction, why that was too much, '
+        'and what the next sample showed.',
+    )
+    command.add_argument(
+        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
+    )
+    add_topic_option(command)
+    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
+    command.add_argument(
+        '--motion-hint',
+        metavar='TOPIC',
+        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
+    )
+    command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
+    add_time_options(command)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the subcommand."""
+    from gyro_drift_filter.bags.opening import check_path, open_bag
+    from gyro_drift_filter.bags.output import NoOutput
+    from gyro_drift_filter.bags.replay_run import ReplayRun, Watch
+    from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.bags.topics import choose_hint
+    from gyro_drift_filter.report.flagged import FlaggedLog
+
+    spare_linear_algebra()
+    start, end = between(options)
+    check_targets({'--json': options.json})
+    parameters = read_parameters(options.params) if options.params else Parameters()
+    if options.method:
+        parameters = parameters.with_names({'method': options.method})
+    compile_first()
+    logs: list[FlaggedLog] = []
+
+    def watched(topic: str, filter_: 'Filter') -> FlaggedLog:
+        logs.append(FlaggedLog(filter_))
+        return logs[-1]
+
+    # The whole recording, so that each sample meets the filter as it met it on the robot.
+    topics = (options.topic,) if options.topic else ()
+    selection = Selection(imu_topics=topics, hint=options.motion_hint)
+    check_path(options.bag)
+    with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
+        inputs = selection.inputs(recording)
+        hint = None if selection.hint is None else choose_hint(recording, selection.hint)
+        replay = ReplayRun(
+            recording,
+            NoOutput(recording, inputs),
+            parameters,
+            inputs,
+            hint,
+            None,
+            Watch(watcher=watched),
+        )
+        for piece in selection.pieces(recording, progress):
+            replay.take(piece)
+        (summary,) = replay.finish()
+    sequences = [
+        sequence
+        for sequence in logs[0].sequences
+        if start <= 1e-9 * (sequence.log_time - summary.start) <= end
+    ]
+    if options.json:
+        plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
+        write_json(options.json, {**plain, 'start': summary.start, 'flagged': sequences})
+    source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
+    say(page(source, sequences, summary.start))
+
+
+def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str:
+    """Return the page: what came of all, then three lines for each.
+
+    Args:
+        source: What was looked at.
+        sequences: What was flagged.
+        start: Log time in ns that times are counted from.
+    """
+    samples = sum(sequence.samples for sequence in sequences)
+    lines = [f'{printable(source)}: {samples} samples flagged, {len(sequences)} times']
+    if not sequences:
+        return lines[0]
+    outcomes = Counter(_outcome(sequence) for sequence in sequences)
+    lines += [f'{count:8}  {outcome}' for outcome, count in outcomes.most_common()]
+    lines += ['', 'The first sample of each, with rates in rad/s:', '', _HEAD]
+    for sequence in sequences:
+        seconds = 1e-9 * (sequence.log_time - start)
+        missed = f'{"-":>10} {"-":>10}'
+        if math.isfinite(sequence.rate) and sequence.deviation > 0.0:
+            deviations = abs(sequence.innovation) / sequence.deviation
+            missed = f'{sequence.innovation:10.3g} {deviations:10.3g}'
+        lines.append(
+            f'{seconds:8.3f} {AXES[sequence.axis]:>4} {sequence.samples:7} {sequence.rate:8.3g} '
+            f'{missed}'
+        )
+        lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
+    return '\n'.join(lines)
+
+
+def _outcome(sequence: 'FlaggedSequence') -> str:
+    """Return what the next sample showed."""
+    return 'the recording ends here' if sequence.outcome is None else sequence.outcome

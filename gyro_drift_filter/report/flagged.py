@@ -1,0 +1,116 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The samples that were flagged as outliers: why, and what the ones after them showed."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.methods import METHODS
+from gyro_drift_filter.core.sample import UNUSABLE, SampleStatus
+from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.rules import Rule
+from gyro_drift_filter.messages.span import Span
+
+
+@dataclass
+class FlaggedSequence:
+    """Samples in a row, of one axis, that were flagged.
+
+    Attributes:
+        axis: 0, 1 or 2.
+        log_time: Of the first one, in ns.
+        samples: How many.
+        rate: The first one as it came, rad/s.
+        innovation: The first one minus its prediction, rad/s; 0 where it was no usable number.
+        deviation: The standard deviation that was expected of the innovation, rad/s.
+        reason: Why the first one was flagged.
+        outcome: What the next sample showed; None where the recording ends before it.
+    """
+
+    axis: int
+    log_time: int
+    samples: int
+    rate: float
+    innovation: float
+    deviation: float
+    reason: str
+    outcome: str | None = None
+
+
+class FlaggedLog:
+    """Sees what goes through a filter, and keeps what was flagged.
+
+    Attributes:
+        sequences: In the order of their first samples.
+    """
+
+    def __init__(self, filter_: Filter) -> None:
+        """Start with a filter that has seen nothing yet."""
+        self.sequences: list[FlaggedSequence] = []
+        (method,) = (m for m in METHODS if m.name == filter_.parameters.method)
+        self._reasons = {**method.reasons, UNUSABLE: 'no usable number'}
+        self._undecided = list(method.undecided)
+        self._open: list[FlaggedSequence | None] = [None, None, None]
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
+        kept = imus['kind'] == ImuKind.GOOD
+        kept[kept] = imus['result']['status'][kept] == SampleStatus.FILTERED
+        result, times = imus['result'][kept], log_times[kept]
+        rates = imus['sample']['angular_velocity'][kept]
+        flagged = result['outlier'] > 0.0
+        decided = flagged | ~np.isin(result['reason'], self._undecided)
+        for axis in range(3):
+            rows = np.flatnonzero(decided[:, axis])
+            # Beside the flagged ones, those that come right behind one.
+            ends = np.append(self._open[axis] is not None, flagged[rows[:-1], axis])[: len(rows)]
+            for row in rows[flagged[rows, axis] | ends].tolist():
+                if flagged[row, axis]:
+                    self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
+                else:
+                    self._close(axis, self._reasons[int(result['reason'][row, axis])])
+        self.sequences.sort(key=lambda sequence: sequence.log_time)
+
+    def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
+        """Pass over the reports."""
+
+    def _add(self, axis: int, log_time: int, rate: float, result: Any) -> None:
+        sequence = self._open[axis]
+        if sequence is not None:
+            sequence.samples += 1
+            return
+        sequence = FlaggedSequence(
+            axis=axis,
+            log_time=log_time,
+            samples=1,
+            rate=rate,
+            innovation=float(result['innovation'][axis]),
+            deviation=math.sqrt(result['innovation_variance'][axis]),
+            reason=self._reasons[int(result['reason'][axis])],
+        )
+        self._open[axis] = sequence
+        self.sequences.append(sequence)
+
+    def _close(self, axis: int, outcome: str) -> None:
+        sequence = self._open[axis]
+        if sequence is not None:
+            sequence.outcome = outcome
+        self._open[axis] = None

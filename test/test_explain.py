@@ -1,0 +1,149 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""`gyro_drift explain`: each flagged sample is listed once, with why and what came of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.methods.outliers import REASONS, Reason
+from gyro_drift_filter.core.sample import UNUSABLE
+from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
+from gyro_drift_filter.report.flagged import FlaggedLog
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from support.bags import write
+from support.messages import START
+from support.sensor import at_rest
+
+SPIKE, SECOND, UNUSABLE_TEXT = 2.0, 100, 'no usable number'
+AGREED = REASONS[Reason.AGREED]
+
+
+@pytest.fixture
+def rates_and_forces(random):
+    """Return 20 s of rest in which all kinds of samples are flagged."""
+    rates, forces = at_rest(random, 20)
+    rates[10 * SECOND, 0] += SPIKE
+    rates[12 * SECOND, 1] = np.nan
+    rates[14 * SECOND : 14 * SECOND + 2, 2] += SPIKE
+    rates[16 * SECOND :, 0] += SPIKE  # it stays, so it is motion
+    rates[-1, 1] -= SPIKE
+    return rates, forces
+
+
+@pytest.fixture
+def bag(tmp_path, rates_and_forces):
+    rows = [
+        (START + 10_000_000 * k, imu_message(START + 10_000_000 * k, *of_sample))
+        for k, of_sample in enumerate(zip(*rates_and_forces, strict=True))
+    ]
+    return write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): rows})
+
+
+def explained(bag, tmp_path, *options):
+    """Return what the command writes for programs."""
+    target = tmp_path / f'{len(options)}.json'
+    assert main(['explain', str(bag), '--json', str(target), *options]) == 0
+    return json.loads(target.read_text())
+
+
+def test_every_reason_has_its_text():
+    assert set(REASONS) == set(Reason)
+    assert len(set(REASONS.values())) == len(Reason)
+
+
+def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
+    result = explained(bag, tmp_path)
+    found = {
+        (round((one['log_time'] - START) * 1e-9, 2), 'xyz'[one['axis']]): one
+        for one in result['flagged']
+    }
+    assert list(found) == [(10.0, 'x'), (12.0, 'y'), (14.0, 'z'), (16.0, 'x'), (19.99, 'y')]
+    spike, unusable, two, motion, last = found.values()
+    assert (spike['samples'], spike['reason']) == (1, REASONS[Reason.FAR_AT_REST])
+    assert spike['outcome'] == two['outcome'] == REASONS[Reason.RETURNED]
+    assert spike['rate'] == pytest.approx(SPIKE, abs=0.1)
+    assert spike['innovation'] == pytest.approx(SPIKE, abs=0.1)
+    assert 0.0 < spike['deviation'] < 0.01
+    assert (unusable['samples'], unusable['reason']) == (1, UNUSABLE_TEXT)
+    assert unusable['innovation'] == 0.0
+    assert two['samples'] == 2
+    assert motion['outcome'] == AGREED
+    assert last['outcome'] is None
+    page = capsys.readouterr().out
+    assert page.startswith(f'drive, topic {TOPIC}, adaptive: ')
+    assert f'{sum(one["samples"] for one in found.values())} samples flagged, 5 times' in page
+    assert '  10.000    x       1        2          2 ' in page
+    assert 'the recording ends here' in page
+
+
+def test_the_filter_sees_what_comes_before_the_start(bag, tmp_path):
+    """So the samples are those that were flagged on the robot."""
+    whole = explained(bag, tmp_path)['flagged']
+    part = explained(bag, tmp_path, '--start', '13', '--end', '15')['flagged']
+    assert part == whole[2:3]
+
+
+def test_the_methods_of_the_paper_have_their_reason(bag, tmp_path):
+    result = explained(bag, tmp_path, '--method', 'kalman')
+    reasons = {one['reason'] for one in result['flagged']}
+    assert result['method'] == 'kalman'
+    assert any('epsilon' in reason for reason in reasons)
+    assert reasons <= {UNUSABLE_TEXT, *(r for r in reasons if 'epsilon' in r)}
+
+
+def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):
+    quiet = tmp_path / 'quiet.yaml'
+    quiet.write_text('gyro_drift_filter:\n  ros__parameters:\n    outlier.enabled: false\n')
+    assert main(['explain', str(bag), '--params', str(quiet), '--end', '11']) == 0
+    page = capsys.readouterr().out
+    assert page == f'drive, topic {TOPIC}, adaptive: 0 samples flagged, 0 times\n'
+    assert main(['explain', str(bag), '--topic', '/none']) == 1
+    assert '/none' in capsys.readouterr().err
+    assert main(['explain', str(tmp_path / 'absent')]) == 1
+    assert 'absent' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('piece', [1, 7, 10_000])
+@pytest.mark.parametrize('method', ['adaptive', 'sage_husa'])
+def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
+    rates, forces = rates_and_forces
+    rates[11 * SECOND :: 37, 0] += 0.4  # many more
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    filter_ = Filter(Parameters(method=method))
+    imus = np.zeros(len(rates), IMU)
+    imus['kind'] = ImuKind.GOOD
+    imus['sample']['angular_velocity'] = rates
+    imus['result'] = filter_.run(stamps, rates, forces)
+    log = FlaggedLog(filter_)
+    for begin in range(0, len(imus), piece):
+        log.take(imus[begin : begin + piece], stamps[begin : begin + piece])
+    flagged = imus['result']['outlier'] > 0.0
+    assert ((imus['result']['reason'] == UNUSABLE) == np.isnan(rates)).all()
+    samples = np.zeros(3, int)
+    for sequence in log.sequences:
+        samples[sequence.axis] += sequence.samples
+        row = int(np.searchsorted(stamps, sequence.log_time))
+        assert flagged[row, sequence.axis]
+        behind = row + sequence.samples
+        assert (sequence.outcome is None) == (behind >= len(rates))
+    assert (samples == flagged.sum(axis=0)).all()
+    assert samples[0] > 5
+    starts = flagged & ~np.roll(flagged, 1, axis=0)
+    assert len(log.sequences) == starts.sum()
