@@ -24,7 +24,9 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods.outliers import REASONS, Reason
 from gyro_drift_filter.core.sample import UNUSABLE
+from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.report.flagged import FlaggedLog
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write
@@ -106,6 +108,27 @@ def test_the_methods_of_the_paper_have_their_reason(bag, tmp_path):
     assert result['method'] == 'kalman'
     assert any('epsilon' in reason for reason in reasons)
     assert reasons <= {UNUSABLE_TEXT, *(r for r in reasons if 'epsilon' in r)}
+
+
+def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
+    """Of several in a row the first one; a reason means nothing to another method."""
+    filter_ = MessageFilter(Parameters())
+
+    def told(samples):
+        for k in samples:
+            stamp = START + 10_000_000 * k
+            rate, force = (values[k] for values in rates_and_forces)
+            filter_.take(imu_message(stamp, rate, force))
+        _, of_filter = Health().judge(filter_.report(), 1.0)
+        return [of_filter.values[f'Why the last outlier was flagged {axis}'] for axis in 'xyz']
+
+    spike, none = REASONS[Reason.FAR_AT_REST], 'none so far'
+    assert told(range(10 * SECOND)) == [none, none, none]
+    assert told(range(10 * SECOND, 13 * SECOND)) == [spike, UNUSABLE_TEXT, none]
+    assert told(range(13 * SECOND, 15 * SECOND)) == [spike, UNUSABLE_TEXT, spike]
+    filter_.filter.configure(Parameters(method='kalman'))
+    other = 'another method flagged it'
+    assert told(range(15 * SECOND, 15 * SECOND + 1)) == [other, UNUSABLE_TEXT, other]
 
 
 def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):

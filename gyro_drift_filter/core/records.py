@@ -44,6 +44,9 @@ class Counts(TypedDict):
     repeats: int
     refused: int
     outliers: CountPerAxis
+    outliers_in_a_row: CountPerAxis  # up to the last sample
+    # `Result.reason` of the last outlier, of several in a row that of the first one
+    outlier_reason: CountPerAxis
     # Normalised innovation squared of the samples that were accepted: sum and number.
     nis_sum: PerAxis
     nis_samples: CountPerAxis

@@ -384,7 +384,12 @@ def _count_result(filter_: FilterRecord) -> None:
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             counts['outliers'][axis] += 1
-        elif methods.is_noise_known(filter_, axis):
+            counts['outliers_in_a_row'][axis] += 1
+            if counts['outliers_in_a_row'][axis] == 1:
+                counts['outlier_reason'][axis] = result['reason'][axis]
+            continue
+        counts['outliers_in_a_row'][axis] = 0
+        if methods.is_noise_known(filter_, axis):
             innovation = result['innovation'][axis]
             squared = innovation * innovation / result['innovation_variance'][axis]
             counts['nis_sum'][axis] += min(squared, LARGEST_NIS)

@@ -31,6 +31,7 @@ from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
+from gyro_drift_filter.messages.outlier_reason import why_flagged
 from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, applying
 from gyro_drift_filter.messages.span import Span, span_of
@@ -174,6 +175,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         if span.now.parameters.is_sensitive
         else 'none',
         'Outliers': state.outliers,
+        'Why the last outlier was flagged': why_flagged(span.now),
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHODS
-from gyro_drift_filter.core.sample import UNUSABLE, SampleStatus
+from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.outlier_reason import reason_text
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 
@@ -66,7 +67,7 @@ class FlaggedLog:
         """Start with a filter that has seen nothing yet."""
         self.sequences: list[FlaggedSequence] = []
         (method,) = (m for m in METHODS if m.name == filter_.parameters.method)
-        self._reasons = {**method.reasons, UNUSABLE: 'no usable number'}
+        self._method = method.name
         self._undecided = list(method.undecided)
         self._open: list[FlaggedSequence | None] = [None, None, None]
 
@@ -86,7 +87,7 @@ class FlaggedLog:
                 if flagged[row, axis]:
                     self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
                 else:
-                    self._close(axis, self._reasons[int(result['reason'][row, axis])])
+                    self._close(axis, reason_text(self._method, int(result['reason'][row, axis])))
         self.sequences.sort(key=lambda sequence: sequence.log_time)
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
@@ -104,7 +105,7 @@ class FlaggedLog:
             rate=rate,
             innovation=float(result['innovation'][axis]),
             deviation=math.sqrt(result['innovation_variance'][axis]),
-            reason=self._reasons[int(result['reason'][axis])],
+            reason=reason_text(self._method, int(result['reason'][axis])),
         )
         self._open[axis] = sequence
         self.sequences.append(sequence)
