@@ -21,26 +21,37 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.in_motion import (
+    MOTION_BLOCK_SECONDS,
     MOTION_WORKSPACE,
+    SPEED_SECONDS,
     START_DIRECTION,
-    _correct,
+    _expect_mean_velocity,
+    _predict_covariance,
+    _take_value,
     lose_direction,
 )
 from gyro_drift_filter.core.bias.shared import (
     ACCELERATION,
     BIAS,
     DIRECTION,
+    MEAN_VELOCITY,
     MOTION_BIAS,
+    SPEED,
+    STATES,
     VELOCITY,
     BiasShift,
     learn_at_rest,
     shift_of,
     shift_variance,
 )
+from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from support.messages import START
 from support.paths import FLIGHTS
 from support.sensor import DEGREE, at_rest, by_hand
+
+# The states of the motion, and the three biases at rest.
+ALL = STATES + 3
 
 
 def run(filter_, rates, accelerations, start=START):
@@ -101,6 +112,35 @@ def test_what_speeds_up_and_brakes_moves_no_bias_of_a_good_sensor(noise, largest
     accelerations += drives[:, None] * 0.2 * random.standard_normal(accelerations.shape)
     results = run(Filter(), rates, accelerations)
     assert np.abs(results['bias']).max() < largest
+
+
+@pytest.mark.parametrize('speed', [1.0, 3.0])
+def test_a_robot_that_drives_forward_keeps_its_tilt(speed, random):
+    """In its turns it is pressed outwards, which is no tilt: it has a mean velocity."""
+    tilts = {}
+    rates, accelerations = at_rest(random, 310.0)
+    time = np.arange(len(rates)) / 100.0
+    drives = np.clip(time - 10.0, 0.0, 1.0)
+    turn = 0.4 * np.sin(0.5 * time) * drives
+    forward = speed * (1.0 + 0.5 * np.sin(2.0 * np.pi * time / 9.0)) * drives
+    rates = 1e-3 * random.standard_normal(rates.shape)
+    rates[:, 2] += turn
+    accelerations[:, 0] += np.gradient(forward, 0.01)
+    accelerations[:, 1] += forward * turn
+    for followed in (False, True):
+        parameters = Parameters(bias_in_motion=followed)
+        turned = run(Filter(parameters), rates, accelerations)['angular_velocity']
+        tilts[followed] = _tilt(turned, 100.0)
+    assert tilts[True] < tilts[False] < 0.8 * DEGREE
+
+
+def _tilt(rates, rate):
+    """Return the largest tilt in rad of what turns at rates (n, 3) in rad/s."""
+    attitude, largest = Rotation.identity(), 0.0
+    for turn in Rotation.from_rotvec(rates / rate):
+        attitude = attitude * turn
+        largest = max(largest, np.arccos(attitude.as_matrix()[2, 2]))
+    return largest
 
 
 def test_a_landing_brings_the_bias_at_rest_back(random):
@@ -235,12 +275,12 @@ def test_a_shift_of_the_last_run_is_taken_up(random):
 def joint(random):
     """Return a state with random values and covariances, and the same as dense arrays.
 
-    The latter are the twelve states of the motion and, after them, the three biases at rest, which
-    are correlated with the others by the bias in motion of their axis alone.
+    The latter are the states of the motion and, after them, the three biases at rest, which are
+    correlated with the others by the bias in motion of their axis alone.
     """
     state = zeroed(MOTION_BIAS)[0]
-    root = random.standard_normal((12, 12))
-    state['state_vector'] = random.standard_normal(12)
+    root = random.standard_normal((STATES, STATES))
+    state['state_vector'] = random.standard_normal(STATES)
     state['covariance'] = root @ root.T
     bias_at_rest = state['bias_at_rest']
     bias_at_rest['bias'] = random.standard_normal(3)
@@ -248,12 +288,12 @@ def joint(random):
     bias_at_rest['common'] = 0.5 * own
     bias_at_rest['variance'] = 0.7 * own
     values = np.concatenate([state['state_vector'], bias_at_rest['bias']])
-    covariance = np.zeros((15, 15))
-    covariance[:12, :12] = state['covariance']
-    covariance[12:, 12:] = 0.25 * state['covariance'][BIAS : BIAS + 3, BIAS : BIAS + 3]
-    covariance[12:, :12] = 0.5 * state['covariance'][BIAS : BIAS + 3]
-    covariance[:12, 12:] = covariance[12:, :12].T
-    covariance[range(12, 15), range(12, 15)] = bias_at_rest['variance']
+    covariance = np.zeros((ALL, ALL))
+    covariance[:STATES, :STATES] = state['covariance']
+    covariance[STATES:, STATES:] = 0.25 * state['covariance'][BIAS : BIAS + 3, BIAS : BIAS + 3]
+    covariance[STATES:, :STATES] = 0.5 * state['covariance'][BIAS : BIAS + 3]
+    covariance[:STATES, STATES:] = covariance[STATES:, :STATES].T
+    covariance[range(STATES, ALL), range(STATES, ALL)] = bias_at_rest['variance']
     return state, values, covariance
 
 
@@ -266,42 +306,76 @@ def measure(values, covariance, row, measured, noise):
 
 def check(state, values, covariance):
     bias_at_rest = state['bias_at_rest']
-    np.testing.assert_allclose(state['state_vector'], values[:12], atol=1e-12)
-    np.testing.assert_allclose(state['covariance'], covariance[:12, :12], atol=1e-12)
-    np.testing.assert_allclose(bias_at_rest['bias'], values[12:], atol=1e-12)
+    np.testing.assert_allclose(state['state_vector'], values[:STATES], atol=1e-12)
+    np.testing.assert_allclose(state['covariance'], covariance[:STATES, :STATES], atol=1e-12)
+    np.testing.assert_allclose(bias_at_rest['bias'], values[STATES:], atol=1e-12)
     for axis in range(3):
-        own, bias = 12 + axis, BIAS + axis
+        own, bias = STATES + axis, BIAS + axis
         assert bias_at_rest['variance'][axis] == pytest.approx(covariance[own, own])
         assert bias_at_rest['common'][axis] == pytest.approx(covariance[own, bias])
-        difference = np.zeros(15)
+        difference = np.zeros(ALL)
         difference[bias], difference[own] = 1.0, -1.0
         assert shift_of(state, axis) == pytest.approx(difference @ values)
         assert shift_variance(state, axis) == pytest.approx(difference @ covariance @ difference)
 
 
 def test_motion_and_rest_are_one_kalman_filter(random):
-    """Beside a dense one of all fifteen states."""
-    workspace = zeroed(MOTION_WORKSPACE)[0]
+    """Beside a dense one of all states: the velocity is the mean one within its deviation."""
+    state, values, covariance = joint(random)
+    state['wide'], state['block_seconds'] = True, MOTION_BLOCK_SECONDS
+    state['moving_seconds'] = 60.0
+    _expect_mean_velocity(state, zeroed(MOTION_WORKSPACE)[0])
+    noise = SPEED * SPEED * 2.0 * SPEED_SECONDS / MOTION_BLOCK_SECONDS
     for axis in range(3):
-        state, values, covariance = joint(random)
-        row = np.zeros(15)
-        row[VELOCITY + axis] = 1.0
-        spread = covariance[VELOCITY + axis, VELOCITY + axis] + 0.3
-        workspace['gain'] = covariance[:12, VELOCITY + axis] / spread
-        _correct(state, workspace, -values[VELOCITY + axis], spread)
-        check(state, *measure(values, covariance, row, 0.0, 0.3))
+        row = np.zeros(ALL)
+        row[VELOCITY + axis], row[MEAN_VELOCITY + axis] = 1.0, -1.0
+        values, covariance = measure(values, covariance, row, 0.0, noise)
+    check(state, values, covariance)
+
+
+def moved(vector, rate, force):
+    """Return the record of a motion that starts at a state vector, nearly one block later."""
+    state, workspace = zeroed(MOTION_BIAS)[0], zeroed(MOTION_WORKSPACE)[0]
+    rest, lengths = zeroed(REST)[0], zeroed(REST_LENGTHS)[0]
+    lengths['value'] = 1
+    state['state_vector'] = vector
+    state['directed'] = state['moving'] = True
+    state['speed_deviation'] = 1.5
+    state['turn'] = np.eye(3)
+    for _ in range(int(MOTION_BLOCK_SECONDS / VALUE_SECONDS) - 1):
+        state['samples'], state['seconds'] = 1, VALUE_SECONDS
+        state['angle'], state['speed'] = rate * VALUE_SECONDS, force * VALUE_SECONDS
+        _take_value(state, workspace, rest, lengths)
+    _predict_covariance(state, workspace, rest, lengths)
+    return state, workspace
+
+
+def test_the_transition_is_the_derivative_of_the_motion(random):
+    """By differences; that a velocity turns and decays while it grows is left out."""
+    rate, force = np.array([0.4, -0.3, 0.8]), np.array([0.5, -0.4, 9.7])
+    vector = np.array([0.05, -0.03, 0.998, 1.0, -0.5, 0.2, *(6 * [0.01]), 0.8, -0.2, 0.1])
+    transition = moved(vector, rate, force)[1]['transition'].copy()
+    for i in range(STATES):
+        step = np.zeros(STATES)
+        step[i] = 1e-4
+        higher, lower = (
+            moved(vector + sign * step, rate, force)[0]['state_vector'].copy() for sign in (1, -1)
+        )
+        derivative = (higher - lower) / 2e-4
+        tolerance = 0.1 * max(1.0, np.abs(derivative).max())
+        np.testing.assert_allclose(transition[:, i], derivative, atol=tolerance)
 
 
 def test_a_rest_measures_both_biases(random):
     for axis in range(3):
         state, values, covariance = joint(random)
         # Each axis of the biases is by itself at rest.
-        own = [BIAS + axis, 12 + axis]
+        own = [BIAS + axis, STATES + axis]
         alone = covariance[np.ix_(own, own)]
         learn_at_rest(state, axis, 0.4, 0.3)
         values[own], alone = measure(values[own], alone, np.array([0.0, 1.0]), 0.4, 0.3)
         covariance[BIAS + axis] = covariance[:, BIAS + axis] = 0.0
-        covariance[12 + axis] = covariance[:, 12 + axis] = 0.0
+        covariance[STATES + axis] = covariance[:, STATES + axis] = 0.0
         covariance[np.ix_(own, own)] = alone
         check(state, values, covariance)
 

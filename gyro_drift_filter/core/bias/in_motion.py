@@ -17,14 +17,15 @@
 Running motors move the bias (rectified vibration), so that of a flight is not that of the rest
 before it. A Kalman filter in the body frame tracks it, with nothing but gravity to go by: its state
 is the direction of gravity s (of length one, upwards), the velocity u, the bias b of the gyroscope
-and that of the accelerometer a, both as measured:
+and that of the accelerometer a, both as measured, and the mean velocity m:
 
     s' = -(w - b) x s,        u' = -(w - b) x u + (f - a) - g s
 
 with the rates w and the accelerations f. Its one measurement is that no robot gets away: the
-velocity is zero within `SPEED`, anew every `SPEED_SECONDS`, or within as much as it has been of
-late, and anew as much later. The heading is not in the state, so that nothing leaks into it: a
-bias about the vertical is left as it is.
+velocity is the mean one within `SPEED`, anew every `SPEED_SECONDS`, or within as much as it has
+been of late, and anew as much later. A robot drives forward, which is one direction in its own
+axes, and without m what presses outwards in its turns would be a tilt. The heading is not in the
+state, so that nothing leaks into it: a bias about the vertical is left as it is.
 
 State and measurement are taken every hundredth of a second or so, covariances every
 `MOTION_BLOCK_SECONDS` by the transition over the block. As directions turn with the body,
@@ -32,7 +33,9 @@ R = exp(-[angle]) of each value, it needs their product T over the block and the
 is left of it to the end:
 
     ds = T ds0 - [s]x M db
-    du = T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da
+    du = l T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da + (1 - l) dm
+
+where l is what is left of a velocity after the time t of the block.
 
 With a wide prior, for a bias of which nothing is known, it runs a second time (`without_rest.py`).
 What it shares with the bias at rest, of which each rest is a measurement, is in `shared.py`.
@@ -48,6 +51,7 @@ from gyro_drift_filter.core.bias.shared import (
     ACCELERATION,
     BIAS,
     DIRECTION,
+    MEAN_VELOCITY,
     SPEED,
     STATES,
     UNKNOWN_SECONDS,
@@ -74,7 +78,8 @@ MOTION_BLOCK_SECONDS = 0.4
 LONGEST_GAP = 0.05
 
 # A velocity is another one after SPEED_SECONDS; above `SPEED` it lasts longer in proportion, as a
-# car accelerates no more than a hand. A higher speed is remembered for SPEED_MEMORY s. The
+# car accelerates no more than a hand. A higher speed, and the mean velocity, are remembered for
+# SPEED_MEMORY s. The
 # deviation is the largest velocity over SPEED_DEVIATIONS, as a swing or a constant velocity goes no
 # further. LARGEST_SPEED (m/s) is beyond robots on the road and in the air, so that a tilt that is
 # taken for speed does not feed itself.
@@ -225,7 +230,8 @@ def _take_value(
         i = VELOCITY + axis
         gained = speed[axis] - vector[ACCELERATION + axis] * seconds
         gained -= GRAVITY * vector[DIRECTION + axis] * seconds
-        vector[i] = (vector[i] + gained) * left
+        mean = vector[MEAN_VELOCITY + axis]
+        vector[i] = mean + (vector[i] + gained - mean) * left
     state['block_seconds'] += seconds
     if state['block_seconds'] >= MOTION_BLOCK_SECONDS:
         before = state['moving_seconds']
@@ -233,7 +239,7 @@ def _take_value(
         if before < UNKNOWN_SECONDS <= state['moving_seconds']:
             limit_prior(state)
         _predict_covariance(state, workspace, rest, lengths)
-        _expect_no_velocity(state, workspace)
+        _expect_mean_velocity(state, workspace)
         _expect_length(state, workspace)
         _start_block(state)
 
@@ -273,8 +279,8 @@ def _start_motion(state: MotionBias, direction: float) -> None:
     """Begin to track, with a deviation of the direction; that of the bias is kept."""
     vector, covariance = state['state_vector'], state['covariance']
     own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
-    deviations = direction, START_SPEED, 0.0, own
-    for part in range(4):
+    deviations = direction, START_SPEED, 0.0, own, _mean_deviation(state)
+    for part in range(5):
         if 3 * part == BIAS:
             continue
         for axis in range(3):
@@ -360,6 +366,7 @@ def _predict_covariance(
     covariance, forward = state['covariance'], workspace['transition']
     product, seconds = workspace['product'], state['block_seconds']
     left = math.exp(-seconds / _speed_seconds(state))
+    mean, mean_left = _mean_deviation(state), math.exp(-seconds / SPEED_MEMORY)
     for i in range(STATES):
         for k in range(STATES):
             forward[i, k] = 1.0 if i == k else 0.0
@@ -373,6 +380,9 @@ def _predict_covariance(
             moved = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
             forward[VELOCITY + i, BIAS + k] = moved
             forward[VELOCITY + i, ACCELERATION + k] = -integral[i, k]
+        forward[VELOCITY + i, MEAN_VELOCITY + i] = 1.0 - left
+        forward[MEAN_VELOCITY + i, MEAN_VELOCITY + i] = mean_left
+        vector[MEAN_VELOCITY + i] *= mean_left
     for i in range(STATES):
         for k in range(STATES):
             product[i, k] = 0.0
@@ -382,11 +392,14 @@ def _predict_covariance(
                 for k in range(STATES):
                     product[i, k] += factor * covariance[m, k]
     for i in range(STATES):
-        for k in range(i + 1):
+        for k in range(min(i + 1, BIAS)):
             total = 0.0
             for m in range(STATES):
                 total += product[i, m] * forward[k, m]
             covariance[i, k] = covariance[k, i] = total
+        # From the biases on, no state depends on another one.
+        for k in range(BIAS, i + 1):
+            covariance[i, k] = covariance[k, i] = product[i, k] * forward[k, k]
     # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
     angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
     for axis in range(3):
@@ -395,6 +408,8 @@ def _predict_covariance(
         covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * angle_square
         i = VELOCITY + axis
         covariance[i, i] += VELOCITY_WALK * VELOCITY_WALK * seconds
+        i = MEAN_VELOCITY + axis
+        covariance[i, i] += mean * mean * (1.0 - mean_left * mean_left)
     settle_growth(state)
 
 
@@ -411,8 +426,17 @@ def _expected_speed(state: MotionBias) -> float:
 
 
 @kernel
-def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
-    """Measure that the velocity is zero, within what it has been of late."""
+def _mean_deviation(state: MotionBias) -> float:
+    """Return the deviation of the mean velocity from zero, in m/s.
+
+    With a wide prior it is zero, as a bias would be taken for a mean velocity.
+    """
+    return 0.0 if state['wide'] else float(state['speed_deviation'])
+
+
+@kernel
+def _expect_mean_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Measure that the velocity is the mean one, within what it has been of late."""
     vector, covariance = state['state_vector'], state['covariance']
     seconds = state['block_seconds']
     if state['wide']:
@@ -423,11 +447,11 @@ def _expect_no_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
     # A velocity that lasts is measured once in its time.
     variance = deviation * deviation * 2.0 * _speed_seconds(state) / seconds
     for axis in range(3):
-        i = VELOCITY + axis
-        spread = covariance[i, i] + variance
+        i, mean = VELOCITY + axis, MEAN_VELOCITY + axis
+        spread = covariance[i, i] - 2.0 * covariance[i, mean] + covariance[mean, mean] + variance
         for k in range(STATES):
-            workspace['gain'][k] = covariance[k, i] / spread
-        _correct(state, workspace, -vector[i], spread)
+            workspace['gain'][k] = (covariance[k, i] - covariance[k, mean]) / spread
+        _correct(state, workspace, vector[mean] - vector[i], spread)
 
 
 @kernel

@@ -32,8 +32,8 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.bias.vibration import Vibration
 from gyro_drift_filter.core.matrices import Matrix
 
-STATES = 12
-DIRECTION, VELOCITY, BIAS, ACCELERATION = 0, 3, 6, 9
+STATES = 15
+DIRECTION, VELOCITY, BIAS, ACCELERATION, MEAN_VELOCITY = 0, 3, 6, 9, 12
 
 # A sensor rectifies vibration, so the deviation of the shift grows with the variance of the
 # vibration in motion: in rad/s per (rad/s)^2 of the rates, and per (m/s^2)^2 of all three
@@ -88,7 +88,8 @@ BIAS_AT_REST = record(BiasAtRest)
 class MotionBias(TypedDict):
     """The filter of the bias in motion."""
 
-    state_vector: PerState  # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2)
+    # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2), mean velocity (m/s)
+    state_vector: PerState
     covariance: Covariance
     bias_at_rest: BiasAtRest
     growth: float  # (rad/s)^2, of both biases, since it was last added
