@@ -400,6 +400,20 @@ def test_the_noise_level_is_learned_at_rest(deviation, random):
     np.testing.assert_allclose(learned, deviation, rtol=0.1)
 
 
+@pytest.mark.parametrize('rate', [200.0, 1000.0])
+def test_a_sensor_with_less_noise_than_any_of_mems_comes_to_rest_at_once(rate, random):
+    """R is larger than its noise, as of a fibre-optic gyroscope, which is white nevertheless."""
+    n, deviation = int(80 * rate), 1e-5
+    truth = np.zeros((n, 3))
+    for start in (10, 32, 58):
+        moving = slice(int(start * rate), int((start + 15) * rate))
+        truth[moving] = by_hand(random, 15, rate)[0]
+    z = truth + deviation * random.standard_normal((n, 3))
+    error = run(z, rate)['angular_velocity'] - truth
+    for stop in (25, 47, 73):
+        assert error[int((stop + 0.3) * rate) : int((stop + 5) * rate)].std() < 0.8 * deviation
+
+
 @pytest.mark.parametrize('rate', RATES)
 def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
     """Against the plain recursion of equations (8), (9) and (12), run until it stands."""

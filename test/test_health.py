@@ -225,6 +225,22 @@ def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
     assert math.isnan(Health().rules(filter_.report(), 1.0)[0].low_pass)
 
 
+@pytest.mark.parametrize('bias', [0.1, 0.4, 0.5])
+def test_a_sensor_of_whole_degrees_is_not_said_to_have_a_low_pass(bias, random):
+    """At rest it hardly changes, which says nothing of how its noise is correlated."""
+    rates, forces = at_rest(random, 15)
+    rates = np.radians(bias) + 0.1 * rates
+    moving = by_hand(random, 5)
+    rates[1000:] += moving[0]
+    forces[1000:] += moving[1]
+    rates = np.radians(np.round(np.degrees(rates)))
+    filter_, health = MessageFilter(Parameters()), Health()
+    messages = recorded(rates, forces)
+    for start in range(0, len(messages), 100):
+        filter_all(filter_, messages[start : start + 100])
+        assert math.isnan(health.rules(filter_.report(), 1.0)[0].low_pass)
+
+
 def test_a_provisional_bias_is_called_so_and_asks_for_a_rest(random):
     """It is subtracted already, so that it would be wrong to say that none is known."""
     filter_, health = MessageFilter(Parameters()), Health()

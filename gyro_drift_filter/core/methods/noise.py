@@ -330,12 +330,15 @@ def _let_wait(noise: Noise, rough: float) -> None:
     about_line = (
         noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / index_scatter
     )
-    variance = max(about_line / (n - 2.0), LEAST_NOISE**2)
+    shown = about_line / (n - 2.0)
+    variance = max(shown, LEAST_NOISE**2)
+    # What R has beyond that is no noise that was seen, so it is as uncorrelated as white noise.
+    unseen = variance - shown
     first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
     second = noise['second_lag_differences'] / (2.0 * noise['second_lag_count'])
     autocorrelation = noise['waiting_autocorrelation']
-    autocorrelation[0] = _limited(1.0 - first / variance)
-    autocorrelation[1] = _limited(1.0 - second / variance)
+    autocorrelation[0] = _limited(1.0 - (first + unseen) / variance)
+    autocorrelation[1] = _limited(1.0 - (second + unseen) / variance)
     noise['waiting_variance'] = variance
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
 
