@@ -217,6 +217,33 @@ def test_the_covariance_stays_one(random):
             assert common + untracked <= variances[0] * 1.0001 + 1e-12
 
 
+@pytest.mark.parametrize('doubt', ['warmer', 'alive'])
+def test_the_covariance_stays_one_where_the_bias_becomes_uncertain_in_motion(doubt):
+    """What is left out of a variance has to be left out of its covariances, too."""
+    for seed in range(6):
+        random = np.random.default_rng([seed, 77])
+        rates, accelerations = at_rest(random, 72)
+        moving = by_hand(random, 60)
+        if doubt == 'alive':
+            rates *= 0.07
+        rates[1000:7000] += 0.6 * moving[0]
+        accelerations[1000:7000] += moving[1] / 2.0
+        if doubt == 'alive':
+            # At rest some axes never change, as a count is ten times the noise.
+            count = DEGREE / 4.0
+            rates = np.round(rates / count + random.uniform(-3.0, 3.0, 3)) * count
+        filter_ = Filter()
+        for second in range(72):
+            if doubt == 'warmer':
+                filter_.note_temperature(20.0 + min(max(2.5 * (second - 10), 0.0), 30.0))
+            part = slice(100 * second, 100 * second + 100)
+            start = START + 10**9 * second
+            results = run(filter_, rates[part], accelerations[part], start)
+            assert (results['angular_velocity_variance'] > 0.0).all()
+            eigenvalues = np.linalg.eigvalsh(filter_.state['bias']['motion']['covariance'])
+            assert eigenvalues.min() > -1e-9 * eigenvalues.max()
+
+
 def swing(plateau):
     """Return rates and accelerations of a body that swings about the vertical at up to 3.3 rad/s.
 

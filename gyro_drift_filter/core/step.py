@@ -22,7 +22,7 @@ from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
 from gyro_drift_filter.core.bias.records import bias_variance, is_learned
-from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, motion_variance
+from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, limit_prior, motion_variance
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     TIME_JUMP,
@@ -151,6 +151,8 @@ def _doubt_rest(filter_: FilterRecord) -> None:
         methods.start_over(filter_)
         doubt_noise(bias['rest'])
         widen(bias, deviation * deviation)
+        # It comes alive where the robot starts: gravity tells no more than at any start of motion.
+        limit_prior(bias['motion'])
 
 
 @kernel

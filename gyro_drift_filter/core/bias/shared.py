@@ -322,12 +322,15 @@ def settle_growth(state: MotionBias) -> None:
 @kernel
 def limit_prior(state: MotionBias) -> None:
     """Leave out of what is tracked in motion what is beyond the largest prior."""
+    settled = (1.0 - state['untrackable']) * state['growth']
     settle_growth(state)
     if state['wide']:
         return
     bias_at_rest = state['bias_at_rest']
     for axis in range(3):
         i = BIAS + axis
+        # What the bias has just walked, or was left out before, goes with no other state yet.
+        correlated = state['covariance'][i, i] - settled
         largest = LARGEST_PRIOR
         if state['covariance'][i, i] + bias_at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
             track_all(state, axis)
@@ -337,3 +340,18 @@ def limit_prior(state: MotionBias) -> None:
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
             bias_at_rest['untracked'][axis] += beyond
+        if state['covariance'][i, i] < correlated:
+            _correlate_less(state, axis, state['covariance'][i, i] / correlated)
+
+
+@kernel
+def _correlate_less(state: MotionBias, axis: int, share: float) -> None:
+    """Leave the covariances of a bias with all other states to the share of it that is tracked.
+
+    Else they would be more than its variance allows: no covariance of anything.
+    """
+    covariance, i = state['covariance'], BIAS + axis
+    for k in range(STATES):
+        if k != i:
+            covariance[i, k] *= share
+            covariance[k, i] *= share
