@@ -36,11 +36,14 @@ from gyro_drift_filter.core.bias.shared import (
     DIRECTION,
     MEAN_VELOCITY,
     MOTION_BIAS,
+    SHARED_BIAS,
     SPEED,
     STATES,
     VELOCITY,
     BiasShift,
+    keep_shared,
     learn_at_rest,
+    restore_shared,
     shift_of,
     shift_variance,
 )
@@ -405,6 +408,17 @@ def test_a_rest_measures_both_biases(random):
         covariance[STATES + axis] = covariance[:, STATES + axis] = 0.0
         covariance[np.ix_(own, own)] = alone
         check(state, values, covariance)
+
+
+def test_what_is_taken_back_in_motion_leaves_a_covariance(random):
+    """Rests that were a turn were told before the body moved, and by now all goes together."""
+    state, _, _ = joint(random)
+    calm, kept = zeroed(MOTION_BIAS)[0], zeroed(SHARED_BIAS)[0]
+    for axis in range(3):
+        calm['covariance'][BIAS + axis, BIAS + axis] = 1e-3
+    keep_shared(calm, kept, 0.0)
+    restore_shared(state, kept, 0.0)
+    assert np.linalg.eigvalsh(state['covariance']).min() > 0.0
 
 
 def test_a_rest_undoes_what_misled_in_motion(random):

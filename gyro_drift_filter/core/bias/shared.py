@@ -270,8 +270,10 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
     state['growth'] = growth - kept['settled']
     for axis in range(3):
         i = BIAS + axis
+        before = state['covariance'][i, i]
         state['state_vector'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
+        _correlate_less(state, axis, before)
     _copy(kept['bias_at_rest'], state['bias_at_rest'])
 
 
@@ -340,17 +342,19 @@ def limit_prior(state: MotionBias) -> None:
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
             bias_at_rest['untracked'][axis] += beyond
-        if state['covariance'][i, i] < correlated:
-            _correlate_less(state, axis, state['covariance'][i, i] / correlated)
+        _correlate_less(state, axis, correlated)
 
 
 @kernel
-def _correlate_less(state: MotionBias, axis: int, share: float) -> None:
-    """Leave the covariances of a bias with all other states to the share of it that is tracked.
+def _correlate_less(state: MotionBias, axis: int, before: float) -> None:
+    """Leave what goes with a bias to the share of its variance that is left of the one before.
 
-    Else they would be more than its variance allows: no covariance of anything.
+    Else its covariances with other states would be more than its variance allows.
     """
     covariance, i = state['covariance'], BIAS + axis
+    if covariance[i, i] >= before:
+        return
+    share = covariance[i, i] / before
     for k in range(STATES):
         if k != i:
             covariance[i, k] *= share
