@@ -33,7 +33,7 @@ from benchmark.covariance import (
 from gyro_drift_filter.core import Filter, Parameters
 from support.messages import START
 from support.paths import RECORDINGS
-from support.sensor import DEGREE, at_rest
+from support.sensor import DEGREE, NOISE, at_rest, by_hand
 
 LEAST, MOST = 0.85, 0.99
 DEVIATION = Parameters().bias_turn_on_deviation
@@ -192,3 +192,33 @@ def test_the_first_innovation_after_a_gap_is_as_large_as_it_says(missing, random
         normalised = results['innovation'] ** 2 / results['innovation_variance']
         squares.append(normalised[behind])
     assert 0.3 < np.mean(squares) < 1.3
+
+
+@pytest.mark.parametrize('counts', [0.05, 0.1, 0.2, 0.5])
+def test_a_bias_is_known_as_well_as_the_counts_of_a_rest_show_it(counts, random):
+    """Noise of half a count and more takes the rounding out of a mean, less does not."""
+    count, rate = DEGREE / 4.0, 100.0
+    given, told, inside = [], [], []
+    for _ in range(10):
+        rates, accelerations = at_rest(random, 50.0)
+        bias = random.uniform(-3.0, 3.0, 3) * count
+        rates *= counts * count / NOISE
+        truth = np.zeros_like(rates)
+        for start in (800, 3000):
+            motion = by_hand(random, 15.0)
+            truth[start : start + 1500] = motion[0]
+            accelerations[start : start + 1500] += motion[1]
+        rates = np.round((rates + truth + bias) / count) * count
+        stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+        moving = slice(3200, 4400)
+        results = Filter().run(stamps, rates, accelerations)[moving]
+        told.append(results['angular_velocity_variance'])
+        error = results['angular_velocity'] - truth[moving]
+        inside.append(np.square(error) < 4.0 * told[-1])
+        # Rates in motion are rounded up and down alike.
+        of_rates = count**2 * (counts**2 + 1.0 / 12.0)
+        given.append(of_rates + np.square(results['bias'] - bias))
+    assert np.mean(inside) > 0.95
+    assert np.mean(told) > 0.95 * np.mean(given)
+    if counts >= 0.5:
+        assert np.mean(told) < 1.05 * np.mean(given)

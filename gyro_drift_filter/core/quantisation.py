@@ -47,6 +47,8 @@ NEAR_COUNTS = 2
 ZERO_IF_WIDE, OTHER_IF_WIDE = math.log(5.0 / 3.0), math.log(5.0 / 6.0)
 BESIDE_IF_WHOLE, NEXT_IF_WHOLE = math.log(2.0), math.log(2.0 / 3.0)
 SURE = math.log(1000.0)
+# The variance of a value that lies anywhere within a count, in counts squared.
+COUNT_VARIANCE = 1.0 / 12.0
 LARGEST_EVIDENCE = math.log(1e6)
 
 
@@ -190,3 +192,26 @@ def variance_of_cut(state: Quantisation) -> float:
     for axis in range(3):
         largest = max(largest, known_count(state, axis))
     return float(0.25 * largest * largest)
+
+
+@kernel
+def variance_of_rounding(state: Quantisation, axis: int, noise: PerAxis) -> float:
+    """Return the variance in (rad/s)^2 that rounding leaves in the mean rate of a rest of any time.
+
+    `noise` (3,) is the variance of the rates at rest, in (rad/s)^2, with that of their rounding.
+    Noise of variance s^2 counts spreads a rate over several counts, so that their mean is off by a
+    sine of its place within a count, of 1 / pi exp(-2 (pi s)^2) counts; without any it is that of
+    the nearest one. The noise is that of the calmest axis: one at the border of two counts shows
+    their distance.
+    """
+    count, spread = known_count(state, axis), math.inf
+    if count == 0.0:
+        return 0.0
+    for i in range(3):
+        own = known_count(state, i)
+        if own > 0.0:
+            spread = min(spread, noise[i] / (own * own) - COUNT_VARIANCE)
+    if spread > 1.0:  # the usual case, of less than a millionth of a count
+        return 0.0
+    left = math.exp(-4.0 * math.pi * math.pi * max(spread, 0.0))
+    return COUNT_VARIANCE * count * count * left

@@ -37,6 +37,7 @@ from gyro_drift_filter.core.quantisation import (
     needs_half_counts,
     note_counts,
     variance_of_cut,
+    variance_of_rounding,
 )
 from gyro_drift_filter.core.records import FILTER, FilterRecord, State
 from gyro_drift_filter.core.rest.noise import doubt_noise, expect_no_noise, forget_noise
@@ -311,6 +312,10 @@ def _subtract_bias(sample: Sample, elapsed: float, missing: int, filter_: Filter
             result['bias'][axis] = mean
             if refused and not state['methods']['tracking'][axis]:
                 continue  # there is no result to take it off
+            if not at_rest:
+                # At rest the rates themselves are rounded as their mean was.
+                noise = result['measurement_noise']
+                variance += variance_of_rounding(quantisation, axis, noise)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
 

@@ -24,7 +24,7 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
 from gyro_drift_filter.core.bias.records import bias_variance
-from gyro_drift_filter.core.quantisation import known_count
+from gyro_drift_filter.core.quantisation import known_count, variance_of_rounding
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 
 # One for each axis.
@@ -211,4 +211,5 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['noise_blocks'][axis] = blocks
         out['noise_correlation'][axis] = correlation
         out['bias'][axis] = bias['bias'][axis]
-        out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis))
+        rounding = variance_of_rounding(quantisation, axis, result['measurement_noise'])
+        out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis) + rounding)

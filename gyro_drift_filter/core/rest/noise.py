@@ -17,6 +17,7 @@
 import math
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.quantisation import COUNT_VARIANCE
 from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths, Signal
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -27,8 +28,6 @@ from gyro_drift_filter.core.rest.segment import (
 )
 from gyro_drift_filter.core.rest.spikes import forget_waiting
 
-# The variance of a value that lies anywhere within a count, in counts squared.
-COUNT_VARIANCE = 1.0 / 12.0
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 # The noise is learned with this weight per segment.
 NOISE_LEARNING = 0.1
