@@ -645,9 +645,12 @@ def test_each_reason_is_given_for_some_sample(random):
     rates[2600:2800:5] = rates[2599:2799:5]  # polled faster than it measures
     rates[1200:1500:3, 0] += 2.0  # so often that it can't be outliers
     rates[2520:2600:10] = 0.0  # nothing to report
+    rates[2810:2822] = 0.0  # ... for longer than samples are held back
     rates[1700:1712, 1] += 1.5 * np.sin(np.linspace(0.0, np.pi, 12))  # a motion from rest
     rates[1800, 0] += 0.5  # a knock
     accelerations[1800] += 30.0
+    rates[1850, 1] += 1.5  # one that is over at once
+    accelerations[1850] += 30.0
     rates[1900:1903, 0] += [1.5, 1.2, 0.8]  # a harder one
     accelerations[1900] += 30.0
     for first in range(2100, 2500, 40):  # faster and faster, the way it turns

@@ -15,9 +15,8 @@
 """`gyro_drift explain`: why samples of a recording were flagged, and what became of them."""
 
 import argparse
-import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +31,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
@@ -69,6 +69,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     from gyro_drift_filter.bags.opening import check_path, open_bag
     from gyro_drift_filter.bags.output import NoOutput
+    from gyro_drift_filter.bags.recording import BagError
     from gyro_drift_filter.bags.replay_run import ReplayRun, Watch
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.bags.topics import choose_hint
@@ -106,6 +107,10 @@ def run(options: argparse.Namespace) -> None:
         for piece in selection.pieces(recording, progress):
             replay.take(piece)
         (summary,) = replay.finish()
+    if not logs[0].samples:
+        raise BagError(f'topic {summary.topic} has no message with an angular velocity')
+    if start > summary.seconds:
+        raise BagError(f'the recording lasts for {summary.seconds:g} s, and ends before --start')
     sequences = [
         sequence
         for sequence in logs[0].sequences
@@ -119,7 +124,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str:
-    """Return the page: what came of all, then three lines for each.
+    """Return the page: why and what came of it, of all together, then three lines for each.
 
     Args:
         source: What was looked at.
@@ -127,16 +132,17 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
         start: Log time in ns that times are counted from.
     """
     samples = sum(sequence.samples for sequence in sequences)
-    lines = [f'{printable(source)}: {samples} samples flagged, {len(sequences)} times']
+    flagged = f'{counted(samples, "sample")} flagged, {counted(len(sequences), "time")}'
     if not sequences:
-        return lines[0]
-    outcomes = Counter(_outcome(sequence) for sequence in sequences)
-    lines += [f'{count:8}  {outcome}' for outcome, count in outcomes.most_common()]
-    lines += ['', 'The first sample of each, with rates in rad/s:', '', _HEAD]
+        return f'{printable(source)}: {flagged}'
+    lines = [f'{printable(source)}: {flagged}']
+    lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
+    lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
+    lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
     for sequence in sequences:
         seconds = 1e-9 * (sequence.log_time - start)
         missed = f'{"-":>10} {"-":>10}'
-        if math.isfinite(sequence.rate) and sequence.deviation > 0.0:
+        if sequence.innovation != 0.0 and sequence.deviation > 0.0:
             deviations = abs(sequence.innovation) / sequence.deviation
             missed = f'{sequence.innovation:10.3g} {deviations:10.3g}'
         lines.append(
@@ -145,6 +151,11 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
         )
         lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
     return '\n'.join(lines)
+
+
+def _tally(texts: Iterable[str]) -> list[str]:
+    """Return a line for each text that there is, the most frequent one first."""
+    return [f'{count:8}  {text}' for text, count in Counter(texts).most_common()]
 
 
 def _outcome(sequence: 'FlaggedSequence') -> str:

@@ -44,9 +44,11 @@ class Counts(TypedDict):
     repeats: int
     refused: int
     outliers: CountPerAxis
-    outliers_in_a_row: CountPerAxis  # up to the last sample
+    # up to the last sample, beside those that tell nothing of outliers (`methods.is_undecided`)
+    outliers_in_a_row: CountPerAxis
     # `Result.reason` of the last outlier, of several in a row that of the first one
     outlier_reason: CountPerAxis
+    outlier_method: CountPerAxis  # its number in `METHODS`, as each method has its own reasons
     # Normalised innovation squared of the samples that were accepted: sum and number.
     nis_sum: PerAxis
     nis_samples: CountPerAxis

@@ -27,6 +27,8 @@ LARGEST_ACCELERATION = 2.0e4
 
 # In place of a method's reason: the rate was no usable number, so no method has seen it.
 UNUSABLE = -1
+# The same of a sample that the filter has started at: nothing was predicted.
+STARTED = -2
 
 
 class Sample(TypedDict):
@@ -57,7 +59,7 @@ class Result(TypedDict):
     process_noise: PerAxis  # Q, (rad/s)^2
     measurement_noise: PerAxis  # R, (rad/s)^2
     outlier: PerAxis  # 0 or 1
-    # why it is one or not: a key of `Method.reasons`, or UNUSABLE
+    # why it is one or not: a key of `Method.reasons`, UNUSABLE or STARTED
     reason: CountPerAxis
     bias: PerAxis  # subtracted from the rate, rad/s
     at_rest: float  # 0 or 1

@@ -46,6 +46,7 @@ from gyro_drift_filter.core.sample import (
     LARGEST_ACCELERATION,
     RESULT,
     SAMPLE,
+    STARTED,
     UNUSABLE,
     Result,
     Sample,
@@ -270,7 +271,7 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
         innovation, outlier, reason = 0.0, True, UNUSABLE
         if usable:
             innovation, outlier = methods.update(filter_, axis, rate[axis])
-            reason = methods.reason(filter_, axis, outlier)
+            reason = STARTED if starting[axis] else methods.reason(filter_, axis, outlier)
         result['innovation'][axis] = innovation
         result['outlier'][axis] = outlier
         result['reason'][axis] = reason
@@ -394,8 +395,10 @@ def _count_result(filter_: FilterRecord) -> None:
             counts['outliers_in_a_row'][axis] += 1
             if counts['outliers_in_a_row'][axis] == 1:
                 counts['outlier_reason'][axis] = result['reason'][axis]
+                counts['outlier_method'][axis] = filter_['settings']['method']
             continue
-        counts['outliers_in_a_row'][axis] = 0
+        if not methods.is_undecided(filter_, axis):
+            counts['outliers_in_a_row'][axis] = 0
         if methods.is_noise_known(filter_, axis):
             innovation = result['innovation'][axis]
             squared = innovation * innovation / result['innovation_variance'][axis]

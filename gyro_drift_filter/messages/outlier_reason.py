@@ -15,22 +15,28 @@
 
 """Why a sample was accepted or flagged as an outlier, in words."""
 
-from gyro_drift_filter.core.methods import METHODS
-from gyro_drift_filter.core.sample import UNUSABLE
+from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
+from gyro_drift_filter.core.sample import STARTED, UNUSABLE
 from gyro_drift_filter.messages.telemetry import MessageReport
 
-_TEXTS = {method.name: {**method.reasons, UNUSABLE: 'no usable number'} for method in METHODS}
+# Of samples that no method has judged.
+_NOT_JUDGED = {
+    UNUSABLE: 'no usable number',
+    STARTED: 'the filter starts here, so nothing was predicted',
+}
+_TEXTS = {method.name: {**method.reasons, **_NOT_JUDGED} for method in METHODS}
 
 
 def reason_text(method: str, reason: int) -> str:
-    """Return what the `reason` of a result means, by the name of the method."""
-    return _TEXTS[method].get(reason, 'another method flagged it')
+    """Return what the `reason` of a result means, by the name of the method that gave it."""
+    return _TEXTS[method][reason]
 
 
 def why_flagged(now: MessageReport) -> list[str]:
     """Return why the last outlier of each axis was flagged, of several in a row the first one."""
     state = now.telemetry
+    of_axes = zip(state.outliers, state.outlier_method, state.outlier_reason, strict=True)
     return [
-        reason_text(now.parameters.method, reason) if outliers else 'none so far'
-        for outliers, reason in zip(state.outliers, state.outlier_reason, strict=True)
+        reason_text(METHOD_NAMES[method], reason) if outliers else 'none so far'
+        for outliers, method, reason in of_axes
     ]

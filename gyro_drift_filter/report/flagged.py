@@ -60,11 +60,13 @@ class FlaggedLog:
     """Sees what goes through a filter, and keeps what was flagged.
 
     Attributes:
+        samples: How many have gone through the filter, flagged or not.
         sequences: In the order of their first samples.
     """
 
     def __init__(self, filter_: Filter) -> None:
         """Start with a filter that has seen nothing yet."""
+        self.samples = 0
         self.sequences: list[FlaggedSequence] = []
         (method,) = (m for m in METHODS if m.name == filter_.parameters.method)
         self._method = method.name
@@ -75,6 +77,7 @@ class FlaggedLog:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         kept = imus['kind'] == ImuKind.GOOD
         kept[kept] = imus['result']['status'][kept] == SampleStatus.FILTERED
+        self.samples += int(kept.sum())
         result, times = imus['result'][kept], log_times[kept]
         rates = imus['sample']['angular_velocity'][kept]
         flagged = result['outlier'] > 0.0

@@ -37,9 +37,9 @@ another one in the step, `change_period` ends it. The other verbs are for method
 `note_circumstances` and `compare_axes` for what all axes show together, `change_period` for what is
 counted per sample, `start_over`, `learned_noise`, `noise_block_seconds` and `is_noise_known` for
 noise that is learned (the last one is asked after `update`, of the variance before it),
-`divergences` for a method that starts anew where it has diverged, `reason` for one that has more
-than one for an outlier, `change_model` for what
-parameters replace, and `take_over` for a start at the rate of another method.
+`divergences` for a method that starts anew where it has diverged, `reason` and `is_undecided` for
+one that judges samples by several rules, `change_model` for what parameters replace, and
+`take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -274,6 +274,15 @@ def reason(filter_: 'FilterRecord', axis: int, outlier: bool) -> int:
     if filter_['settings']['method'] == ADAPTIVE:
         return filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
     return 1 if outlier else 0
+
+
+@kernel
+def is_undecided(filter_: 'FilterRecord', axis: int) -> bool:
+    """Return whether a sample tells nothing of outliers before it, see `Method.undecided`."""
+    if filter_['settings']['method'] == ADAPTIVE:
+        reason = filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
+        return bool(reason == outliers.Reason.REPEATED)
+    return False
 
 
 @kernel

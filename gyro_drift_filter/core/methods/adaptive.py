@@ -48,6 +48,7 @@ from gyro_drift_filter.core.methods.interacting import (
 )
 from gyro_drift_filter.core.methods.missed_turns import (
     compensate,
+    gives_back_knock,
     note_prediction,
     predictable,
     turn_compensation,
@@ -399,6 +400,8 @@ def update(
         reason = Reason.REPEATED
     elif cut_off:
         reason = Reason.AT_LIMIT
+    elif reason == Reason.RETURNED and gives_back_knock(state):
+        reason = Reason.KNOCKED
     decision = decision_of(reason)
     if decision == Decision.ACCEPT:
         doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)

@@ -107,6 +107,12 @@ def compensate(
 
 
 @kernel
+def gives_back_knock(state: AdaptiveAxis) -> bool:
+    """Return whether the angle of what is held back is given back though the rate has returned."""
+    return 0.0 < abs(state['held_angle']) <= state['knock_angle']
+
+
+@kernel
 def _without_denormal(angle: float) -> float:
     """Return an angle in rad, or none where it is too small for anything."""
     return 0.0 if abs(angle) < LEAST_COMPENSATION else angle

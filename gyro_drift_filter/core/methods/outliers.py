@@ -108,61 +108,72 @@ class Reason(IntEnum):
     """Why a decision is what it is: `REASONS` says it, and `decision_of` which one it is.
 
     `find_reason` judges a sample by its innovation. `adaptive.update` overrules it where the rate
-    says nothing: for CONSTANT, REPEATED and AT_LIMIT.
+    says nothing: for CONSTANT, REPEATED and AT_LIMIT. It also tells KNOCKED from RETURNED.
     """
 
     # ACCEPT
     EXPECTED = 0
     CROWDED = 1
     RETURNED = 2
-    CONSTANT = 3
+    KNOCKED = 3
+    CONSTANT = 4
     # HOLD
-    FAR = 4
-    FAR_AT_REST = 5
-    BEYOND_BODY = 6
-    ALL_ZERO = 7
-    UNDECIDED = 8
+    FAR = 5
+    FAR_AT_REST = 6
+    BEYOND_BODY = 7
+    BEYOND_REACH = 8
+    DROPOUT = 9
+    UNDECIDED = 10
     # START_ANEW
-    REACHED = 9
-    STAYED = 10
-    PUSHED = 11
-    JOLTED = 12
-    CONFIRMED = 13
-    GROWN = 14
-    GROWN_AGAIN = 15
-    GONE_ON = 16
-    AGREED = 17
-    HELD_LONGEST = 18
-    CROWDED_WHILE_HELD = 19
-    UNCONFIRMED = 20
+    REACHED = 11
+    STAYED = 12
+    PUSHED = 13
+    JOLTED = 14
+    CONFIRMED = 15
+    GROWN = 16
+    GROWN_AGAIN = 17
+    GONE_ON = 18
+    AGREED = 19
+    HELD_LONGEST = 20
+    CROWDED_WHILE_HELD = 21
+    DROPOUT_GOES_ON = 22
+    UNCONFIRMED = 23
     # BRIDGE
-    REPEATED = 21
+    REPEATED = 24
     # PASS
-    AT_LIMIT = 22
+    AT_LIMIT = 25
 
 
 # In the words of a user, of the sample at hand.
 REASONS: Mapping[int, str] = {
     Reason.EXPECTED: 'within the limits',
-    Reason.CROWDED: 'accepted: so many were held back of late that the doubt is wrong',
-    Reason.RETURNED: 'back at the prediction: those held back before it were outliers',
-    Reason.CONSTANT: 'accepted: it has come so often that it is the rate',
+    Reason.CROWDED: 'accepted: too many were held back of late for all of them to be outliers',
+    Reason.RETURNED: 'back at the prediction: what was held back before it was an outlier',
+    Reason.KNOCKED: 'back at the prediction: what was held back was a knock, which the '
+    'accelerometer felt; its angle is given back',
+    Reason.CONSTANT: 'accepted: it has come so often in a row that it is the rate',
     Reason.FAR: 'beyond outlier.threshold and outlier.acceleration',
     Reason.FAR_AT_REST: 'beyond outlier.threshold, and the sensor stood still until then',
-    Reason.BEYOND_BODY: 'a jump that no body makes within a sample period',
-    Reason.ALL_ZERO: 'a read that failed: all three rates are 0 or one value, and not as predicted',
+    Reason.BEYOND_BODY: 'a jump that no body makes within a sample period unless it is hit',
+    Reason.BEYOND_REACH: 'beyond outlier.threshold, and further away than a body can have come '
+    'since the last sample that was measured',
+    Reason.DROPOUT: 'a read that failed: all three rates are exactly 0, or the same value',
     Reason.UNDECIDED: 'neither back at the prediction nor shown to be motion yet',
-    Reason.REACHED: 'motion: a body can have come there since the last sample that was measured',
-    Reason.STAYED: 'motion that has ended: the rate is that of the last accepted sample',
-    Reason.PUSHED: 'motion: the accelerometer was shaken by as much as explains it',
-    Reason.JOLTED: 'motion: the accelerometer has jumped, and the next sample is still away',
-    Reason.CONFIRMED: 'motion: the next sample confirms a jump that only rest made doubtful',
-    Reason.GROWN: 'motion: further away, as a turn is that has only begun',
-    Reason.GROWN_AGAIN: 'motion: further away for the second time',
-    Reason.GONE_ON: 'motion: by steps like the first one, as of a body that is stopped',
-    Reason.AGREED: 'motion: more samples in a row agree than outliers do',
-    Reason.HELD_LONGEST: 'motion: no more samples are held back',
-    Reason.CROWDED_WHILE_HELD: 'motion: so many were held back of late that the doubt is wrong',
+    Reason.REACHED: 'taken for motion: a body can have come there since the last sample that was '
+    'measured',
+    Reason.STAYED: 'taken for motion that has ended: the rate is still near the last accepted one',
+    Reason.PUSHED: 'taken for motion: the accelerometer was shaken by as much as explains it',
+    Reason.JOLTED: 'taken for motion: the accelerometer has jumped, and the rate is still away',
+    Reason.CONFIRMED: 'taken for motion: the rate is still away, and the jump was within '
+    'outlier.acceleration',
+    Reason.GROWN: 'taken for motion: further away, as a turn is that has only begun',
+    Reason.GROWN_AGAIN: 'taken for motion: further away for the second time',
+    Reason.GONE_ON: 'taken for motion: by steps like the first one, as of a body that is stopped',
+    Reason.AGREED: 'taken for motion: more samples in a row agree than outliers do (outlier.run)',
+    Reason.HELD_LONGEST: 'taken for motion: no more samples in a row are held back (outlier.run)',
+    Reason.CROWDED_WHILE_HELD: 'taken for motion: too many were held back of late for all of them '
+    'to be outliers',
+    Reason.DROPOUT_GOES_ON: 'passed on: reads have failed for as long as samples are held back',
     Reason.UNCONFIRMED: 'accepted: nothing speaks for the sample that the filter started at',
     Reason.REPEATED: 'bridged: the sensor has not measured since the sample before',
     Reason.AT_LIMIT: 'passed on: the rate is at the end of the range',
@@ -369,13 +380,15 @@ def find_reason(
     doubtful = beyond or (size > jump and size > least_jump)
     possible_change = _possible_change(doubt, circumstances, limits)
     if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
-        return Reason.REACHED if doubtful else Reason.EXPECTED
+        if doubtful:
+            return Reason.REACHED
+        return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     if held > 0:
         return _reason_behind_held(
             doubt, sample, prediction, last_accepted, jump, beyond, circumstances, limits
         )
     if dropout:
-        return Reason.ALL_ZERO
+        return Reason.DROPOUT
     if not doubtful:
         return Reason.EXPECTED
     if doubt['confirmations'] < CONFIRMED_START:
@@ -428,9 +441,8 @@ def _reason_behind_held(
     lasted = held >= limits['longest_hold']
     if circumstances['dropout']:
         # One more than other runs: two drop-outs of two samples each may follow each other.
-        if doubt['agreeing'] > limits['run']:
-            return Reason.AGREED
-        return Reason.HELD_LONGEST if lasted else Reason.ALL_ZERO
+        goes_on = lasted or doubt['agreeing'] > limits['run']
+        return Reason.DROPOUT_GOES_ON if goes_on else Reason.DROPOUT
     same_side = innovation * offset > 0.0
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
@@ -440,7 +452,7 @@ def _reason_behind_held(
     # A sample that lies by those held back belongs to them, wherever the prediction has gone.
     nearer = size < change or offset == 0.0
     if near and nearer and not away and not beyond:
-        return Reason.RETURNED
+        return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
@@ -466,7 +478,15 @@ def _reason_behind_held(
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
     if alike and doubt['agreeing'] >= run:
         return Reason.AGREED
-    return Reason.HELD_LONGEST if lasted else Reason.UNDECIDED
+    if lasted:
+        return Reason.HELD_LONGEST
+    return Reason.UNDECIDED if _holds_any(doubt) else Reason.BEYOND_REACH
+
+
+@kernel
+def _holds_any(doubt: Doubt) -> bool:
+    """Return whether a sample was held back since the last accepted one, not only missing."""
+    return doubt['held'] > doubt['unseen']
 
 
 @kernel
