@@ -457,6 +457,19 @@ def test_the_heading_is_conserved(seed, speed, repeated, lost):
     assert off < given_off + np.radians(5.0)
 
 
+@pytest.mark.parametrize('rate', [5, 10, 50, 100])
+@pytest.mark.parametrize('size', [2.0, 12.0, 30.0])
+def test_a_fast_turn_at_a_low_rate_loses_no_heading(size, rate):
+    """Its first samples are held back, and each stands for a long time."""
+    random = np.random.default_rng(0)
+    truth = np.zeros((60 * rate, 3))
+    truth[40 * rate : 43 * rate, 2] = size
+    z = truth + 0.002 * random.standard_normal(truth.shape)
+    results = Filter().run(stamps(len(z), rate), z, upright(random, len(z)))
+    lost = (results['angular_velocity'] - truth).sum(axis=0)[2] / rate
+    assert abs(lost) < np.radians(5.0)
+
+
 @pytest.mark.parametrize('seed', [2, 4])
 def test_outliers_in_motion_are_not_given_back(seed):
     """Not even where the sample after them is held back as well, and counts as motion then.

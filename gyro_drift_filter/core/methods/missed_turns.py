@@ -35,14 +35,15 @@ from gyro_drift_filter.core.methods.outliers import (
     decision_of,
 )
 
-# Two angles are given back so that the heading holds: that of held samples that were motion, with
-# the first time constant in s; and that which smoothing has removed in motion, with the second one
-# while it is within so many deviations of noise, else with the first. A held angle is at most
-# LARGEST_COMPENSATION, by the range of gyroscopes and `longest_hold`; that of a knock, on a body
-# that stays where it is, at most LARGEST_KNOCK.
+# Three angles are given back so that the heading holds: that of held samples that were motion, and
+# that of samples that were bridged, with the first time constant in s; and that which smoothing has
+# removed in motion, with the second one while it is within so many deviations of noise, else with
+# the first. The angle of a knock, on a body that stays where it is, is at most LARGEST_KNOCK.
 COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
-LARGEST_COMPENSATION = 2.0  # rad
+# In rad; or below 50 Hz, where samples last longer, as much more: three of them at the range of
+# gyroscopes. More is no motion.
+LARGEST_COMPENSATION, LARGEST_FROM_PERIOD = 2.0, 0.02
 LARGEST_KNOCK = 0.02  # rad
 # The slowest mode averages over so long: a turn that has begun since then may not show yet.
 RECENT_SECONDS = 1.0
@@ -66,6 +67,7 @@ def compensate(
     s.
     """
     decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
+    largest = LARGEST_COMPENSATION * max(period / LARGEST_FROM_PERIOD, 1.0)
     if decision == Decision.HOLD:
         # What has come back was an outlier; or a knock, which turns a body by a small angle.
         if returned and abs(state['held_angle']) > state['knock_angle']:
@@ -76,10 +78,8 @@ def compensate(
             knock = max(knock, LARGEST_KNOCK)
         state['knock_angle'] = max(state['knock_angle'], knock)
     elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
-        largest = state['knock_angle']
-        if (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned:
-            largest = LARGEST_COMPENSATION
-        if abs(state['held_angle']) <= largest:
+        moved = (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned
+        if abs(state['held_angle']) <= (largest if moved else state['knock_angle']):
             missed = state['held_angle']
         state['held_angle'] = 0.0
         state['knock_angle'] = 0.0
@@ -97,7 +97,7 @@ def compensate(
     if angle == 0.0:
         state['compensation'] = 0.0
         return 0.0
-    angle = _without_denormal(min(max(angle, -LARGEST_COMPENSATION), LARGEST_COMPENSATION))
+    angle = _without_denormal(min(max(angle, -largest), largest))
     noise = state['noise']['variance'] * 0.5 * period * SMOOTHING_SECONDS
     small = angle * angle < SMOOTHING_DEVIATIONS * SMOOTHING_DEVIATIONS * noise
     seconds = SMOOTHING_SECONDS if small else COMPENSATION_SECONDS
