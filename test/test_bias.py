@@ -187,6 +187,18 @@ def test_a_turn_that_only_several_segments_tell_is_taken_back(random):
     assert max(learned) < 0.5
 
 
+@pytest.mark.parametrize('noise', [5e-4, 2e-3, 5e-3])
+def test_a_sensor_that_warms_up_while_it_stands_is_followed(noise, random):
+    """By 1 deg/s within ten minutes, with a time constant of five."""
+    rates, accelerations = at_rest(random, 600)
+    time = np.arange(len(rates)) / 100.0
+    bias = np.outer(1.0 - np.exp(-time / 300.0), (1.0, -1.0, 1.0)) * DEGREE
+    results = run(Filter(), bias + noise * random.standard_normal(rates.shape), accelerations)
+    left, deviation = results['angular_velocity'], results['angular_velocity_variance'] ** 0.5
+    assert np.abs(left[500:].sum(axis=0)).max() / 100.0 < 9.0 * DEGREE
+    assert (np.abs(left) < 2.0 * deviation)[500:].mean() > 0.8
+
+
 JUMPS = [(1.0, -0.6, 0.8), (-2.5, 0.0, 1.0), (0.0, 0.5, 0.0), (0.0, 8.0, -9.0)]  # deg/s
 
 

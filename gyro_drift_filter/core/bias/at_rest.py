@@ -45,6 +45,7 @@ from gyro_drift_filter.core.bias.shared import (
     limit_shift,
     start_motion_bias,
     start_wide_prior,
+    widen_both,
 )
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
@@ -82,6 +83,10 @@ REST_SHARE = 0.003
 # A squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk
 # is at least LEAST_WALK of what the parameter allows.
 WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
+# A sensor warms up for minutes, and meanwhile its bias leads the estimate: by the mean innovation
+# of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
+# noise adds to the variance.
+LAG_WEIGHT, LAG_DEVIATIONS = 0.05, 3.0
 # After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
 # to and fro passes the bias.
 DOUBTED_SEGMENTS = 2
@@ -146,6 +151,7 @@ def _forget_stillness(state: Bias) -> None:
     state['still_blocks'] = 0.0
     for axis in range(3):
         state['still_sum'][axis] = 0.0
+        state['lag'][axis] = 0.0
     interrupt_slow_turn(state['turn'])
 
 
@@ -389,6 +395,10 @@ def _correct(state: Bias) -> None:
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         variance = state['variance'][axis] + state['growth']
         innovation, spread = mean - state['bias'][axis], variance + noise
+        lagged = _variance_of_lag(state, axis, innovation, spread)
+        variance += lagged
+        spread += lagged
+        widen_both(state['motion'], axis, lagged)
         gain = variance / spread
         surprise += innovation * innovation / spread / 3.0
         share += state['growth'] / spread / 3.0
@@ -399,6 +409,18 @@ def _correct(state: Bias) -> None:
     state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
     state['recent'][0]['growth'] = state['growth']
     state['recent'][0]['reach'] = state['reach']
+
+
+@kernel
+def _variance_of_lag(state: Bias, axis: int, innovation: float, spread: float) -> float:
+    """Return the variance in (rad/s)^2 by which a bias that moves steadily leads its estimate.
+
+    `innovation` in rad/s is that of the segment, `spread` its variance by noise and random walk.
+    """
+    lag = (1.0 - LAG_WEIGHT) * state['lag'][axis] + LAG_WEIGHT * innovation
+    state['lag'][axis] = lag
+    of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * spread
+    return float(max(lag * lag - LAG_DEVIATIONS * LAG_DEVIATIONS * of_mean, 0.0))
 
 
 @kernel

@@ -69,6 +69,7 @@ class Bias(TypedDict):
     reach: float  # (rad/s)^2, the same with all of the random walk
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
     recent_count: int
+    lag: PerAxis  # rad/s, the mean of the last innovations of this rest
     hint: int  # a member of Hint
     hint_seconds: float  # until it is forgotten
     temperature: float  # in deg C, at the last growth for it; NaN before the first
