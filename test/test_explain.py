@@ -20,6 +20,7 @@ import json
 import numpy as np
 import pytest
 
+from gyro_drift_filter.cli.explain import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods.outliers import REASONS, Reason
@@ -28,7 +29,7 @@ from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.outlier_reason import reason_text
-from gyro_drift_filter.report.flagged import FlaggedLog
+from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write
 from support.messages import START
@@ -120,15 +121,26 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
             stamp = START + 10_000_000 * k
             rate, force = (values[k] for values in rates_and_forces)
             filter_.take(imu_message(stamp, rate, force))
-        _, of_filter = Health().judge(filter_.report(), 1.0)
-        return [of_filter.values[f'Why the last outlier was flagged {axis}'] for axis in 'xyz']
+        values = Health().judge(filter_.report(), 1.0)[1].values
+        ages.append([values[f'Time since the last outlier (s) {axis}'] for axis in 'xyz'])
+        return [values[f'Why the last outlier was flagged {axis}'] for axis in 'xyz']
 
-    spike, none = REASONS[Reason.FAR_AT_REST], 'none so far'
+    ages, spike, none = [], REASONS[Reason.FAR_AT_REST], 'none so far'
     assert told(range(10 * SECOND)) == [none, none, none]
     assert told(range(10 * SECOND, 13 * SECOND)) == [spike, UNUSABLE_TEXT, none]
     assert told(range(13 * SECOND, 15 * SECOND)) == [spike, UNUSABLE_TEXT, spike]
     filter_.filter.configure(Parameters(method='kalman'))
     assert told(range(15 * SECOND, 15 * SECOND + 1)) == [spike, UNUSABLE_TEXT, spike]
+    assert ages[:2] == [[none] * 3, ['2.99', '0.99', none]]
+    assert ages[2] == ['4.99', '2.99', '0.98']
+
+
+def test_a_long_list_ends_with_how_many_more_there_are():
+    one = FlaggedSequence(0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
+    text = page('drive', 500 * [one], 0)
+    assert text.startswith('drive: 500 samples flagged, 500 times')
+    assert text.endswith('and 300 more times: --start shows later ones, --json writes all')
+    assert text.count('-> back') == 200
 
 
 def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):

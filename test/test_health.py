@@ -590,6 +590,7 @@ def test_telemetry_is_that_of_the_state(random):
         'least_rest_seconds': pytest.approx(18 * 0.13),
         'outliers': counts['outliers'],
         'outlier_reason': counts['outlier_reason'],
+        'last_outlier': counts['last_outlier'],
         'outlier_method': counts['outlier_method'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
         **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
     from gyro_drift_filter.report.flagged import FlaggedSequence
 
+# As long as a page that somebody reads.
+_MOST_LISTED = 200
 _HEAD = '       s axis samples     rate innovation deviations'
 
 
@@ -139,7 +141,7 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
     lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
     lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
     lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
-    for sequence in sequences:
+    for sequence in sequences[:_MOST_LISTED]:
         seconds = 1e-9 * (sequence.log_time - start)
         missed = f'{"-":>10} {"-":>10}'
         if sequence.innovation != 0.0 and sequence.deviation > 0.0:
@@ -150,6 +152,9 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
             f'{missed}'
         )
         lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
+    if len(sequences) > _MOST_LISTED:
+        more = counted(len(sequences) - _MOST_LISTED, 'more time')
+        lines += ['', f'and {more}: --start shows later ones, --json writes all']
     return '\n'.join(lines)
 
 

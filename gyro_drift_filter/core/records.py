@@ -49,6 +49,7 @@ class Counts(TypedDict):
     # `Result.reason` of the last outlier, of several in a row that of the first one
     outlier_reason: CountPerAxis
     outlier_method: CountPerAxis  # its number in `METHODS`, as each method has its own reasons
+    last_outlier: CountPerAxis  # `samples` when it came
     # Normalised innovation squared of the samples that were accepted: sum and number.
     nis_sum: PerAxis
     nis_samples: CountPerAxis

@@ -392,6 +392,7 @@ def _count_result(filter_: FilterRecord) -> None:
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             counts['outliers'][axis] += 1
+            counts['last_outlier'][axis] = counts['samples']
             counts['outliers_in_a_row'][axis] += 1
             if counts['outliers_in_a_row'][axis] == 1:
                 counts['outlier_reason'][axis] = result['reason'][axis]

@@ -31,7 +31,7 @@ from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
-from gyro_drift_filter.messages.outlier_reason import why_flagged
+from gyro_drift_filter.messages.outlier_reason import seconds_since_outlier, why_flagged
 from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, applying
 from gyro_drift_filter.messages.span import Span, span_of
@@ -176,6 +176,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         else 'none',
         'Outliers': state.outliers,
         'Why the last outlier was flagged': why_flagged(span.now),
+        'Time since the last outlier (s)': seconds_since_outlier(state),
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
         'Normalised innovation squared': span.nis,
         'Process noise Q ((rad/s)^2)': state.process_noise,

@@ -17,7 +17,7 @@
 
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
 from gyro_drift_filter.core.sample import STARTED, UNUSABLE
-from gyro_drift_filter.messages.telemetry import MessageReport
+from gyro_drift_filter.messages.telemetry import MessageReport, Telemetry
 
 # Of samples that no method has judged.
 _NOT_JUDGED = {
@@ -25,6 +25,7 @@ _NOT_JUDGED = {
     STARTED: 'the filter starts here, so nothing was predicted',
 }
 _TEXTS = {method.name: {**method.reasons, **_NOT_JUDGED} for method in METHODS}
+_NONE = 'none so far'
 
 
 def reason_text(method: str, reason: int) -> str:
@@ -37,6 +38,14 @@ def why_flagged(now: MessageReport) -> list[str]:
     state = now.telemetry
     of_axes = zip(state.outliers, state.outlier_method, state.outlier_reason, strict=True)
     return [
-        reason_text(METHOD_NAMES[method], reason) if outliers else 'none so far'
+        reason_text(METHOD_NAMES[method], reason) if outliers else _NONE
         for outliers, method, reason in of_axes
+    ]
+
+
+def seconds_since_outlier(state: Telemetry) -> list[str]:
+    """Return the time in s since the last outlier of each axis, as text."""
+    return [
+        f'{state.message_period * (state.samples - last):.6g}' if outliers else _NONE
+        for outliers, last in zip(state.outliers, state.last_outlier, strict=True)
     ]

@@ -42,7 +42,8 @@ class Telemetry(NamedTuple):
     rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
     `AxisFault`; clipped_calibrated is 1 for an axis that was clipped before the driver calibrated
     its rates; outlier_reason is that of the last outlier, of several in a row that of the first
-    one, and outlier_method the number in `METHODS` of the method that gave it; rest_obstacle is a
+    one, outlier_method the number in `METHODS` of the method that gave it, and last_outlier what
+    samples was when the last outlier came; rest_obstacle is a
     member of `Obstacle`, which showed last that a block or a segment was no rest, in the signal
     rest_obstacle_signal; rest_beyond_max says that the rest under way has a rate beyond bias.max,
     and segments_beyond_max counts such segments of rest; segments_turning counts those with a rate
@@ -65,6 +66,7 @@ class Telemetry(NamedTuple):
     outliers: Counts
     outlier_reason: Counts
     outlier_method: Counts
+    last_outlier: Counts
     nis_samples: Counts
     nis_sum: Values
     period: float
@@ -205,6 +207,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['outliers'][axis] = counts['outliers'][axis]
         out['outlier_reason'][axis] = counts['outlier_reason'][axis]
         out['outlier_method'][axis] = counts['outlier_method'][axis]
+        out['last_outlier'][axis] = counts['last_outlier'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]
         out['divergences'][axis] = methods.divergences(filter_, axis)

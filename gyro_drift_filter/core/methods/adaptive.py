@@ -498,7 +498,8 @@ def estimate(
 
 
 ADVICE = Advice(
-    outliers='look at the raw rates; raise outlier.threshold or outlier.acceleration',
+    outliers='look at the raw rates; for motion raise outlier.acceleration, for noise '
+    'raise outlier.threshold',
     large_innovations='is it a vibration? Leave it at rest for a second so that it learns its '
     'noise, or set model.noise_deviation',
     small_innovations='no outlier will be found; set model.noise_deviation lower, or to 0',
