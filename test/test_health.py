@@ -102,6 +102,11 @@ CASES = {
         {'nis_sum': [1000.0, 90.0, 1000.0]},
         'lower model.process_noise',
     ),
+    'no gravity': (
+        {'acceleration_at_rest': 1.0},
+        {'acceleration_at_rest': 9.9},
+        'the acceleration at rest is 1, where gravity is 9.81 m/s^2',
+    ),
     'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
     'beyond bias.max': ({'rest_beyond_max': True}, {}, 'bias.max (10 deg/s)'),
     'no bias for long': (
@@ -337,6 +342,23 @@ def test_health_says_what_is_wrong(messages, level, text):
     input_, _ = report(messages)
     assert input_.level == level
     assert text in input_.message
+
+
+@pytest.mark.parametrize(('unit', 'told'), [(1.0, False), (1.0 / 9.81, True), (0.0, False)])
+def test_an_accelerometer_in_other_units_is_told(unit, told, random):
+    """Without any, all zeros, there is nothing to be told."""
+    filter_ = MessageFilter(Parameters())
+    rates, accelerations = at_rest(random, 10)
+    for k, (rate, force) in enumerate(zip(rates, accelerations, strict=True)):
+        filter_.take(imu_message(10**18 + k * 10**7, rate, unit * force))
+    input_, _ = Health().judge(filter_.report(), 10.0)
+    assert ('publish m/s^2' in input_.message) == told
+
+
+def test_at_a_low_rate_a_rest_takes_longer():
+    late = {'steady_seconds': 150.0, 'least_rest_seconds': 144.0}
+    assert not RULES['no rest'].applies(span(**late))
+    assert RULES['no rest'].applies(span(**(late | {'steady_seconds': 300.0})))
 
 
 def test_a_single_spike_is_no_sign_of_degrees():
@@ -609,6 +631,7 @@ def test_telemetry_is_that_of_the_state(random):
         'bias_provisional': bias['provisional'][0] > 0.0,
         'bias_deviation': filter_.filter.bias_deviation,
         'at_rest': bias['rest']['at_rest'],
+        'acceleration_at_rest': bias['rest']['at_rest'] * np.linalg.norm(bias['rest']['gravity']),
     }
     assert expected.keys() == telemetry._asdict().keys(), 'each value is tested here'
     for name, value in telemetry._asdict().items():

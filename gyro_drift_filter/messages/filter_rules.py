@@ -24,7 +24,8 @@ from gyro_drift_filter.messages.span import Span
 # A sensor that is switched on standing still knows its bias by then, in s, or at a low rate in
 # twice the time that its first rest takes.
 _START_SECONDS = 10.0
-# Without a rest for so long, in s, while gravity stands, something hides it.
+# Without a rest for so long, in s, while gravity stands, something hides it; or at a low rate for
+# twice the time that the first rest takes.
 _LONG_WITHOUT_REST = 120.0
 # Noise that was learned from less rest than this, in s, is known to a tenth at best.
 _LITTLE_REST = 3.0
@@ -67,6 +68,11 @@ def _has_no_bias_for_long(span: Span) -> bool:
     return _has_no_bias(span) and state.rest_seconds > max(
         _START_SECONDS, 2.0 * state.least_rest_seconds
     )
+
+
+def _has_no_rest_for_long(span: Span) -> bool:
+    state = span.now.telemetry
+    return state.steady_seconds > max(_LONG_WITHOUT_REST, 2.0 * state.least_rest_seconds)
 
 
 def _no_bias(span: Span) -> str:
@@ -118,7 +124,7 @@ FILTER_RULES = (
     Rule(
         'no rest',
         Level.WARN,
-        lambda span: span.now.telemetry.steady_seconds > _LONG_WITHOUT_REST,
+        _has_no_rest_for_long,
         lambda span: (
             'gravity has stood still for minutes, and yet no rest is found, as '
             f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '

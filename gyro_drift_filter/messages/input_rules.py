@@ -16,8 +16,11 @@
 
 import math
 
+from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
+from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
 from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
@@ -104,6 +107,24 @@ def _is_truncation_left(span: Span) -> bool:
     return span.now.telemetry.truncated and parameters.input_quantisation in ('none', 'round')
 
 
+def _shows_no_gravity(span: Span) -> bool:
+    """Return whether the accelerometer shows something else than gravity in m/s^2 at rest.
+
+    One that shows nothing is none, or has gravity taken off.
+    """
+    size = span.now.telemetry.acceleration_at_rest
+    is_gravity = LEAST_GRAVITY_SHARE < size / GRAVITY < LARGEST_GRAVITY_SHARE
+    return size > STEADY_GRAVITY and not is_gravity
+
+
+def _no_gravity_text(span: Span) -> str:
+    return (
+        f'the acceleration at rest is {span.now.telemetry.acceleration_at_rest:.3g}, where gravity '
+        'is 9.81 m/s^2 (REP-145): publish m/s^2, as without gravity no bias is found in motion, '
+        'and one that has jumped only after 90 s of rest'
+    )
+
+
 INPUT_RULES = (
     Rule(
         'silent',
@@ -187,6 +208,7 @@ INPUT_RULES = (
         f'at rest the rates have a noise of more than {_LARGEST_NOISE:g} rad/s beside a calm '
         f'accelerometer: {_IN_DEGREES}',
     ),
+    Rule('no gravity', Level.WARN, _shows_no_gravity, _no_gravity_text),
     Rule(
         'clipped',
         Level.WARN,

@@ -24,6 +24,7 @@ from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
 from gyro_drift_filter.core.bias.records import bias_variance
+from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.quantisation import known_count, variance_of_rounding
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 
@@ -37,17 +38,18 @@ class Telemetry(NamedTuple):
 
     Counts begin anew at each reset; only those of segments are kept, as the bias is. Bias and its
     deviation are those at rest, in rad/s; noise is a variance in (rad/s)^2, of the last sample, and
-    what deviates at rest in rad/s and m/s^2, 0 while that is not known; the period and what ends in
-    seconds are in s, rest_seconds since the start where segments is 0. count_size is the rate in
-    rad/s that a count of the sensor stands for, 0 where no counts are seen; faults are members of
-    `AxisFault`; clipped_calibrated is 1 for an axis that was clipped before the driver calibrated
-    its rates; outlier_reason is that of the last outlier, of several in a row that of the first
-    one, outlier_method the number in `METHODS` of the method that gave it, and last_outlier what
-    samples was when the last outlier came; rest_obstacle is a
-    member of `Obstacle`, which showed last that a block or a segment was no rest, in the signal
-    rest_obstacle_signal; rest_beyond_max says that the rest under way has a rate beyond bias.max,
-    and segments_beyond_max counts such segments of rest; segments_turning counts those with a rate
-    that the bias can not have come to, so that the sensor turned.
+    what deviates at rest in rad/s and m/s^2, 0 while that is not known; acceleration_at_rest is the
+    size of the acceleration in m/s^2, 0 in motion; the period and what ends in seconds are in s,
+    rest_seconds since the start where segments is 0. count_size is the rate in rad/s that a count
+    of the sensor stands for, 0 where no counts are seen; faults are members of `AxisFault`;
+    clipped_calibrated is 1 for an axis that was clipped before the driver calibrated its rates;
+    outlier_reason is that of the last outlier, of several in a row that of the first one,
+    outlier_method the number in `METHODS` of the method that gave it, and last_outlier what samples
+    was when the last outlier came; rest_obstacle is a member of `Obstacle`, which showed last that
+    a block or a segment was no rest, in the signal rest_obstacle_signal; rest_beyond_max says that
+    the rest under way has a rate beyond bias.max, and segments_beyond_max counts such segments of
+    rest; segments_turning counts those with a rate that the bias can not have come to, so that the
+    sensor turned.
     """
 
     samples: int
@@ -87,6 +89,7 @@ class Telemetry(NamedTuple):
     noise_block_seconds: float
     rate_deviation_at_rest: Values
     acceleration_deviation_at_rest: Values
+    acceleration_at_rest: float
     bias_known: bool
     bias_corrected: bool
     bias_provisional: bool
@@ -184,6 +187,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['bias_provisional'] = bias['provisional'][0] > 0.0
     out['rest_beyond_max'] = bias['rest_beyond_max']
     out['at_rest'] = bias['rest']['at_rest']
+    x, y, z = bias['rest']['gravity']
+    out['acceleration_at_rest'] = vector_length(x, y, z) if bias['rest']['at_rest'] else 0.0
     out['rest_obstacle'] = bias['rest']['obstacle']
     out['rest_obstacle_signal'] = bias['rest']['obstacle_signal']
     out['rest_seconds'] = bias['rest_seconds']
