@@ -279,7 +279,7 @@ def _start_motion(state: MotionBias, direction: float) -> None:
     """Begin to track, with a deviation of the direction; that of the bias is kept."""
     vector, covariance = state['state_vector'], state['covariance']
     own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
-    deviations = direction, START_SPEED, 0.0, own, _mean_deviation(state)
+    deviations = direction, START_SPEED, 0.0, own, _expected_speed(state)
     for part in range(5):
         if 3 * part == BIAS:
             continue
@@ -366,7 +366,7 @@ def _predict_covariance(
     covariance, forward = state['covariance'], workspace['transition']
     product, seconds = workspace['product'], state['block_seconds']
     left = math.exp(-seconds / _speed_seconds(state))
-    mean, mean_left = _mean_deviation(state), math.exp(-seconds / SPEED_MEMORY)
+    mean, mean_left = _expected_speed(state), math.exp(-seconds / SPEED_MEMORY)
     for i in range(STATES):
         for k in range(STATES):
             forward[i, k] = 1.0 if i == k else 0.0
@@ -423,15 +423,6 @@ def _speed_seconds(state: MotionBias) -> float:
 def _expected_speed(state: MotionBias) -> float:
     """Return the deviation of the velocity, in m/s."""
     return SPEED if state['wide'] else float(state['speed_deviation'])
-
-
-@kernel
-def _mean_deviation(state: MotionBias) -> float:
-    """Return the deviation of the mean velocity from zero, in m/s.
-
-    With a wide prior it is zero, as a bias would be taken for a mean velocity.
-    """
-    return 0.0 if state['wide'] else float(state['speed_deviation'])
 
 
 @kernel
