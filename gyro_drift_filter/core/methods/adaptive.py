@@ -85,7 +85,7 @@ from gyro_drift_filter.core.methods.outliers import (
     explained_jump,
     feel_jolt,
     find_reason,
-    has_returned,
+    lies_at_accepted,
     note_held,
     note_innovation,
     note_missing,
@@ -409,7 +409,7 @@ def update(
         doubt['confirmations'] = 1
     own['reason'] = reason
     own['accepted_before'] = last_accepted
-    own['returned'] = doubt['held'] > 0 and has_returned(doubt, sample, last_accepted)
+    own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
     if decision == Decision.HOLD or decision == Decision.BRIDGE:
         if decision == Decision.HOLD:
             note_held(doubt, sample, prediction, typical, dropout, limits)

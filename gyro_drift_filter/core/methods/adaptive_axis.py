@@ -97,7 +97,8 @@ class AdaptiveAxisWorkspace(TypedDict):
     typical_innovation: float
     reason: int  # of the decision on the sample: a member of Reason
     accepted_before: float  # `last_accepted` before it, rad/s
-    returned: bool  # it lies there again, after one that was held back
+    # it lies where the last accepted sample did, after one that was held back
+    is_at_accepted: bool
     at_limit: bool  # the rate is at the end of the range
     hangs: bool  # it has come so often in a row that it was not measured anew
 

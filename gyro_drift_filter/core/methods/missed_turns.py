@@ -66,11 +66,12 @@ def compensate(
     what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
     s.
     """
-    decision, returned, missed = decision_of(workspace['reason']), workspace['returned'], 0.0
+    decision, missed = decision_of(workspace['reason']), 0.0
+    at_accepted = workspace['is_at_accepted']
     largest = LARGEST_COMPENSATION * max(period / LARGEST_FROM_PERIOD, 1.0)
     if decision == Decision.HOLD:
         # What has come back was an outlier; or a knock, which turns a body by a small angle.
-        if returned and abs(state['held_angle']) > state['knock_angle']:
+        if at_accepted and abs(state['held_angle']) > state['knock_angle']:
             state['held_angle'] = 0.0
         state['held_angle'] += (sample - rate) * period
         knock = circumstances['explained_jump'] / CONFIRMED_HIT * period
@@ -78,7 +79,8 @@ def compensate(
             knock = max(knock, LARGEST_KNOCK)
         state['knock_angle'] = max(state['knock_angle'], knock)
     elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
-        moved = (decision == Decision.START_ANEW or decision == Decision.PASS) and not returned
+        moved = decision == Decision.START_ANEW or decision == Decision.PASS
+        moved = moved and not at_accepted
         if abs(state['held_angle']) <= (largest if moved else state['knock_angle']):
             missed = state['held_angle']
         state['held_angle'] = 0.0

@@ -550,10 +550,10 @@ def decision_of(reason: int) -> Decision:
 
 
 @kernel
-def has_returned(doubt: Doubt, sample: float, last_accepted: float) -> bool:
-    """Return whether a sample shows that the one held back before it was an outlier.
+def lies_at_accepted(doubt: Doubt, sample: float, last_accepted: float) -> bool:
+    """Return whether a sample lies where the last accepted one did, both in rad/s.
 
-    It lies where the last accepted sample did; all in rad/s.
+    That shows that the one held back before it was an outlier.
     """
     return bool(abs(sample - last_accepted) < RETURN * abs(doubt['last_sample'] - last_accepted))
 
