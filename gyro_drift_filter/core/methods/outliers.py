@@ -65,8 +65,8 @@ CONSTANT_SAMPLES = 14  # ... so many times are a constant, whatever was learned 
 
 CONFIRMED_START = 2  # samples that agree: until then the first one is as doubtful as the next
 
-CROWDED = 0.25  # share of held samples above which the doubt is wrong, not the samples ...
-CROWDED_MEMORY = 0.025  # ... with this weight of a sample in the share
+LARGEST_SHARE_HELD = 0.25  # of the samples: above it the doubt is wrong, not the samples ...
+SHARE_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
@@ -367,7 +367,7 @@ def find_reason(
     """
     size, dropout = abs(sample - prediction), circumstances['dropout']
     held = doubt['held']
-    if doubt['share_held'] > CROWDED and not dropout:
+    if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     usual = limits['threshold'] * doubt['usual_innovation']
     jump = max(limits['threshold'] * typical_innovation, usual)
@@ -612,7 +612,7 @@ def note_innovation(doubt: Doubt, innovation: float, is_held: bool) -> None:
     usual = doubt['usual_innovation']
     doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
     if is_held or doubt['share_held'] > LEAST_SHARE:
-        doubt['share_held'] += CROWDED_MEMORY * ((1.0 if is_held else 0.0) - doubt['share_held'])
+        doubt['share_held'] += SHARE_MEMORY * ((1.0 if is_held else 0.0) - doubt['share_held'])
 
 
 @kernel
