@@ -36,7 +36,8 @@ SAME_TURN_GATE = 4.0
 # Gravity denies a turn that should have moved it by so much, three times what it may move and still
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
-LEAST_ANGLE, LEAST_SHARE = 0.06, 0.5  # rad
+LEAST_ANGLE = 0.06  # rad
+LEAST_SHARE_ACROSS = 0.5
 # The bias that was given up is back where the rate is so near it, as a share of the way from there.
 BACK_SHARE = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.
@@ -184,5 +185,5 @@ def _is_denied(turn: SlowTurn, rest: Rest, variance: float) -> bool:
     if size < LEAST_GRAVITY * LEAST_GRAVITY or not lives or not _gravity_stands(turn, rest):
         return False
     across /= size
-    least = max(LEAST_ANGLE, LEAST_SHARE * math.sqrt(whole), GATE * math.sqrt(variance))
+    least = max(LEAST_ANGLE, LEAST_SHARE_ACROSS * math.sqrt(whole), GATE * math.sqrt(variance))
     return bool(across > least * least)
