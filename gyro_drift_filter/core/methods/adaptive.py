@@ -122,7 +122,7 @@ CALM_SECONDS = 0.15
 # Zeros on all axes are a drop-out where they are a surprise on any of them by this many standard
 # deviations of the noise, or steps of its resolution. A driver with nothing to report sends zeros;
 # so may a robot at rest.
-DROPOUT = 3.0
+SURPRISE_DEVIATIONS = 3.0
 
 
 class AdaptiveCoefficients(TypedDict):
@@ -362,7 +362,7 @@ def _surprises(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace, sample: fl
     """Return whether a sample is far from its prediction and from the one before."""
     noise = state['noise']
     surprise = min(abs(sample - workspace['prediction']), abs(sample - state['last_accepted']))
-    usual = DROPOUT * usual_deviation(noise)
+    usual = SURPRISE_DEVIATIONS * usual_deviation(noise)
     return bool(is_begun(noise) and surprise > max(usual, workspace['typical_innovation']))
 
 
