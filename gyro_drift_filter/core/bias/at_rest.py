@@ -18,9 +18,11 @@ The measurement is the mean rate of a segment of rest (`rest/`), its noise what 
 by. Between rests the bias walks at random. A constant slow turn can't be told from a bias by an IMU
 alone, so a segment is accepted only where
 
-- its mean is within `bias.max` on all axes, and
+- its mean is within `bias.max` on all axes,
+- the robot does not say that it moves; if it says that it stands, that alone decides,
 - it lies where the bias can have come since the last one, by the deviation of the bias, and so do
-  the last ones of this rest together, however many of them.
+  the last ones of this rest together, however many of them, and
+- after a slow turn one segment more has agreed (`DOUBTED_SEGMENTS`).
 
 A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
 """

@@ -218,7 +218,7 @@ class Doubt(TypedDict):
     held: int  # consecutive samples that were held back or are missing
     unseen: int  # consecutive samples that were not measured, up to the last one
     confirmations: int  # accepted samples since the one that it starts at, itself among them
-    behind_gap: bool  # the last one that was measured came behind some that were not
+    behind_gap: bool  # the last one that was measured was the first one after some that were not
     # These mean nothing where none is held.
     agreeing: int  # how many of the latest agree
     growing: int  # how many of the latest were each further away than the one before
@@ -301,7 +301,7 @@ def _change_of_noise(jolt: Jolt) -> float:
 
 @kernel
 def was_jolted(jolt: Jolt) -> bool:
-    """Return whether a jolt of a sample before the present one still counts, after `feel_jolt`."""
+    """Return whether the accelerometer had jumped before this sample; call it after `feel_jolt`."""
     return bool(0 < jolt['samples_left'] < JOLT_SAMPLES)
 
 
@@ -530,7 +530,7 @@ def _goes_on(doubt: Doubt, sample: float, last_accepted: float) -> bool:
     """
     step, before = sample - doubt['last_sample'], doubt['step']
     if step * before <= 0.0:
-        return False
+        return False  # so also where one sample is held, as there is no step before it
     begun = abs(sample - step - before - last_accepted) / (doubt['held'] - 1.0)
     largest = max(abs(step), abs(before), begun)
     least = max(STEADY * largest, LARGEST_RATE_CHANGE * doubt['usual_rate_change'])
