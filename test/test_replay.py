@@ -319,7 +319,8 @@ def test_an_imu_that_comes_late_or_ends_early_loses_no_messages(tmp_path, random
     """The other topics go on: no warning of a rate that is off."""
     stamps = 10**18 + 10**7 * np.arange(800)
     rates = 0.005 * random.standard_normal((800, 3))
-    imu = [(t, imu_message(t, r, r + 9.8)) for t, r in zip(stamps.tolist(), rates, strict=True)]
+    gravity = 9.8 / 3.0**0.5  # on each axis
+    imu = [(t, imu_message(t, r, r + gravity)) for t, r in zip(stamps.tolist(), rates, strict=True)]
     for name, begin in (('late', -12), ('early', 0)):
         words = [(10**18 + k * 10**9, text('word')) for k in range(begin, begin + 20)]
         source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
