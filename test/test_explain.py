@@ -95,6 +95,9 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     assert f'{sum(one["samples"] for one in found.values())} samples flagged, 5 times' in page
     assert '  10.000    x       1        2          2 ' in page
     assert 'the recording ends here' in page
+    limits = {name: Parameters().names()[name] for name in ('outlier.threshold', 'outlier.run')}
+    assert result['parameters'] == limits
+    assert 'named here:\n     7.0  outlier.threshold\n       3  outlier.run\n\n' in page
 
 
 def test_the_filter_sees_what_comes_before_the_start(bag, tmp_path):
@@ -109,6 +112,7 @@ def test_the_methods_of_the_paper_have_their_reason(bag, tmp_path):
     reasons = {one['reason'] for one in result['flagged']}
     assert result['method'] == 'kalman'
     assert any('epsilon' in reason for reason in reasons)
+    assert result['parameters'] == {'epsilon': Parameters().epsilon}
     assert reasons <= {UNUSABLE_TEXT, *(r for r in reasons if 'epsilon' in r)}
 
 
@@ -137,7 +141,7 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
 
 def test_a_long_list_ends_with_how_many_more_there_are():
     one = FlaggedSequence(0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
-    text = page('drive', 500 * [one], 0)
+    text = page('drive', 500 * [one], 0, Parameters())
     assert text.startswith('drive: 500 samples flagged, 500 times')
     assert text.endswith('and 300 more times: --start shows later ones, --json writes all')
     assert text.count('-> back') == 200

@@ -15,6 +15,7 @@
 """`gyro_drift explain`: why samples of a recording were flagged, and what became of them."""
 
 import argparse
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -120,18 +121,25 @@ def run(options: argparse.Namespace) -> None:
     ]
     if options.json:
         plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
-        write_json(options.json, {**plain, 'start': summary.start, 'flagged': sequences})
+        named = _named(sequences, parameters)
+        write_json(
+            options.json,
+            {**plain, 'start': summary.start, 'parameters': named, 'flagged': sequences},
+        )
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
-    say(page(source, sequences, summary.start))
+    say(page(source, sequences, summary.start, parameters))
 
 
-def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str:
+def page(
+    source: str, sequences: Sequence['FlaggedSequence'], start: int, parameters: Parameters
+) -> str:
     """Return the page: why and what came of it, of all together, then three lines for each.
 
     Args:
         source: What was looked at.
         sequences: What was flagged.
         start: Log time in ns that times are counted from.
+        parameters: Of the filter that flagged it.
     """
     samples = sum(sequence.samples for sequence in sequences)
     flagged = f'{counted(samples, "sample")} flagged, {counted(len(sequences), "time")}'
@@ -140,6 +148,10 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
     lines = [f'{printable(source)}: {flagged}']
     lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
     lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
+    named = _named(sequences, parameters)
+    if named:
+        lines += ['', 'The parameters that are named here:']
+        lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
     lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
     for sequence in sequences[:_MOST_LISTED]:
         seconds = 1e-9 * (sequence.log_time - start)
@@ -156,6 +168,13 @@ def page(source: str, sequences: Sequence['FlaggedSequence'], start: int) -> str
         more = counted(len(sequences) - _MOST_LISTED, 'more time')
         lines += ['', f'and {more}: --start shows later ones, --json writes all']
     return '\n'.join(lines)
+
+
+def _named(sequences: Sequence['FlaggedSequence'], parameters: Parameters) -> dict[str, Any]:
+    """Return the values of the parameters that are named in what is said of sequences."""
+    texts = {text for sequence in sequences for text in (sequence.reason, _outcome(sequence))}
+    words = {word for text in texts for word in re.findall(r'[a-z_.]*[a-z_]', text)}
+    return {name: value for name, value in parameters.names().items() if name in words}
 
 
 def _tally(texts: Iterable[str]) -> list[str]:
