@@ -51,6 +51,7 @@ from gyro_drift_filter.core.bias.shared import (
 )
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
+    SlowTurnOutcome,
     forget_slow_turn,
     give_up_bias,
     give_up_first_bias,
@@ -361,10 +362,14 @@ def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
         turn['gave_up'] = False
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
-    elif update_slow_turn(turn, rest, seconds, state['bias'], largest):
-        return False
-    elif turn['gave_up']:
-        give_up_bias(turn, state['bias'], state['variance'], state['reach'])
+    else:
+        outcome = update_slow_turn(turn, rest, seconds, state['bias'], largest)
+        if outcome == SlowTurnOutcome.TURN:
+            return False
+        if outcome == SlowTurnOutcome.LASTED:
+            give_up_bias(turn, state['bias'], state['variance'], state['reach'])
+        else:
+            turn['gave_up'] = False
     state['known'] = False
     state['doubted_segments'] = 0
     state['recent_count'] = 0

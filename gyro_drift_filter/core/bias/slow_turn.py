@@ -21,6 +21,7 @@ takes its own bias off, or has had a blow.
 """
 
 import math
+from enum import IntEnum
 from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
@@ -42,6 +43,14 @@ LEAST_SHARE_ACROSS = 0.5
 BACK_SHARE = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.
 GATE = 3.5
+
+
+class SlowTurnOutcome(IntEnum):
+    """What the rate of a segment is, if it is not the bias that is known."""
+
+    TURN = 0  # a turn, as far as is known
+    DENIED = 1  # another bias: gravity stands, and would have moved with a turn
+    LASTED = 2  # another bias, as it has stayed for longer than a turn
 
 
 class SlowTurn(TypedDict):
@@ -80,10 +89,8 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 @kernel
 def update_slow_turn(
     turn: SlowTurn, rest: Rest, seconds: float, bias: PerAxis, variance: float
-) -> bool:
-    """Update by a segment whose rate is not the bias; return whether that rate can be a turn.
-
-    If it can't, `gave_up` says whether only its duration speaks against a turn.
+) -> SlowTurnOutcome:
+    """Update by a segment whose rate is not the bias; return what that rate is.
 
     Args:
         turn: The rate of the segments before.
@@ -111,11 +118,9 @@ def update_slow_turn(
         noise = max(noise, segment_variance(rest, axis))
     standing = turn['standing_seconds']
     uncertain = standing * (standing * variance + seconds * noise)
-    denied = _is_denied(turn, rest, uncertain)
-    if not denied and turn['seconds'] < LONGEST_TURN:
-        return True
-    turn['gave_up'] = not denied
-    return False
+    if _is_denied(turn, rest, uncertain):
+        return SlowTurnOutcome.DENIED
+    return SlowTurnOutcome.LASTED if turn['seconds'] >= LONGEST_TURN else SlowTurnOutcome.TURN
 
 
 @kernel
