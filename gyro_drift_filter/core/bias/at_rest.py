@@ -200,30 +200,32 @@ def track_bias(
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
-        moved = found == BlockOutcome.END_OF_REST
-        _take_segment(state, moved, lengths, settings)
+        ended_rest = found == BlockOutcome.END_OF_REST
+        _take_segment(state, ended_rest, lengths, settings)
     if rest['run'] < run:
         _forget_stillness(state)
 
 
 @kernel
-def _take_segment(state: Bias, moved: bool, lengths: RestLengths, settings: 'Settings') -> None:
-    """Learn from a segment that is ready; `moved` where the rest ended with it."""
+def _take_segment(
+    state: Bias, ended_rest: bool, lengths: RestLengths, settings: 'Settings'
+) -> None:
+    """Learn from a segment that is ready; `ended_rest` where the rest ended with it."""
     rest = state['rest']
     if state['hint'] == Hint.MOVES:
         next_segment(rest, True)
         return
-    if moved:
+    if ended_rest:
         # By itself, as the start of the motion may be in it.
         state['recent_count'] = 0
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
-    if _judge_segment(state, moved, lengths, settings['bias_max']):
+    if _judge_segment(state, ended_rest, lengths, settings['bias_max']):
         _learn(state)
         state['motion']['untrackable'] = _untrackable(
             rest, lengths['block_seconds'], settings['bias_random_walk']
         )
-        next_segment(rest, moved)
+        next_segment(rest, ended_rest)
     else:
         next_segment(rest, True)
         rest['at_rest'] = False
@@ -282,8 +284,8 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
         return
     if abs(change) < np.inf:
         coefficient = settings['bias_temperature_coefficient']
-        moved = min(coefficient * abs(change), LARGEST_THERMAL_CHANGE)
-        widen(state, moved * moved)
+        bias_change = min(coefficient * abs(change), LARGEST_THERMAL_CHANGE)
+        widen(state, bias_change * bias_change)
     state['temperature'] = temperature
 
 
@@ -296,14 +298,14 @@ def widen(state: Bias, variance: float) -> None:
 
 
 @kernel
-def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: float) -> bool:
+def _judge_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_max: float) -> bool:
     """Judge a segment; return whether it is rest: its rate is one that the bias can have.
 
-    `moved` where the rest ended with it.
+    `ended_rest` where the rest ended with it.
     """
     rest = state['rest']
     for axis in range(3):
-        if abs(segment_mean(rest, axis)) > largest:
+        if abs(segment_mean(rest, axis)) > bias_max:
             state['segments_beyond_max'] += 1
             state['rest_beyond_max'] = True
             return False
@@ -328,7 +330,7 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
         return True
     note_segment(state)
     unreachable = unreachable_segments(state)
-    if unreachable > 0 and moved:
+    if unreachable > 0 and ended_rest:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
     if unreachable > 0 and state['segments'] == 0:
@@ -351,10 +353,11 @@ def _judge_segment(state: Bias, moved: bool, lengths: RestLengths, largest: floa
 @kernel
 def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
     """Judge a segment with a rate that the bias can't have come to; return whether it is one."""
-    rest, largest = state['rest'], 0.0
+    rest, largest_variance = state['rest'], 0.0
     seconds = rest['blocks'] * lengths['block_seconds']
     for axis in range(3):
-        largest = max(largest, state['variance'][axis] + state['reach'])
+        variance = state['variance'][axis] + state['reach']
+        largest_variance = max(largest_variance, variance)
     turn = state['turn']
     if shows_motion(rest, lengths['block']):
         forget_noise(rest)
@@ -363,7 +366,7 @@ def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
     else:
-        outcome = update_slow_turn(turn, rest, seconds, state['bias'], largest)
+        outcome = update_slow_turn(turn, rest, seconds, state['bias'], largest_variance)
         if outcome == SlowTurnOutcome.TURN:
             return False
         if outcome == SlowTurnOutcome.LASTED:

@@ -52,15 +52,15 @@ STANDING_SECONDS, UNSEEN_BLOCKS = 10.0, 3
 
 
 @kernel
-def take_provisional(state: Bias, block_seconds: float, largest: float) -> None:
+def take_provisional(state: Bias, block_seconds: float, bias_max: float) -> None:
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
     seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
     if state['segments'] == 0 and state['rest_seconds'] <= seconds:
-        _take_mean(state, False, 0.0, largest)
+        _take_mean(state, False, 0.0, bias_max)
 
 
 @kernel
-def take_standing(state: Bias, block_seconds: float, largest: float) -> None:
+def take_standing(state: Bias, block_seconds: float, bias_max: float) -> None:
     """Take the mean since the start for the bias, while gravity has stood and there is no rest."""
     rest = state['rest']
     seconds = rest['standing_blocks'] * block_seconds
@@ -68,11 +68,11 @@ def take_standing(state: Bias, block_seconds: float, largest: float) -> None:
         return
     since_start = state['rest_seconds'] <= seconds + UNSEEN_BLOCKS * block_seconds
     if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
-        _take_mean(state, True, LARGEST_TILT / seconds, largest)
+        _take_mean(state, True, LARGEST_TILT / seconds, bias_max)
 
 
 @kernel
-def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> None:
+def _take_mean(state: Bias, standing: bool, unseen: float, bias_max: float) -> None:
     """Take a mean for the bias, if that tells more than what is known.
 
     It is of the segment under way, or of all blocks since gravity stands, in which the body may
@@ -84,7 +84,7 @@ def _take_mean(state: Bias, standing: bool, unseen: float, largest: float) -> No
     significant = replaces or state['known']
     for axis in range(3):
         mean = _mean(rest, axis, standing)
-        if abs(mean) > largest:
+        if abs(mean) > bias_max:
             return
         variance = _variance(rest, axis, standing, unseen)
         distance = mean - state['bias'][axis]

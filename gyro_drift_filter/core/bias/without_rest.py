@@ -63,10 +63,10 @@ Vector = tuple[float, float, float]
 
 
 @kernel
-def correct_unknown_bias(state: Bias, largest: float) -> None:
+def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     """Take the part of the bias that gravity has shown, where it is not the one subtracted.
 
-    On no axis beyond the largest bias, in rad/s.
+    On no axis beyond `bias_max`, in rad/s.
     """
     unknown = state['unknown']
     # Once for each block of motion, as it has ended.
@@ -94,10 +94,10 @@ def correct_unknown_bias(state: Bias, largest: float) -> None:
     )
     angle = 0.5 * math.atan2(2.0 * both, along - across)
     sine, cosine = math.sin(angle), math.cos(angle)
-    changed = _correct_along(state, _combine(cosine, first, sine, second), largest)
-    changed = _correct_along(state, _combine(-sine, first, cosine, second), largest) or changed
+    changed = _correct_along(state, _combine(cosine, first, sine, second), bias_max)
+    changed = _correct_along(state, _combine(-sine, first, cosine, second), bias_max) or changed
     if length < LEANING:
-        changed = _correct_along(state, up, largest) or changed
+        changed = _correct_along(state, up, bias_max) or changed
     if changed:
         state['corrected'] += 1
         _start_anew(state)
@@ -156,7 +156,7 @@ def _error_variance(state: MotionBias, variance: float) -> float:
 
 
 @kernel
-def _correct_along(state: Bias, direction: Vector, largest: float) -> bool:
+def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
     """Take the bias along a direction, if it is not the one subtracted; return whether it is."""
     unknown, bias = state['unknown'], state['bias']
     distance = 0.0
@@ -167,7 +167,7 @@ def _correct_along(state: Bias, direction: Vector, largest: float) -> bool:
     if distance * distance <= gate * gate * variance:
         return False
     for axis in range(3):
-        if abs(bias[axis] + distance * direction[axis]) > largest:
+        if abs(bias[axis] + distance * direction[axis]) > bias_max:
             return False
     for axis in range(3):
         bias[axis] += distance * direction[axis]

@@ -223,9 +223,9 @@ def _lasted(rest: Rest) -> bool:
 
 
 @kernel
-def next_segment(rest: Rest, moved: bool) -> None:
-    """Begin the next segment; `moved` where the rest is over."""
-    if moved:
+def next_segment(rest: Rest, ended_rest: bool) -> None:
+    """Begin the next segment; `ended_rest` where the rest is over."""
+    if ended_rest:
         forget_segment_before(rest)
     else:
         learn_variance_ratio(rest)
