@@ -511,15 +511,19 @@ def test_the_first_rest_is_compared_with_a_mean_of_as_many_blocks(random):
     for number, first in product(range(8), range(0, 400, 8)):
         filter_ = filters[number]
         state = filter_.state['bias']
-        before = state['provisional'].copy()
+        before = state['provisional_variance'].copy()
         part = slice(first, first + 8)
         filter_.run(stamps[part], rates[number, part], acceleration[part])
-        if first >= 8 * 24 and state['segments'] == 0 and (state['provisional'] != before).any():
+        if (
+            first >= 8 * 24
+            and state['segments'] == 0
+            and (state['provisional_variance'] != before).any()
+        ):
             taken += 1
             blocks = state['rest']['standing_blocks']
             for axis in range(3):
                 mean = variance_of_standing_mean(state['rest'], axis)
-                assert state['provisional'][axis] == pytest.approx(mean * blocks / 16)
+                assert state['provisional_variance'][axis] == pytest.approx(mean * blocks / 16)
     assert taken > 0
 
 

@@ -628,7 +628,7 @@ def test_telemetry_is_that_of_the_state(random):
         **{name: bias[name] for name in ('segments_beyond_max', 'segments_turning')},
         'bias_known': bias['known'],
         'bias_corrected': bias['corrected'] > 0,
-        'bias_provisional': bias['provisional'][0] > 0.0,
+        'bias_provisional': bias['provisional_variance'][0] > 0.0,
         'bias_deviation': filter_.filter.bias_deviation,
         'at_rest': bias['rest']['at_rest'],
         'acceleration_at_rest': bias['rest']['at_rest'] * np.linalg.norm(bias['rest']['gravity']),

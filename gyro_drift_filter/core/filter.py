@@ -90,7 +90,7 @@ class Filter:
         self.record['settings'] = settings
         self._derive_anew()
         bias = self.state['bias']
-        learned = bias['provisional'][0] > 0.0 or bias['corrected'] > 0
+        learned = bias['provisional_variance'][0] > 0.0 or bias['corrected'] > 0
         guessed = not bias['known'] and not learned
         widened = parameters.bias_turn_on_deviation != before.bias_turn_on_deviation
         if parameters.bias_initial != before.bias_initial or (guessed and widened):

@@ -21,7 +21,7 @@ from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_onl
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
-from gyro_drift_filter.core.bias.records import bias_variance, is_learned
+from gyro_drift_filter.core.bias.records import bias_variance, has_provisional, is_learned
 from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, limit_prior, motion_variance
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
@@ -149,7 +149,7 @@ def _doubt_rest(filter_: FilterRecord) -> None:
     """
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
     # A bias that is kept from the last run does not depend on it.
-    if bias['segments'] > 0 or bias['provisional'][0] > 0.0:
+    if bias['segments'] > 0 or has_provisional(bias):
         methods.start_over(filter_)
         doubt_noise(bias['rest'])
         widen(bias, deviation * deviation)

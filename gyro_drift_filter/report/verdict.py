@@ -308,7 +308,7 @@ class RunWatch:
             source = BiasSource.REST
         elif self._given:
             source = BiasSource.GIVEN
-        elif state['provisional'][0] > 0.0:
+        elif state['provisional_variance'][0] > 0.0:
             source = BiasSource.PROVISIONAL
         elif state['corrected'] > 0:
             source = BiasSource.MOTION

@@ -115,7 +115,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
         if not variance[axis] < np.inf:
             state['known'] = False
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
-        state['provisional'][axis] = 0.0
+        state['provisional_variance'][axis] = 0.0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['unknown'], state['bias'], state['variance'])
     state['walk'] = 1.0
@@ -438,7 +438,7 @@ def _settle(state: Bias) -> None:
     """Begin to count anew what the bias may have done since it was learned."""
     state['known'] = True
     for axis in range(3):
-        state['provisional'][axis] = 0.0
+        state['provisional_variance'][axis] = 0.0
     state['rest_beyond_max'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0

@@ -20,7 +20,7 @@ the start, where gravity has stood for so long that no noise of the rates can be
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
-from gyro_drift_filter.core.bias.records import Bias, bias_variance
+from gyro_drift_filter.core.bias.records import Bias, bias_variance, has_provisional
 from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
 from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_first_bias
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
@@ -48,7 +48,7 @@ LESS_STEADY = 9.0  # times the variance of its mean: not by chance
 SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
 # Gravity has to stand for so many s that a tilt too small to show is a small rate. It is not looked
 # at in so many blocks: the first ones and the one under way.
-STANDING_SECONDS, UNSEEN_BLOCKS = 10.0, 3
+STANDING_SECONDS, SKIPPED_BLOCKS = 10.0, 3
 
 
 @kernel
@@ -66,27 +66,27 @@ def take_standing(state: Bias, block_seconds: float, bias_max: float) -> None:
     seconds = rest['standing_blocks'] * block_seconds
     if state['segments'] > 0 or state['known'] or seconds < STANDING_SECONDS:
         return
-    since_start = state['rest_seconds'] <= seconds + UNSEEN_BLOCKS * block_seconds
+    since_start = state['rest_seconds'] <= seconds + SKIPPED_BLOCKS * block_seconds
     if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
         _take_mean(state, True, LARGEST_TILT / seconds, bias_max)
 
 
 @kernel
-def _take_mean(state: Bias, standing: bool, unseen: float, bias_max: float) -> None:
+def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float) -> None:
     """Take a mean for the bias, if that tells more than what is known.
 
-    It is of the segment under way, or of all blocks since gravity stands, in which the body may
-    have turned at the rate `unseen` in rad/s.
+    It is of the segment under way, or of all blocks since gravity stands. In these the body may
+    have turned at `hidden_rate` in rad/s, by a tilt too small to show.
     """
     rest = state['rest']
     total = before = 0.0
-    replaces, far = state['provisional'][0] > 0.0, False
+    replaces, far = has_provisional(state), False
     significant = replaces or state['known']
     for axis in range(3):
         mean = _mean(rest, axis, standing)
         if abs(mean) > bias_max:
             return
-        variance = _variance(rest, axis, standing, unseen)
+        variance = _variance(rest, axis, standing, hidden_rate)
         distance = mean - state['bias'][axis]
         far = far or distance * distance > GATE * GATE * (variance + bias_variance(state, axis))
         significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
@@ -102,8 +102,8 @@ def _take_mean(state: Bias, standing: bool, unseen: float, bias_max: float) -> N
         state['bias'][axis] = _mean(rest, axis, standing)
         # Scaled to the length of a segment, as later segments are compared with it.
         share = rest['standing_blocks'] / SEGMENT_BLOCKS if standing else 1.0
-        state['provisional'][axis] = _scatter(rest, axis, standing) * share
-        state['variance'][axis] = _variance(rest, axis, standing, unseen)
+        state['provisional_variance'][axis] = _scatter(rest, axis, standing) * share
+        state['variance'][axis] = _variance(rest, axis, standing, hidden_rate)
         signal = rest['signals'][axis]
         noise = standing_scatter(rest, axis) if standing else value_variance(rest, signal)
         limit_shift(state['motion'], axis, noise)
@@ -133,19 +133,20 @@ def _scatter(rest: Rest, axis: int, standing: bool) -> float:
 
 
 @kernel
-def _variance(rest: Rest, axis: int, standing: bool, unseen: float) -> float:
+def _variance(rest: Rest, axis: int, standing: bool, hidden_rate: float) -> float:
     """Return the variance in (rad/s)^2 of a bias that is the mean."""
-    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION + unseen * unseen
+    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION + hidden_rate * hidden_rate
     return _scatter(rest, axis, standing) + besides
 
 
 @kernel
 def is_far_from_provisional(state: Bias) -> bool:
     """Return whether the segment lies where the provisional bias, if there is one, can't be."""
+    if not has_provisional(state):
+        return False
     for axis in range(3):
         distance = segment_mean(state['rest'], axis) - state['bias'][axis]
-        far = distance * distance > GATE * GATE * bias_variance(state, axis)
-        if far and state['provisional'][axis] > 0.0:
+        if distance * distance > GATE * GATE * bias_variance(state, axis):
             return True
     return False
 
@@ -154,6 +155,6 @@ def is_far_from_provisional(state: Bias) -> bool:
 def is_less_steady(state: Bias) -> bool:
     """Return whether the segment is far less steady than that of the provisional bias was."""
     for axis in range(3):
-        if segment_scatter(state['rest'], axis) > LESS_STEADY * state['provisional'][axis]:
+        if segment_scatter(state['rest'], axis) > LESS_STEADY * state['provisional_variance'][axis]:
             return True
     return False

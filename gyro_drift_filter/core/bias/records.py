@@ -60,7 +60,7 @@ class Bias(TypedDict):
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
-    provisional: PerAxis
+    provisional_variance: PerAxis
     motion: MotionBias  # the bias in motion
     unknown: MotionBias  # the same by a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
@@ -98,6 +98,12 @@ def bias_variance(state: Bias, axis: int) -> float:
 
 
 @kernel
+def has_provisional(state: Bias) -> bool:
+    """Return whether the bias is a provisional one (`provisional.py`)."""
+    return bool(state['provisional_variance'][0] > 0.0)
+
+
+@kernel
 def is_learned(state: Bias) -> bool:
     """Return whether a bias is known, or a provisional one."""
-    return bool(state['known'] or state['provisional'][0] > 0.0)
+    return bool(state['known'] or has_provisional(state))
