@@ -29,7 +29,7 @@ from gyro_drift_filter.core.bias.at_rest import (
     widen,
 )
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import is_learned
+from gyro_drift_filter.core.bias.records import has_bias
 from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling
@@ -60,7 +60,7 @@ def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
         # Nobody knows how the body has turned meanwhile.
         lose_direction(bias['motion'])
         lose_direction(bias['unknown'])
-    if is_learned(bias):
+    if has_bias(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']
         was_needed = needs_half_counts(quantisation, before['input_quantisation'])

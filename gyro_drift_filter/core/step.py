@@ -21,7 +21,7 @@ from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_onl
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
-from gyro_drift_filter.core.bias.records import bias_variance, has_provisional, is_learned
+from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
 from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, limit_prior, motion_variance
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
@@ -164,7 +164,7 @@ def _forget_rest(filter_: FilterRecord) -> None:
     # A device that is not ready may do so, too, and a bias of the last run does not depend on it.
     if bias['known'] and bias['segments'] == 0:
         return
-    if is_learned(bias) or bias['corrected'] > 0:
+    if has_bias(bias) or bias['corrected'] > 0:
         methods.start_over(filter_)
         forget_bias(bias, filter_['settings']['bias_turn_on_deviation'])
     expect_no_noise(bias['rest'])
@@ -179,7 +179,7 @@ def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool
     if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
         before, needs_half = needs_half, needs_half_counts(quantisation, choice)
         # The bias was learned with half a count more or less in the rates.
-        if (before or needs_half) and is_learned(state['bias']):
+        if (before or needs_half) and has_bias(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
     return needs_half
 
@@ -340,7 +340,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             clipped = max(clipped, abs(rate))
     seconds = state['clock']['period'] * (1 + max(missing, 0))
     _follow(bias['motion'], sample, clipped, seconds, filter_)
-    if not is_learned(bias):
+    if not has_bias(bias):
         if has_fault(state['checks']):
             lose_direction(bias['unknown'])  # nobody knows how the body turns about that axis
         _follow(bias['unknown'], sample, clipped, seconds, filter_)

@@ -104,6 +104,6 @@ def has_provisional(state: Bias) -> bool:
 
 
 @kernel
-def is_learned(state: Bias) -> bool:
+def has_bias(state: Bias) -> bool:
     """Return whether a bias is known, or a provisional one."""
     return bool(state['known'] or has_provisional(state))

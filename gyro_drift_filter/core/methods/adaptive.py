@@ -82,9 +82,9 @@ from gyro_drift_filter.core.methods.outliers import (
     Reason,
     decision_of,
     derive_limits,
-    explained_jump,
     feel_jolt,
     find_reason,
+    jump_by_shake,
     lies_at_accepted,
     note_held,
     note_innovation,
@@ -295,8 +295,8 @@ def note_circumstances(
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
     limits, usual = coefficients['limits'], math.sqrt(usual_shake)
-    hit = 0.0 if still else explained_jump(circumstances['shake'], usual, limits)
-    circumstances['explained_jump'] = hit
+    jump = 0.0 if still else jump_by_shake(circumstances['shake'], usual, limits)
+    circumstances['explained_jump'] = jump
     circumstances['still'] = still
     circumstances['at_rest'] = shows_noise(rest)
     transition = Transition.SETTLING if settling else Transition.MOVING

@@ -192,7 +192,7 @@ class Circumstances(TypedDict):
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
-    explained_jump: float  # rad/s, of a body that is hit in motion, see `explained_jump`
+    explained_jump: float  # rad/s, of a body that is hit in motion, see `jump_by_shake`
     transition: int  # a member of Transition: what the modes are expected to do
 
 
@@ -285,7 +285,7 @@ def shake_along(jolt: Jolt, still: bool) -> float:
 
 
 @kernel
-def explained_jump(shake: float, usual_shake: float, limits: OutlierLimits) -> float:
+def jump_by_shake(shake: float, usual_shake: float, limits: OutlierLimits) -> float:
     """Return the jump in rad/s that a shake explains in motion, `LEVER` from the axis of rotation.
 
     It is 0 where the shake is not much more than the usual one, both in m/s^2.
@@ -409,8 +409,8 @@ def _is_pushed(size: float, circumstances: Circumstances, limits: OutlierLimits)
     # one, too.
     shaken = circumstances['shake'] > limits['least_shake'] * size
     shaken = shaken and (not circumstances['still'] or size <= limits['acceleration_limit'])
-    knocked = circumstances['jolted_before'] or shaken
-    pushed = knocked and size < _jolt_limit(circumstances, limits)
+    felt = circumstances['jolted_before'] or shaken
+    pushed = felt and size < _jolt_limit(circumstances, limits)
     return pushed or circumstances['explained_jump'] > FIRST_HIT * size
 
 
