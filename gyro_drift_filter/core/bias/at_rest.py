@@ -220,7 +220,7 @@ def _take_segment(
         state['recent_count'] = 0
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
-    if _judge_segment(state, ended_rest, lengths, settings['bias_max']):
+    if _accept_segment(state, ended_rest, lengths, settings['bias_max']):
         _learn(state)
         state['motion']['untrackable'] = _untrackable(
             rest, lengths['block_seconds'], settings['bias_random_walk']
@@ -298,67 +298,90 @@ def widen(state: Bias, variance: float) -> None:
 
 
 @kernel
-def _judge_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_max: float) -> bool:
-    """Judge a segment; return whether it is rest: its rate is one that the bias can have.
+def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_max: float) -> bool:
+    """Accept a segment if its rate is one that the bias can have; return whether it is.
 
+    The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
     `ended_rest` where the rest ended with it.
     """
-    rest = state['rest']
-    for axis in range(3):
-        if abs(segment_mean(rest, axis)) > bias_max:
-            state['segments_beyond_max'] += 1
-            state['rest_beyond_max'] = True
-            return False
+    if _is_beyond(state['rest'], bias_max):
+        state['segments_beyond_max'] += 1
+        state['rest_beyond_max'] = True
+        return False
     if not state['known']:
-        if not is_far_from_provisional(state):
-            return True
-        if not is_less_steady(state):
-            # One of the two was a turn about the vertical: the next rest shows which.
-            give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
-            return True
-        # A motion that is nearly steady, as of a drone that takes off.
-        unlearn_first_segment(rest)
-        return _judge_unreachable(state, lengths)
+        return _accept_first_rest(state, lengths)
     if state['hint'] == Hint.STANDS:
-        # The robot itself says that it stands, so that is how far the bias has come.
-        for axis in range(3):
-            distance = segment_mean(rest, axis) - state['bias'][axis]
-            spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
-            if distance * distance > GATE * GATE * spread:
-                state['growth'] = max(state['growth'], distance * distance)
+        _let_bias_come_to_segment(state)
         state['recent_count'] = 0
         return True
     note_segment(state)
     unreachable = unreachable_segments(state)
-    if unreachable > 0 and ended_rest:
+    if unreachable == 0:
+        _lift_doubt(state)
+        return bool(state['doubted_segments'] == 0)
+    if ended_rest:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
-    if unreachable > 0 and state['segments'] == 0:
+    if state['segments'] == 0:
         # The first rest of a run: since it was switched off the bias may have come anywhere.
         give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
         state['known'] = False
         state['recent_count'] = 0
         return True
-    if unreachable > 0:
-        state['segments_turning'] += 1
-        state['doubted_segments'] = DOUBTED_SEGMENTS
-        take_back(state, unreachable)
-        return _judge_unreachable(state, lengths)
-    # A segment put together from the halves of two lifts no doubt.
-    if rest['halves'] == Halves.WHOLE:
-        state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
-    return bool(state['doubted_segments'] == 0)
+    state['segments_turning'] += 1
+    state['doubted_segments'] = DOUBTED_SEGMENTS
+    take_back(state, unreachable)
+    return _accept_unreachable(state, lengths)
 
 
 @kernel
-def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
-    """Judge a segment with a rate that the bias can't have come to; return whether it is one."""
-    rest, largest_variance = state['rest'], 0.0
-    seconds = rest['blocks'] * lengths['block_seconds']
+def _is_beyond(rest: Rest, bias_max: float) -> bool:
+    """Return whether the rate of the segment is beyond the largest bias, in rad/s."""
+    beyond = False
     for axis in range(3):
-        variance = state['variance'][axis] + state['reach']
-        largest_variance = max(largest_variance, variance)
-    turn = state['turn']
+        beyond = beyond or abs(segment_mean(rest, axis)) > bias_max
+    return beyond
+
+
+@kernel
+def _accept_first_rest(state: Bias, lengths: RestLengths) -> bool:
+    """Do as `_accept_segment` where no bias is known, but a provisional one may be."""
+    if not is_far_from_provisional(state):
+        return True
+    if not is_less_steady(state):
+        # One of the two was a turn about the vertical: the next rest shows which.
+        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        return True
+    # A motion that is nearly steady, as of a drone that takes off.
+    unlearn_first_segment(state['rest'])
+    return _accept_unreachable(state, lengths)
+
+
+@kernel
+def _let_bias_come_to_segment(state: Bias) -> None:
+    """Widen the bias as far as the segment: the robot itself says that it stands."""
+    rest = state['rest']
+    for axis in range(3):
+        distance = segment_mean(rest, axis) - state['bias'][axis]
+        spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
+        if distance * distance > GATE * GATE * spread:
+            state['growth'] = max(state['growth'], distance * distance)
+
+
+@kernel
+def _lift_doubt(state: Bias) -> None:
+    """Count a segment that agrees; one put together from the halves of two lifts no doubt."""
+    if state['rest']['halves'] == Halves.WHOLE:
+        state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
+
+
+@kernel
+def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
+    """Accept a segment with a rate that the bias can't have come to, if it is one all the same.
+
+    Return whether it is.
+    """
+    rest, turn = state['rest'], state['turn']
     if shows_motion(rest, lengths['block']):
         forget_noise(rest)
         learn_noise(rest, lengths['block'])
@@ -366,7 +389,8 @@ def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
     else:
-        outcome = update_slow_turn(turn, rest, seconds, state['bias'], largest_variance)
+        seconds = rest['blocks'] * lengths['block_seconds']
+        outcome = update_slow_turn(turn, rest, seconds, state['bias'], _largest_variance(state))
         if outcome == SlowTurnOutcome.TURN:
             return False
         if outcome == SlowTurnOutcome.LASTED:
@@ -377,6 +401,15 @@ def _judge_unreachable(state: Bias, lengths: RestLengths) -> bool:
     state['doubted_segments'] = 0
     state['recent_count'] = 0
     return True
+
+
+@kernel
+def _largest_variance(state: Bias) -> float:
+    """Return the variance of the axis whose bias is the least certain, in (rad/s)^2."""
+    largest = 0.0
+    for axis in range(3):
+        largest = max(largest, state['variance'][axis] + state['reach'])
+    return largest
 
 
 @kernel
