@@ -78,26 +78,50 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
     It is of the segment under way, or of all blocks since gravity stands. In these the body may
     have turned at `hidden_rate` in rad/s, by a tilt too small to show.
     """
-    rest = state['rest']
-    total = before = 0.0
-    replaces, far = has_provisional(state), False
-    significant = replaces or state['known']
     for axis in range(3):
-        mean = _mean(rest, axis, standing)
-        if abs(mean) > bias_max:
+        if abs(_mean(state['rest'], axis, standing)) > bias_max:
             return
-        variance = _variance(rest, axis, standing, hidden_rate)
-        distance = mean - state['bias'][axis]
-        far = far or distance * distance > GATE * GATE * (variance + bias_variance(state, axis))
+    if not _tells_more(state, standing, hidden_rate):
+        return
+    if _lies_far(state, standing, hidden_rate):
+        if state['known']:
+            return  # it turns: the bias of the last run is another one
+        if has_provisional(state):
+            give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+    _replace_bias(state, standing, hidden_rate)
+    _replace_direction(state, standing)
+
+
+@kernel
+def _tells_more(state: Bias, standing: bool, hidden_rate: float) -> bool:
+    """Return whether the mean is more certain than the bias, and differs from a guessed one."""
+    significant = has_provisional(state) or state['known']
+    total = before = 0.0
+    for axis in range(3):
+        variance = _variance(state['rest'], axis, standing, hidden_rate)
+        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
         significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
         total += variance
         before += bias_variance(state, axis)
-    if total >= before or not significant:
-        return
-    if state['known'] and far:
-        return  # it turns: the bias of the last run is another one
-    if replaces and far:
-        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+    return bool(significant and total < before)
+
+
+@kernel
+def _lies_far(state: Bias, standing: bool, hidden_rate: float) -> bool:
+    """Return whether the mean lies where the bias so far can't be."""
+    far = False
+    for axis in range(3):
+        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
+        variance = _variance(state['rest'], axis, standing, hidden_rate)
+        spread = variance + bias_variance(state, axis)
+        far = far or distance * distance > GATE * GATE * spread
+    return far
+
+
+@kernel
+def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
+    """Make the mean the provisional bias."""
+    rest = state['rest']
     for axis in range(3):
         state['bias'][axis] = _mean(rest, axis, standing)
         # Scaled to the length of a segment, as later segments are compared with it.
@@ -108,16 +132,21 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
         noise = standing_scatter(rest, axis) if standing else value_variance(rest, signal)
         limit_shift(state['motion'], axis, noise)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
-    # The direction of gravity has turned with the bias so far.
+    state['known'] = False
+    state['growth'] = 0.0
+    state['reach'] = 0.0
+
+
+@kernel
+def _replace_direction(state: Bias, standing: bool) -> None:
+    """Take the mean acceleration for gravity, whose direction has turned with the bias so far."""
+    rest = state['rest']
     if standing:
         gravity = rest['gravity']
         take_direction(state['motion'], gravity[0], gravity[1], gravity[2])
     else:
         x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
         take_direction(state['motion'], x, y, z)
-    state['known'] = False
-    state['growth'] = 0.0
-    state['reach'] = 0.0
 
 
 @kernel
