@@ -203,7 +203,8 @@ def _start_value(state: MotionBias) -> None:
 def _take_value(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
-    vector, seconds, speed = state['state_vector'], state['seconds'], state['speed']
+    """Take in the value that is complete."""
+    seconds, speed = state['seconds'], state['speed']
     if not state['directed']:
         _look_for_direction(state, workspace)
         return
@@ -211,11 +212,7 @@ def _take_value(
     if rest['at_rest']:
         state['moving'] = False
         interrupt_vibration(state['vibration'])
-        size = vector_length(speed[0], speed[1], speed[2])
-        if size > 0.0:
-            for axis in range(3):
-                step = speed[axis] / size - vector[DIRECTION + axis]
-                vector[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
+        _follow_accelerometer(state)
         return
     if not state['wide'] and note_vibration(state['vibration'], state['angle'], speed, seconds):
         widen_shift(state)
@@ -223,6 +220,28 @@ def _take_value(
         _start_motion(state, REST_DIRECTION)
         return
     _turn_block(state, workspace)
+    _take_acceleration(state)
+    state['block_seconds'] += seconds
+    if state['block_seconds'] >= MOTION_BLOCK_SECONDS:
+        _end_block(state, workspace, rest, lengths)
+        _start_block(state)
+
+
+@kernel
+def _follow_accelerometer(state: MotionBias) -> None:
+    """Let the direction follow the acceleration of the value, as at rest that is gravity."""
+    vector, speed = state['state_vector'], state['speed']
+    size = vector_length(speed[0], speed[1], speed[2])
+    if size > 0.0:
+        for axis in range(3):
+            step = speed[axis] / size - vector[DIRECTION + axis]
+            vector[DIRECTION + axis] += min(state['seconds'] / REST_SECONDS, 1.0) * step
+
+
+@kernel
+def _take_acceleration(state: MotionBias) -> None:
+    """Take the acceleration of the value into the velocity, and note what of it is vertical."""
+    vector, seconds, speed = state['state_vector'], state['seconds'], state['speed']
     left = math.exp(-seconds / _speed_seconds(state))
     for axis in range(3):
         state['vertical_angle'] += state['angle'][axis] * vector[DIRECTION + axis]
@@ -232,16 +251,20 @@ def _take_value(
         gained -= GRAVITY * vector[DIRECTION + axis] * seconds
         mean = vector[MEAN_VELOCITY + axis]
         vector[i] = mean + (vector[i] + gained - mean) * left
-    state['block_seconds'] += seconds
-    if state['block_seconds'] >= MOTION_BLOCK_SECONDS:
-        before = state['moving_seconds']
-        state['moving_seconds'] += state['block_seconds']
-        if before < UNKNOWN_SECONDS <= state['moving_seconds']:
-            limit_prior(state)
-        _predict_covariance(state, workspace, rest, lengths)
-        _expect_mean_velocity(state, workspace)
-        _expect_length(state, workspace)
-        _start_block(state)
+
+
+@kernel
+def _end_block(
+    state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
+) -> None:
+    """Carry the covariance over the block, and measure at its end."""
+    before = state['moving_seconds']
+    state['moving_seconds'] += state['block_seconds']
+    if before < UNKNOWN_SECONDS <= state['moving_seconds']:
+        limit_prior(state)
+    _predict_covariance(state, workspace, rest, lengths)
+    _expect_mean_velocity(state, workspace)
+    _expect_length(state, workspace)
 
 
 @kernel
