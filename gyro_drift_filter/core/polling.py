@@ -157,7 +157,7 @@ def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: i
     acceleration = sample['linear_acceleration']
     x, y, z = acceleration[0], acceleration[1], acceleration[2]
     is_measured = x == x and y == y and z == z
-    same = are_equal(acceleration, checks['acceleration'])
+    same = are_equal(acceleration, checks['linear_acceleration'])
     if is_measured and not same and polling['repeats'] >= LONGEST_RUN:
         # How they changed in motion says nothing of rest.
         rates['first'], rates['same'] = number - 1, 0

@@ -67,7 +67,7 @@ class State(TypedDict):
     checks: SensorChecks
     quantisation: Quantisation
     methods: MethodStates
-    acceleration: PerAxis  # the last usable one, m/s^2, as far as rates are sensitive to it
+    linear_acceleration: PerAxis  # the last usable one, m/s^2, where rates are sensitive to it
     taken: PerAxis  # rates as the method took them, of the last sample, rad/s
     coasted: CountPerAxis  # samples in a row without a usable rate
     filtered: PerAxis  # by the method, of the last sample: with the bias in, rad/s

@@ -80,7 +80,7 @@ class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
 
     measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
-    acceleration: PerAxis  # m/s^2, of the last sample
+    linear_acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
     largest: PerAxis  # largest |rate| so far that was the end of the range, rad/s
     passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row were at least, rad/s
@@ -132,12 +132,12 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     all_accelerations = True
     for axis in range(3):
         # NaN, for who has no accelerometer, is the same as NaN.
-        force, before = acceleration[axis], checks['acceleration'][axis]
+        force, before = acceleration[axis], checks['linear_acceleration'][axis]
         if force != before and (force == force or before == before):
             all_accelerations = False
         else:
             stays['stayed'][axis] += 1
-        checks['acceleration'][axis] = force
+        checks['linear_acceleration'][axis] = force
     if all_accelerations:
         stays['same'] += 1
     else:
@@ -180,7 +180,7 @@ def measures_exact_rest(checks: SensorChecks, period: float) -> bool:
     A simulator without noise measures a rest so. A bus that hangs repeats what came last, or gives
     zeros alone.
     """
-    stands = is_zero(checks['measured']) and not is_zero(checks['acceleration'])
+    stands = is_zero(checks['measured']) and not is_zero(checks['linear_acceleration'])
     return stands and _is_long(checks['equal_all'], period)
 
 

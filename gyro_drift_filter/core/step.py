@@ -100,7 +100,7 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     if needs_half:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
-        _subtract_acceleration(sample, state['acceleration'], settings)
+        _subtract_acceleration(sample, state['linear_acceleration'], settings)
     possible = possibly_missing(clock, elapsed, period) if missing == 0 else 0
     _stop_coasting(sample, missing, filter_)
     _filter_axes(sample, missing, possible, filter_)
@@ -185,21 +185,24 @@ def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool
 
 
 @kernel
-def _subtract_acceleration(sample: Sample, acceleration: PerAxis, settings: Settings) -> None:
-    """Subtract from the rates what the acceleration adds to them, so that no bias contains it."""
+def _subtract_acceleration(sample: Sample, last: PerAxis, settings: Settings) -> None:
+    """Subtract from the rates what the acceleration adds to them, so that no bias contains it.
+
+    `last` (3,) in m/s^2 is the last usable one, up to this sample.
+    """
     rate, sensitivity = sample['angular_velocity'], settings['calibration_acceleration_sensitivity']
     usable, now = True, sample['linear_acceleration']
     for axis in range(3):
         usable = usable and abs(now[axis]) <= LARGEST_ACCELERATION  # False for NaN
     for axis in range(3):
         if usable:
-            acceleration[axis] = now[axis]
+            last[axis] = now[axis]
     for axis in range(3):
         row = 3 * axis
         rate[axis] -= (
-            sensitivity[row] * acceleration[0]
-            + sensitivity[row + 1] * acceleration[1]
-            + sensitivity[row + 2] * acceleration[2]
+            sensitivity[row] * last[0]
+            + sensitivity[row + 1] * last[1]
+            + sensitivity[row + 2] * last[2]
         )
 
 
