@@ -25,7 +25,6 @@ from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_pro
 from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, limit_prior, motion_variance
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
-    TIME_JUMP,
     advance_clock,
     elapsed_seconds,
     lengthen_period,
@@ -80,14 +79,18 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     message = note_message(state['polling'], state['checks'], sample, number)
     if message == Message.POLLING_FOUND:
         _adopt_sensor_period(filter_)
-    period, elapsed, missing, needs_half = clock['period'], 0.0, 0, False
+    period, elapsed, missing, jumped = clock['period'], 0.0, 0, False
+    follows, needs_half = True, False
     if message != Message.REPEAT:
         if filter_['coefficients']['period'] != period:
             derive(filter_, period)
         elapsed = elapsed_seconds(clock, stamp)
-        missing = advance_clock(clock, stamp, settings['sample_rate'], settings['gap_limit'])
+        missing, jumped = advance_clock(
+            clock, stamp, settings['sample_rate'], settings['gap_limit']
+        )
+        follows = missing == 0 and not jumped
         result['status'] = SampleStatus.FILTERED
-        needs_half = _look_at_counts(sample, missing, filter_)
+        needs_half = _look_at_counts(sample, follows, filter_)
     message_period = _message_period(state)
     note_values(state['checks'], sample, message_period, state['bias']['rest'])
     if state['checks']['comes_alive']:
@@ -101,10 +104,10 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
     if settings['is_sensitive']:
         _subtract_acceleration(sample, state['linear_acceleration'], settings)
-    possible = possibly_missing(clock, elapsed, period) if missing == 0 else 0
-    _stop_coasting(sample, missing, filter_)
+    possible = possibly_missing(clock, elapsed, period) if follows else 0
+    _stop_coasting(sample, missing, jumped, filter_)
     _filter_axes(sample, missing, possible, filter_)
-    _subtract_bias(sample, elapsed, missing, filter_)
+    _subtract_bias(sample, elapsed, missing, jumped, filter_)
     _apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
@@ -171,12 +174,15 @@ def _forget_rest(filter_: FilterRecord) -> None:
 
 
 @kernel
-def _look_at_counts(sample: Sample, missing: int, filter_: FilterRecord) -> bool:
-    """Look at the counts of a sample; return whether half of one is to be added."""
+def _look_at_counts(sample: Sample, follows: bool, filter_: FilterRecord) -> bool:
+    """Look at the counts of a sample; return whether half of one is to be added.
+
+    `follows` where it follows the sample before, with none missing in between.
+    """
     state, choice = filter_['state'], filter_['settings']['input_quantisation']
     quantisation, rate = state['quantisation'], sample['angular_velocity']
     needs_half = needs_half_counts(quantisation, choice)
-    if missing == 0 and note_counts(quantisation, rate, state['checks']['measured']):
+    if follows and note_counts(quantisation, rate, state['checks']['measured']):
         before, needs_half = needs_half, needs_half_counts(quantisation, choice)
         # The bias was learned with half a count more or less in the rates.
         if (before or needs_half) and has_bias(state['bias']):
@@ -226,14 +232,14 @@ def _is_duplicate(sample: Sample, filter_: FilterRecord) -> bool:
 
 
 @kernel
-def _stop_coasting(sample: Sample, missing: int, filter_: FilterRecord) -> None:
+def _stop_coasting(sample: Sample, missing: int, jumped: bool, filter_: FilterRecord) -> None:
     """Start anew on axes that time has jumped on, or that had no usable rate for `gap_limit` s."""
     state, limit = filter_['state'], filter_['settings']['gap_limit']
     for axis in range(3):
         usable = is_usable(sample['angular_velocity'][axis])
-        coasted = 0 if usable else state['coasted'][axis] + 1 + max(missing, 0)
+        coasted = 0 if usable else state['coasted'][axis] + 1 + missing
         state['coasted'][axis] = coasted
-        if missing == TIME_JUMP or coasted * state['clock']['period'] > limit:
+        if jumped or coasted * state['clock']['period'] > limit:
             state['methods']['tracking'][axis] = 0
 
 
@@ -287,11 +293,13 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
 
 
 @kernel
-def _subtract_bias(sample: Sample, elapsed: float, missing: int, filter_: FilterRecord) -> None:
+def _subtract_bias(
+    sample: Sample, elapsed: float, missing: int, jumped: bool, filter_: FilterRecord
+) -> None:
     """Learn the bias if this is rest, and subtract it from the result."""
     settings, state = filter_['settings'], filter_['state']
     bias, result = state['bias'], state['result']
-    if missing == TIME_JUMP:
+    if jumped:
         leave_rest(bias)
     trusted = result['status'] == SampleStatus.FILTERED and not may_hang(state['checks'])
     for axis in range(3):
@@ -299,7 +307,7 @@ def _subtract_bias(sample: Sample, elapsed: float, missing: int, filter_: Filter
             trusted = False
     lengths = filter_['coefficients']['rest']
     quantisation = state['quantisation']
-    track_bias(bias, sample, trusted, max(missing, 0), elapsed, quantisation, lengths, settings)
+    track_bias(bias, sample, trusted, missing, elapsed, quantisation, lengths, settings)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
     if settings['bias_in_motion']:
@@ -341,7 +349,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
         workspace['rate'][axis] = rate
         if state['checks']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
-    seconds = state['clock']['period'] * (1 + max(missing, 0))
+    seconds = state['clock']['period'] * (1 + missing)
     _follow(bias['motion'], sample, clipped, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):

@@ -51,8 +51,6 @@ LEAST_STRETCH_SAMPLES = 20
 ANCHOR_SAMPLES = 16
 # The bias walks no further than in this time, whatever the stamps say, in s.
 LONGEST_ABSENCE = 86_400.0
-# In place of a number of missing samples: time has jumped.
-TIME_JUMP = -1
 
 
 @kernel
@@ -97,19 +95,23 @@ def elapsed_seconds(clock: Clock, stamp: int) -> float:
 
 
 @inlined_kernel
-def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float) -> int:
-    """Move the clock to `stamp` (ns) and return the number of samples missing before it.
+def advance_clock(
+    clock: Clock, stamp: int, sample_rate: float, gap_limit: float
+) -> tuple[int, bool]:
+    """Move the clock to `stamp` (ns).
 
-    Returns `TIME_JUMP` where the time jumped by more than `gap_limit` (s) in either direction.
+    Returns:
+        The number of samples missing before it, and whether the time has jumped by more than
+        `gap_limit` (s) in either direction instead: then nobody knows how many.
     """
     if stamp == 0:
         clock['zero_stamps'] += 1
-        return 0
+        return 0, False
     if not clock['started']:
         clock['started'] = True
         clock['stamp'] = stamp
         _start_envelope(clock)
-        return 0
+        return 0, False
     elapsed = (stamp - clock['stamp']) * 1e-9
     clock['stamp'] = stamp
     if elapsed == 0.0:
@@ -121,18 +123,18 @@ def advance_clock(clock: Clock, stamp: int, sample_rate: float, gap_limit: float
     if abs(elapsed) > gap_limit:
         clock['restarts'] += 1
         _start_envelope(clock)
-        return TIME_JUMP
+        return 0, True
     # A stamp before its time: the clock was set back. If not, the stamp before it was just late.
     if elapsed < 0.0 and clock['lateness'] + elapsed - clock['mean_period'] < clock['earliest']:
         _start_envelope(clock)
-        return 0
+        return 0, False
     missing = _follow_envelope(clock, elapsed)
     samples = clock['stretch_samples']
     if samples >= clock['stretch_length'] and (
         samples >= STRETCH_SAMPLES or stamp >= clock['stretch_end']
     ):
         _end_stretch(clock, sample_rate)
-    return missing
+    return missing, False
 
 
 @kernel
