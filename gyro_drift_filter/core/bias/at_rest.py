@@ -63,7 +63,7 @@ from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
     forget_noise,
-    learn_noise,
+    learn_noise_from_segment,
     note_count,
     segment_variance,
     shows_motion,
@@ -384,7 +384,7 @@ def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
     rest, turn = state['rest'], state['turn']
     if shows_motion(rest, lengths['block']):
         forget_noise(rest)
-        learn_noise(rest, lengths['block'])
+        learn_noise_from_segment(rest, lengths['block'])
         turn['gave_up'] = False
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False

@@ -67,7 +67,7 @@ from gyro_drift_filter.core.methods.noise import (
     NOISE_BLOCK_SECONDS,
     interrupt_block,
     is_begun,
-    learn_noise,
+    learn_noise_from_sample,
     restart_block,
     start_noise,
     usual_deviation,
@@ -451,7 +451,7 @@ def update(
     if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
         at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
-        learn_noise(noise, sample, at_rest, is_dense, length, forgetting)
+        learn_noise_from_sample(noise, sample, at_rest, is_dense, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:

@@ -214,7 +214,7 @@ def interrupt_block(noise: Noise) -> None:
 
 
 @kernel
-def learn_noise(
+def learn_noise_from_sample(
     noise: Noise,
     sample: float,
     at_rest: bool,

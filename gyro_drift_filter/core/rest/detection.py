@@ -15,7 +15,7 @@
 """Samples in, rest out: values make blocks, blocks that stand still make segments."""
 
 from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
-from gyro_drift_filter.core.rest.noise import learn_noise, learn_variance_ratio
+from gyro_drift_filter.core.rest.noise import learn_noise_from_segment, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
     HALF,
     SEGMENT_BLOCKS,
@@ -209,7 +209,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         rest['halves'] = Halves.LATER if rest['known'] else Halves.WHOLE
         rest['run'] = 2
         return BlockOutcome.NOTHING
-    learn_noise(rest, length)
+    learn_noise_from_segment(rest, length)
     return BlockOutcome.SEGMENT
 
 

@@ -52,7 +52,7 @@ def note_count(rest: Rest, signal: int, count: float) -> None:
 
 
 @kernel
-def learn_noise(rest: Rest, length: int) -> None:
+def learn_noise_from_segment(rest: Rest, length: int) -> None:
     """Learn the noise from a segment that holds together."""
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = _weight(rest)
