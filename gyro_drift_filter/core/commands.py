@@ -46,8 +46,12 @@ TAKE_OVER_GATE = 4.0
 
 
 @entry_kernel(FILTER, SETTINGS)
-def change_model(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
-    """Replace what was learned of the parts of the model that new settings give another value."""
+def prepare_for_settings(filter_: NDArray[np.void], settings: NDArray[np.void]) -> None:
+    """Prepare the state for new settings, before they take the place of those of the filter.
+
+    They replace what was learned of the sample period and of the method's model where they give
+    another value, and widen the bias by what they change of the rates that it was learned from.
+    """
     state, before, after = filter_[0]['state'], filter_[0]['settings'], settings[0]
     period = state['clock']['period']
     if after['sample_rate'] != before['sample_rate']:

@@ -86,7 +86,7 @@ class Filter:
         """
         before, self.parameters = self.parameters, parameters
         settings = settings_of(parameters)
-        commands.change_model(self.record, settings)
+        commands.prepare_for_settings(self.record, settings)
         self.record['settings'] = settings
         self._derive_anew()
         bias = self.state['bias']
