@@ -418,16 +418,7 @@ def update(
         take_prediction(state, own)
         limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
     elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
-        put_modes_at(state, sample)
-        doubt['held'] = 0
-        doubt['unseen'] = 0
-        doubt['before_restart'] = last_accepted
-        if decision == Decision.START_ANEW:
-            jump = abs(sample - prediction)
-            make_certain(state, mode_of(jump, noise['variance'], coefficients['modes']))
-        elif decision == Decision.PASS:
-            make_certain(state, MODES - 1)
-            note_missing(doubt, typical)  # what the true rate is was not measured
+        _restart_at(state, own, sample, decision, coefficients['modes'])
     else:
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
@@ -457,6 +448,29 @@ def update(
     else:
         interrupt_block(noise)
     return sample - prediction, decision == Decision.HOLD
+
+
+@kernel
+def _restart_at(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    sample: float,
+    decision: Decision,
+    modes: ModeSet,
+) -> None:
+    """Put all modes at a sample (rad/s), for a decision that is not to hold it back."""
+    doubt = state['doubt']
+    put_modes_at(state, sample)
+    doubt['held'] = 0
+    doubt['unseen'] = 0
+    doubt['before_restart'] = state['last_accepted']
+    if decision == Decision.START_ANEW:
+        jump = abs(sample - workspace['prediction'])
+        make_certain(state, mode_of(jump, state['noise']['variance'], modes))
+    elif decision == Decision.PASS:
+        make_certain(state, MODES - 1)
+        # What the true rate is was not measured.
+        note_missing(doubt, workspace['typical_innovation'])
 
 
 @kernel
