@@ -57,7 +57,7 @@ class Recording(NamedTuple):
         rates: (n, 3) as measured, in rad/s.
         acceleration: (n, 3) in m/s^2.
         truth: (n, 3) in rad/s, NaN where the rates themselves are not known well enough.
-        rest: (n,), True where the body stands still.
+        rest: (n,), True where the body is at rest.
         bias: (3,) in rad/s, NaN where it is not known.
     """
 
@@ -187,8 +187,8 @@ def motionless(folder: Path) -> Iterator[Recording]:
         rates, n = data['rate'].astype(float), len(data['rate'])
         times, acceleration = stamps(n, float(data['fs'])), data['acc'].astype(float)
         # Their bias wanders, so the rate is known better than it.
-        bias, still = np.full(3, np.nan), np.ones(n, bool)
-        yield Recording(path.stem, times, rates, acceleration, np.zeros((n, 3)), still, bias)
+        bias, at_rest = np.full(3, np.nan), np.ones(n, bool)
+        yield Recording(path.stem, times, rates, acceleration, np.zeros((n, 3)), at_rest, bias)
 
 
 def tracked(folder: Path) -> Iterator[Recording]:

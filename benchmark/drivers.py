@@ -63,7 +63,7 @@ class Delivery:
         given: (n, 3) what the driver gives, in rad/s.
         truth: (n, 3) in rad/s.
         acceleration: (n, 3) in m/s^2.
-        rest: (n,), True where the body stands still.
+        rest: (n,), True where the body is at rest.
         bias: (3,) in rad/s.
     """
 
@@ -239,7 +239,7 @@ def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, f
         outside = np.abs(truth).max(axis=1) > np.radians(_WITHIN[world])
         filtered[outside], given[outside] = truth[outside], truth[outside]
     warm = np.arange(len(truth)) > _WARM * delivery.rate
-    moving, still = warm & ~delivery.rest, warm & delivery.rest
+    moving, at_rest = warm & ~delivery.rest, warm & delivery.rest
     end = _orientation(delivery, truth)
     errors = [
         np.degrees((_orientation(delivery, rates) * end.inv()).magnitude())
@@ -247,12 +247,12 @@ def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, f
     ]
     figures = {
         'move': rms((filtered - truth)[moving]) / rms((given - truth)[moving]),
-        'rest': rms((filtered - truth)[still]) / rms((given - truth)[still]),
+        'rest': rms((filtered - truth)[at_rest]) / rms((given - truth)[at_rest]),
         'lost': float(errors[0] - errors[1]),
         'flags': float((out['outlier'][moving] > 0).any(axis=1).mean()),
     }
     if delivery.bias.any():
-        late = still & (np.arange(len(truth)) > 0.75 * len(truth))
+        late = at_rest & (np.arange(len(truth)) > 0.75 * len(truth))
         figures['bias'] = rms((filtered - truth)[late].mean(axis=0)) / rms(delivery.bias)
     return figures
 

@@ -21,7 +21,7 @@ from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown
 from gyro_drift_filter.messages.span import Span
 
-# A sensor that is switched on standing still knows its bias by then, in s, or at a low rate in
+# A sensor that is switched on at rest knows its bias by then, in s, or at a low rate in
 # twice the time that its first rest takes.
 _START_SECONDS = 10.0
 # Without a rest for so long, in s, while gravity stands, something hides it; or at a low rate for

@@ -58,12 +58,12 @@ REMEMBERED = 1021
 
 
 class MessageOutcome(IntEnum):
-    """What there is to publish for a message, and whether the sensor stands still."""
+    """What there is to publish for a message, and whether the sensor is at rest."""
 
     NOTHING = 0
     PASSED_ON = 1  # it as it came
-    MOVING = 2  # its rates filtered; the sensor does not stand still, as far as is known
-    AT_REST = 3  # its rates filtered; the sensor stands still
+    MOVING = 2  # its rates filtered; the sensor is not at rest, as far as is known
+    AT_REST = 3  # its rates filtered; the sensor is at rest
 
 
 Text = Annotated[NDArray[np.uint8], np.uint8, (LONGEST_FRAME_ID,)]

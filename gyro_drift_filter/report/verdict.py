@@ -72,7 +72,7 @@ Run = Any
 
 @dataclass(frozen=True)
 class Rests:
-    """How long the sensor stood still, and its noise then.
+    """How long the sensor was at rest, and its noise then.
 
     Attributes:
         count: Rests.

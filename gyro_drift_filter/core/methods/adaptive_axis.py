@@ -61,7 +61,7 @@ class AdaptiveAxis(TypedDict):
     jolt: Jolt  # of the accelerometer along the same axis
     knock_angle: float  # rad, the most that knocks explain of what the held samples turned
     held_angle: float  # rad, what the held samples turned beyond what was put out
-    recent_angle: float  # rad, that was smoothed away of late while the sensor seemed to stand
+    recent_angle: float  # rad, that was smoothed away of late while the sensor seemed still
     bridge: Bridge
     compensation: float  # rad, of it what was motion and is still to be given back
 

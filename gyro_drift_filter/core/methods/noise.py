@@ -224,7 +224,7 @@ def learn_noise_from_sample(
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
-    `at_rest` is whether the sensor stands still (`rest/`), as far as is known before the sample;
+    `at_rest` is whether the sensor is at rest (`rest/`), as far as is known before the sample;
     `is_dense` whether samples lie close enough to tell motion from white noise; `block_forgetting`
     is b of equation (13) from one block to the next.
     """

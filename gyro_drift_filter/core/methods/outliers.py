@@ -187,8 +187,8 @@ class Circumstances(TypedDict):
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
     polled: bool  # samples are repeated now and then
-    still: bool  # the sensor has stood still for some blocks of samples before it,
-    at_rest: bool  # and for so many that a whole block of noise lies within them
+    still: bool  # some blocks of samples before it have been still,
+    at_rest: bool  # and so many that a whole block of noise lies within them
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
@@ -202,7 +202,7 @@ class OutlierLimits(TypedDict):
     threshold: float  # predicted standard deviations
     acceleration_limit: float  # rad/s, by `outlier.acceleration` in a sample period
     least_jump: float  # rad/s,
-    least_jump_at_rest: float  # rad/s, the same where the sensor stands still
+    least_jump_at_rest: float  # rad/s, the same where the sensor is still
     growth_limit: float  # rad/s
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s

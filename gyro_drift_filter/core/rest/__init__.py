@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the sensor stands still, judged against its own noise on all axes at once.
+"""Where the sensor is at rest, judged against its own noise on all axes at once.
 
 Gyroscope and accelerometer give six signals. Each is averaged over hundredths of a second, "values"
 below, so that all sample rates are alike, and cut into blocks of an eighth of a second. Blocks that
-stand still are gathered into segments of up to two seconds. A block stands still where, on every
+are still are gathered into segments of up to two seconds. A block is still where, on every
 signal,
 
 - the values vary about the block's mean no more than the noise does, and

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Samples in, rest out: values make blocks, blocks that stand still make segments."""
+"""Samples in, rest out: values make blocks, still blocks make segments."""
 
 from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.rest.noise import learn_noise_from_segment, learn_variance_ratio
