@@ -21,6 +21,7 @@ Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of 
 """
 
 import argparse
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s
 REST, TURN = 10, 60  # s
 JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
 AFTER_JUMP = 30  # s
+SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
+STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
 START = 10**18
 # Whether the turn is about the vertical, and whether there is no accelerometer.
@@ -95,6 +98,22 @@ def jump(random: np.random.Generator, size: float, rate: float) -> float:
     bias = _biases(rates, accelerations, rate, False)[begin:]
     unknown = np.flatnonzero(np.linalg.norm(bias - step, axis=1) > 0.25 * size * _DEGREE)
     return float(unknown[-1] + 1) / rate if unknown[-1] < len(bias) - 1 else np.inf
+
+
+def to_and_fro(
+    random: np.random.Generator, speed: float, period: float, rate: float
+) -> tuple[float, float]:
+    """Return how far the bias has changed at most, in deg/s, and the angle lost, in deg.
+
+    In a turn about the vertical to and fro, of `speed` deg/s and `period` s, after a rest.
+    """
+    rates, accelerations = at_rest(random, STILL + SWING, rate)
+    begin = round(STILL * rate)
+    time = np.arange(len(rates) - begin) / rate
+    rates[begin:, 2] += speed * _DEGREE * np.sin(2.0 * np.pi * time / period)
+    bias = _biases(rates, accelerations, rate, False)[:, 2] / _DEGREE
+    changed = np.abs(bias[begin:] - bias[begin - 1])
+    return float(changed.max()), float(np.abs(np.cumsum(bias[begin:])).max() / rate)
 
 
 def warm_up(random: np.random.Generator, rate: float) -> Array:
@@ -159,6 +178,26 @@ def main() -> None:
     print(table(rows), end='\n\n')
     print('error of the bias before the turn and after it, root mean square, deg/s\n')
     print(table(error_rows), end='\n\n')
+    print(
+        f'how far a turn of {SWING} s to and fro after {STILL} s of rest moves the bias at most, '
+        'and the\nheading that is lost by the bias, median and worst\n'
+    )
+    rows = [['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)']]
+    for speed, period in product(SWINGS, PERIODS):
+        tell(f'turning to and fro at {speed:g} deg/s within {period} s ...')
+        of_seeds = [
+            to_and_fro(np.random.default_rng(seed), speed, period, options.rate) for seed in seeds
+        ]
+        moved, lost = np.transpose(of_seeds)
+        rows.append(
+            [
+                f'{speed:g}',
+                f'{period}',
+                f'{np.median(moved):.3f}  {moved.max():.3f}',
+                f'{np.median(lost):.1f}  {lost.max():.1f}',
+            ]
+        )
+    print(table(rows), end='\n\n')
     print(
         'after how long at rest a bias is known that jumps in any direction, '
         f'up to {AFTER_JUMP} s\n'

@@ -21,13 +21,14 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from benchmark.bias import warm_up, warm_up_standing
+from benchmark.bias import to_and_fro, warm_up, warm_up_standing
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias import at_rest as bias_at_rest
 from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
 from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
+from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.rest.detection import close_block
 from gyro_drift_filter.core.rest.noise import doubt_noise
@@ -55,6 +56,7 @@ from gyro_drift_filter.core.rest.standing import (
     standing_scatter,
     variance_of_standing_mean,
 )
+from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS
 from gyro_drift_filter.core.sample import SAMPLE
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
@@ -360,6 +362,66 @@ def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
         learned.append(np.abs(bias[2000:] - bias[1999]).max())
     assert np.quantile(learned, 0.75) < 0.05 * DEGREE
     assert max(learned) < 0.25 * DEGREE
+
+
+@pytest.mark.parametrize(('speed', 'period'), [(0.3, 6.0), (0.3, 10.0), (0.5, 20.0), (1.0, 40.0)])
+def test_a_slow_swing_moves_the_bias_by_little(speed, period, random):
+    """Where its rate is largest it passes for rest; it lost up to 20 deg of heading in 100 s."""
+    lost = []
+    for _ in range(5):
+        moved, angle = to_and_fro(random, speed, period, 100.0)
+        assert moved < 0.4 * speed
+        lost.append(angle)
+    assert np.median(lost) < 4.0
+
+
+def test_a_rest_after_a_slow_swing_is_learned(random):
+    """Although it might be the swing for as long as that takes."""
+    rates, accelerations = at_rest(random, 180)
+    time = np.arange(len(rates)) / 100
+    rates[:, 2] += 0.5 * DEGREE * np.sin(0.1 * np.pi * time) * ((time > 20) & (time < 80))
+    truth = 0.1 * DEGREE * np.clip((time - 20) / 60, 0.0, 1.0)
+    results = run(Filter(), rates + truth[:, None], accelerations)
+    errors = np.abs(results['bias'] - truth[:, None]) / DEGREE
+    assert errors[-1].max() < 0.03
+    within = errors < 2.0 * np.sqrt(results['angular_velocity_variance']) / DEGREE
+    assert within[2000:].mean() > 0.95
+
+
+def test_the_swing_is_measured_by_its_means(random):
+    """Against the variance and the correlation of a sine."""
+    rest, lengths, swing = (zeroed(kind)[0] for kind in (REST, REST_LENGTHS, SWING))
+    rest['known'], noise, blocks = True, 1e-3, 16_000
+    lengths['block'], lengths['block_seconds'] = 12, 0.125
+    amplitude, period = 0.01, 20.0
+    truth = amplitude * np.sin(2.0 * np.pi * 0.125 * np.arange(blocks) / period)
+    variances, steps = [], []
+    for rate in truth:
+        for index in range(SIGNALS):
+            values = noise * random.standard_normal(12) + (rate if index == 0 else 0.0)
+            signal_ = rest['signals'][index]
+            signal_['variance'], signal_['scatter'] = noise**2, noise**2 / 12
+            signal_['sum'], signal_['squares'] = values.sum(), np.square(values).sum()
+        rest['count'] = 12
+        note_swing(swing, rest, lengths)
+        variances.append(swing['variance'][0])
+        steps.append(swing['step_variance'][0])
+    correlation = np.cos(2.0 * np.pi * HALF * 0.125 / period)
+    expected = amplitude**2 / 2.0
+    assert np.mean(variances[800:]) == pytest.approx(expected, rel=0.3)
+    assert np.mean(steps[800:]) == pytest.approx(2.0 * expected * (1.0 - correlation), rel=0.1)
+    assert variance_of_swing(swing, rest, 0) == swing['variance'][0]  # so slow that any may pass
+    assert variance_of_swing(swing, rest, 1) < 1e-3 * expected
+    swing['variance'][0], swing['step_variance'][0] = expected, expected  # a correlation of 0.5
+    bend = MEAN_DEVIATIONS**2 * noise**2 / 12
+    assert variance_of_swing(swing, rest, 0) == pytest.approx(min(expected, bend))
+    swing['step_variance'][0] = 2.0 * expected  # of 0: it is seen
+    assert variance_of_swing(swing, rest, 0) == 0.0
+    rest['at_rest'] = True
+    note_swing(swing, rest, lengths)
+    assert 0.0 < swing['variance'][0] < expected
+    forget_swing(swing)
+    assert swing['variance'][0] == swing['step_variance'][0] == 0.0
 
 
 def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):

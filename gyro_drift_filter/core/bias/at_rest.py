@@ -59,6 +59,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     is_back,
     update_slow_turn,
 )
+from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.quantisation import Quantisation, likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
@@ -125,6 +126,7 @@ def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation:
     state['growth'] = 0.0
     state['reach'] = 0.0
     forget_slow_turn(state['turn'])
+    forget_swing(state['swing'])
 
 
 @kernel
@@ -194,6 +196,7 @@ def track_bias(
         note_count(rest, 3 + axis, rest['force_resolution'][axis])
     run = rest['run']
     hand_on_block(rest, state['other_rest'])
+    note_swing(state['swing'], rest, lengths)
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_rest'], lengths)
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
@@ -436,6 +439,7 @@ def _correct(state: Bias) -> None:
     rest, surprise, share = state['rest'], 0.0, 0.0
     for axis in range(3):
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
+        noise += variance_of_swing(state['swing'], rest, axis)
         variance = state['variance'][axis] + state['growth']
         innovation, spread = mean - state['bias'][axis], variance + noise
         lagged = _variance_of_lag(state, axis, innovation, spread)

@@ -21,6 +21,7 @@ from typing import Annotated, TypedDict
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
+from gyro_drift_filter.core.bias.swing import Swing
 from gyro_drift_filter.core.rest.records import Rest
 
 RECENT = 8  # segments of one rest that have to agree
@@ -70,6 +71,7 @@ class Bias(TypedDict):
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
     recent_count: int
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
+    swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
     hint_seconds: float  # until it is forgotten
     temperature: float  # in deg C, at the last growth for it; NaN before the first
