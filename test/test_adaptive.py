@@ -371,6 +371,15 @@ def test_a_known_noise_level_is_used_from_the_first_sample(random):
     np.testing.assert_allclose(np.sqrt(results['measurement_noise'][-1]), 0.05, rtol=0.2)
 
 
+def test_a_known_noise_level_is_never_less_than_that_of_any_sensor(random):
+    """The square of the smallest numbers that can be set is zero."""
+    z = at_rest(random, 200)
+    results = run(z, model_noise_deviation=(1e-300, 1e-160, 1e-9))
+    assert np.isfinite(results['angular_velocity']).all()
+    assert (results['angular_velocity_variance'] > 0.0).all()
+    np.testing.assert_allclose(results['measurement_noise'][0], 1e-4**2)
+
+
 def test_a_known_noise_level_survives_a_start_in_motion(random):
     """The first changes between samples are motion then, not the sensor's resolution."""
     turn = 5.0 * np.sin(2 * np.pi * np.arange(300) / 100.0)[:, None]

@@ -145,7 +145,7 @@ def start_noise(noise: Noise, deviation: float, phi: float) -> None:
     """
     known = deviation > 0.0
     correlation = min(max(phi, 0.0), LARGEST_CORRELATION) if known else 0.0
-    noise['variance'] = (deviation if known else LEAST_NOISE) ** 2
+    noise['variance'] = max(deviation, LEAST_NOISE) ** 2
     noise['blocks'] = KNOWN_BLOCKS if known else 0
     noise['seen'] = False
     noise['bound'] = Bound.NONE
