@@ -128,6 +128,40 @@ def test_a_driver_that_repeats_itself_is_no_loop(stamp, rate):
     assert filter_.report().own_outputs == 0
 
 
+@pytest.mark.parametrize('seconds', [8.0, 8.5])
+def test_another_frame_is_another_sensor(seconds, random):
+    """Its bias is learned at once, where one that jumps about the vertical takes 90 s of rest."""
+    n, change = 1500, int(100 * seconds)
+    rates = 0.003 * random.standard_normal((n, 3))
+    rates[change:, 2] += np.radians(1.0)
+    forces = (0.0, 0.0, 9.81) + 0.02 * random.standard_normal((n, 3))
+    errors = {}
+    for name in ('imu', 'other'):
+        filter_ = MessageFilter(Parameters())
+        for k in range(n):
+            frame = name if k >= change else 'imu'
+            filter_.take(imu_message(10**18 + k * 10**7, rates[k], forces[k], frame=frame))
+            if k == change:
+                doubt = filter_.filter.bias_deviation[2]
+        errors[name] = abs(filter_.filter.state['bias']['bias'][2] - np.radians(1.0))
+        assert (doubt > np.radians(2.0)) == (name == 'other')
+    assert errors['imu'] > np.radians(0.9)
+    assert errors['other'] < np.radians(0.03)
+
+
+def test_frames_that_alternate_keep_the_bias_learned_and_doubted(random):
+    """Nobody knows whether it is one sensor with two names, or two of them."""
+    filter_ = MessageFilter(Parameters())
+    for k in range(2000):
+        rate = np.radians(1.0) + 0.003 * random.standard_normal(3)
+        force = (0.0, 0.0, 9.81) + 0.02 * random.standard_normal(3)
+        frame = 'left' if k % 2 else 'right'
+        filter_.take(imu_message(10**18 + k * 10**7, rate, force, frame=frame))
+    bias = filter_.filter.state['bias']
+    np.testing.assert_allclose(bias['bias'], np.radians(1.0), atol=np.radians(0.05))
+    np.testing.assert_allclose(filter_.filter.bias_deviation, 0.04, rtol=0.01)
+
+
 def test_changes_of_the_frame_are_counted():
     """Also where it differs behind what is kept of it, in length; and after one without a name."""
     filter_ = MessageFilter(Parameters())

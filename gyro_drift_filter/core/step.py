@@ -161,6 +161,20 @@ def _doubt_rest(filter_: FilterRecord) -> None:
 
 
 @kernel
+def doubt_sensor(filter_: FilterRecord) -> None:
+    """Doubt the bias, and forget how the body lies: another sensor measures from now on."""
+    bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
+    lose_direction(bias['motion'])
+    lose_direction(bias['unknown'])
+    # Of sensors that alternate each message is another one's: once between two rests is enough.
+    lacking = deviation * deviation - bias['growth']
+    if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):
+        leave_rest(bias)
+        widen(bias, lacking)
+        limit_prior(bias['motion'])
+
+
+@kernel
 def _forget_rest(filter_: FilterRecord) -> None:
     """Forget the rests there were: a sensor that measures rest exactly has no noise in one."""
     bias = filter_['state']['bias']

@@ -71,7 +71,10 @@ def _has_noise_in_degrees(span: Span) -> bool:
 
 def _frame_text(span: Span) -> str:
     if span.now.frame_changes - span.before.frame_changes == 1:
-        return 'frame_id has changed: another driver now, or two sensors on one topic?'
+        return (
+            'frame_id has changed: another driver now, or two sensors on one topic? The bias is '
+            'uncertain until the next rest'
+        )
     return 'frame_id changes from message to message: two sensors on one topic?'
 
 

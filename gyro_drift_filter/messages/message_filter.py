@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.records import FILTER, FilterRecord
-from gyro_drift_filter.core.step import step
+from gyro_drift_filter.core.step import doubt_sensor, step
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.imu import (
     IMU,
@@ -110,8 +110,8 @@ NOTE = record(Note)
 
 
 @kernel
-def _note_frame_id(data: NDArray[np.uint8], imu: Imu, reception: Reception) -> None:
-    """Keep the frame_id of a message, and count it where it is another one than before."""
+def _note_frame_id(data: NDArray[np.uint8], imu: Imu, reception: Reception) -> bool:
+    """Keep the frame_id of a message; count and return whether it is another one than before."""
     size, text = imu['frame_id_size'], reception['frame_id']
     changed = reception['frame_id_size'] != size
     start = imu['start'] + imu['frame_id']
@@ -119,10 +119,12 @@ def _note_frame_id(data: NDArray[np.uint8], imu: Imu, reception: Reception) -> N
         if text[i] != data[start + i]:
             changed = True
             text[i] = data[start + i]
-    if changed and reception['has_frame_id']:
+    changed = changed and reception['has_frame_id']
+    if changed:
         reception['frame_changes'] += 1
     reception['frame_id_size'] = size
     reception['has_frame_id'] = True
+    return bool(changed)
 
 
 @kernel
@@ -172,10 +174,12 @@ def _count_and_filter(
         imu['kind'] = ImuKind.OWN_OUTPUT
         reception['own_outputs'] += 1
         return
-    _note_frame_id(data, imu, reception)
+    is_other_frame = _note_frame_id(data, imu, reception)
     if imu['kind'] == ImuKind.NOT_REPORTED:
         reception['not_reported'] += 1
         return
+    if is_other_frame:
+        doubt_sensor(filter_)
     step(imu['sample'], filter_)
     imu['result'] = filter_['state']['result']
     if is_published(imu):
