@@ -102,6 +102,11 @@ CASES = {
         {'nis_sum': [1000.0, 90.0, 1000.0]},
         'lower model.process_noise',
     ),
+    'frozen accelerometer': (
+        {'accelerometer_hangs': True},
+        {'acceleration_at_rest': 9.8},
+        'the accelerometer hangs',
+    ),
     'no gravity': (
         {'acceleration_at_rest': 1.0},
         {'acceleration_at_rest': 9.9},
@@ -621,6 +626,7 @@ def test_telemetry_is_that_of_the_state(random):
         'backward_stamps': clock['backward_stamps'],
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],
+        'accelerometer_hangs': checks['accelerometer_hangs'],
         'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],

@@ -131,6 +131,62 @@ def test_gravity_that_stands_without_a_rest_is_noted(random):
     assert filter_.state['bias']['rest']['steady_seconds'] < 5.0
 
 
+def lies_and_is_moved(random, seconds):
+    """Return a sensor that lies for ten seconds and is then moved by hand, with gravity."""
+    rates, accelerations = at_rest(random, 10.0, (0.01, -0.02, 0.005))
+    motion, shake = by_hand(random, seconds)
+    moving, gravity = at_rest(random, seconds, (0.01, -0.02, 0.005))
+    return np.vstack([rates, moving + motion]), np.vstack([accelerations, gravity + shake])
+
+
+@pytest.mark.parametrize('first', [0, 1500])
+def test_an_accelerometer_that_hangs_tells_nothing_of_the_bias_in_motion(first, random):
+    """The body turns, and gravity with it: what does not change by a bit is no acceleration."""
+    rates, accelerations = lies_and_is_moved(random, 120.0)
+    accelerations[first:] = accelerations[first]
+    filter_ = Filter()
+    results = run(filter_, rates, accelerations)
+    assert filter_.state['checks']['accelerometer_hangs']
+    hung = max(first, 1000) + 200
+    assert np.ptp(results['bias'][hung:], axis=0).max() < 1e-6
+    fresh, more = at_rest(random, 5.0)
+    run(filter_, fresh, more, len(rates))
+    assert not filter_.state['checks']['accelerometer_hangs']
+
+
+def test_an_accelerometer_that_hangs_shows_no_bias_to_who_never_rests(random):
+    rates, accelerations = by_hand(random, 120.0)
+    rates[:, :2] += 0.01
+    accelerations[:] = 0.0, 0.0, 9.81
+    results = run(Filter(), rates, accelerations)
+    np.testing.assert_allclose(results['bias'], 0.0, atol=1e-6)
+
+
+def test_an_accelerometer_without_noise_does_not_hang(random):
+    """A simulated robot stands, turns about the vertical, and stands; a tray tilts by 3 degrees."""
+    rates, accelerations = at_rest(random, 60.0, (0.01, -0.02, 0.005))
+    accelerations[:] = 0.0, 0.0, 9.81
+    rates[1000:5000, 2] += 0.5
+    tilt = np.radians(3.0) * np.sin(2 * np.pi * np.arange(1000) / 200.0)
+    rates[5000:, 0] += np.gradient(tilt, 0.01)
+    filter_ = Filter()
+    for first in range(0, 6000, 100):
+        run(filter_, rates[first : first + 100], accelerations[first : first + 100], first)
+        assert not filter_.state['checks']['accelerometer_hangs']
+
+
+def test_a_coarse_accelerometer_on_a_table_that_turns_does_not_hang(random):
+    """Its axes are not quite those of the gyroscope, which adds up over whole turns to nothing."""
+    rates, accelerations = at_rest(random, 60.0, (0.01, -0.02, 0.005))
+    accelerations[:] = 0.0, 0.0, 9.81
+    rates[1000:] += (
+        2 * np.pi * np.array([0.02, 0.0, 1.0]) * np.minimum(np.arange(5000) / 200, 1)[:, None]
+    )
+    filter_ = Filter()
+    run(filter_, rates, accelerations)
+    assert not filter_.state['checks']['accelerometer_hangs']
+
+
 @pytest.mark.parametrize('axes', [[0, 1, 2], [0]])
 @pytest.mark.parametrize('value', [0.0, 0.01])
 @pytest.mark.parametrize('moves', [False, True])

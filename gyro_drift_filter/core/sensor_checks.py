@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
+from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
@@ -98,6 +99,10 @@ class SensorChecks(TypedDict):
     gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
     equal_all: int  # how often all rates and accelerations have come before in a row
     stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
+    equal_accelerations: int  # how often all accelerations have come before in a row
+    turned_gravity: PerAxis  # m/s^2, what they would be by now, by how the body has turned
+    turned_seconds: float  # within which it has
+    accelerometer_hangs: bool  # it shows nothing of that turn
     # while a rate stays the same: all rates when it began to, rad/s, and whether others have moved
     rates_then: Annotated[NDArray[np.float64], np.float64, (3, 3)]
     others_moved: CountPerAxis  # 0 or 1
@@ -140,8 +145,12 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
         checks['linear_acceleration'][axis] = force
     if all_accelerations:
         stays['same'] += 1
+        checks['equal_accelerations'] += 1
     else:
         same = False
+        checks['equal_accelerations'] = 0
+        checks['accelerometer_hangs'] = False
+        forget_turn(checks)
     checks['equal_all'] = checks['equal_all'] + 1 if same else 0
     stuck = _is_long(checks['equal_all'], period)
     for axis in range(3):
@@ -171,6 +180,45 @@ def may_hang(checks: SensorChecks) -> bool:
     frozen = fault[0] == AxisFault.FROZEN or fault[1] == AxisFault.FROZEN
     frozen = frozen or fault[2] == AxisFault.FROZEN
     return bool(frozen or checks['stuck'] or checks['equal_all'] >= STUCK_SAMPLES)
+
+
+@kernel
+def note_turn(
+    checks: SensorChecks, rate: PerAxis, bias: PerAxis, known: bool, seconds: float, period: float
+) -> None:
+    """Note by how much the body turns within `seconds` at a rate in rad/s, less the bias.
+
+    With the body gravity turns in its axes. An accelerometer hangs if not a bit of it has changed
+    for `STUCK_SECONDS`, and gravity should have changed by `LEAST_PUSH`: within `STUCK_SECONDS`
+    where the bias is not `known`, as that turns gravity, too. `period` is that of messages, in s.
+    """
+    if checks['equal_accelerations'] == 0:
+        return
+    gravity, force = checks['turned_gravity'], checks['linear_acceleration']
+    if not known and checks['turned_seconds'] >= STUCK_SECONDS:
+        forget_turn(checks)
+    checks['turned_seconds'] += seconds
+    x, y, z = gravity[0], gravity[1], gravity[2]
+    a = (rate[0] - bias[0]) * seconds
+    b = (rate[1] - bias[1]) * seconds
+    c = (rate[2] - bias[2]) * seconds
+    # Of the turn the first two orders, which are enough for one sample.
+    dx, dy, dz = y * c - z * b, z * a - x * c, x * b - y * a
+    gravity[0] += dx + 0.5 * (dy * c - dz * b)
+    gravity[1] += dy + 0.5 * (dz * a - dx * c)
+    gravity[2] += dz + 0.5 * (dx * b - dy * a)
+    if _is_long(checks['equal_accelerations'], period):
+        change = vector_length(gravity[0] - force[0], gravity[1] - force[1], gravity[2] - force[2])
+        if change > LEAST_PUSH:
+            checks['accelerometer_hangs'] = True
+
+
+@kernel
+def forget_turn(checks: SensorChecks) -> None:
+    """Forget by how much the body has turned: it stands, or nobody knows."""
+    checks['turned_seconds'] = 0.0
+    for axis in range(3):
+        checks['turned_gravity'][axis] = checks['linear_acceleration'][axis]
 
 
 @kernel

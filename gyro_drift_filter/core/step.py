@@ -54,9 +54,11 @@ from gyro_drift_filter.core.sample import (
     is_usable,
 )
 from gyro_drift_filter.core.sensor_checks import (
+    forget_turn,
     has_fault,
     may_hang,
     measures_exact_rest,
+    note_turn,
     note_values,
 )
 from gyro_drift_filter.core.settings import Settings
@@ -324,6 +326,7 @@ def _subtract_bias(
     track_bias(bias, sample, trusted, missing, elapsed, quantisation, lengths, settings)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
+    _note_turn(missing, jumped, filter_)
     if settings['bias_in_motion']:
         _track_motion(sample, missing, filter_)
     in_motion = settings['bias_in_motion'] and not at_rest
@@ -344,6 +347,20 @@ def _subtract_bias(
                 variance += variance_of_rounding(quantisation, axis, noise)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
+
+
+@kernel
+def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
+    """Note by how much the body turns with a sample, if that is known."""
+    state = filter_['state']
+    bias, checks = state['bias'], state['checks']
+    if bias['rest']['at_rest']:
+        checks['accelerometer_hangs'] = False
+    if bias['rest']['at_rest'] or state['result']['status'] == SampleStatus.REFUSED or jumped:
+        forget_turn(checks)
+        return
+    seconds, period = state['clock']['period'] * (1 + missing), _message_period(state)
+    note_turn(checks, state['filtered'], bias['bias'], has_bias(bias), seconds, period)
 
 
 @kernel
@@ -381,7 +398,7 @@ def _follow(
     if state['result']['status'] == SampleStatus.REFUSED:
         lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
         return
-    if may_hang(state['checks']):
+    if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
         lose_direction(motion)
     if clipped > 0.0 or motion['missed_turn'] > 0.0:
         miss_turn(motion, clipped * seconds)

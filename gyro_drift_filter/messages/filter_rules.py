@@ -72,7 +72,9 @@ def _has_no_bias_for_long(span: Span) -> bool:
 
 def _has_no_rest_for_long(span: Span) -> bool:
     state = span.now.telemetry
-    return state.steady_seconds > max(_LONG_WITHOUT_REST, 2.0 * state.least_rest_seconds)
+    return not state.accelerometer_hangs and state.steady_seconds > max(
+        _LONG_WITHOUT_REST, 2.0 * state.least_rest_seconds
+    )
 
 
 def _no_bias(span: Span) -> str:
@@ -128,7 +130,8 @@ FILTER_RULES = (
         lambda span: (
             'gravity has stood still for minutes, and yet no rest is found, as '
             f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '
-            'rates wander or jump (a motor, a fan, a loose mount, temperature)'
+            'rates wander or jump (a motor, a fan, a loose mount, temperature); if it moves, '
+            'whether the accelerometer hangs'
         ),
     ),
     Rule(

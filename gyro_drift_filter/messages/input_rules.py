@@ -211,6 +211,14 @@ INPUT_RULES = (
         f'at rest the rates have a noise of more than {_LARGEST_NOISE:g} rad/s beside a calm '
         f'accelerometer: {_IN_DEGREES}',
     ),
+    Rule(
+        'frozen accelerometer',
+        Level.WARN,
+        lambda span: span.now.telemetry.accelerometer_hangs,
+        'the accelerometer hangs: not a bit has changed for a second or more, while the body turns '
+        'so that gravity would move. The rates are filtered all the same, but no bias is found in '
+        'motion',
+    ),
     Rule('no gravity', Level.WARN, _shows_no_gravity, _no_gravity_text),
     Rule(
         'clipped',

@@ -82,6 +82,7 @@ class Telemetry(NamedTuple):
     divergences: Counts
     stuck: bool
     all_zero: bool
+    accelerometer_hangs: bool
     process_noise: Values
     measurement_noise: Values
     noise_correlation: Values
@@ -182,6 +183,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['same_stamps'] = clock['same_stamps']
     out['backward_stamps'] = clock['backward_stamps']
     out['stuck'] = checks['stuck']
+    out['accelerometer_hangs'] = checks['accelerometer_hangs']
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0
     out['bias_provisional'] = has_provisional(bias)
