@@ -627,6 +627,7 @@ def test_telemetry_is_that_of_the_state(random):
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],
         'accelerometer_hangs': checks['accelerometer_hangs'],
+        'at_limit': checks['at_limit'],
         'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],

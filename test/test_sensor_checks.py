@@ -17,8 +17,11 @@
 import numpy as np
 import pytest
 
-from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sensor_checks import AxisFault
+from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from support.sensor import at_rest, by_hand
 
 RATE = 100.0
@@ -38,6 +41,10 @@ def moved(random, seconds=60.0):
 def run(filter_, rates, accelerations, first=0):
     stamps = 10**18 + 10_000_000 * np.arange(first, first + len(rates))
     return filter_.run(stamps, rates, accelerations)
+
+
+def stamped(rates, accelerations):
+    return 10**18 + 10_000_000 * np.arange(len(rates)), rates, accelerations
 
 
 def faults(filter_):
@@ -217,6 +224,18 @@ def test_a_bias_of_the_last_run_is_no_less_sure_for_the_first_samples(random):
     filter_.set_bias((0.01, -0.02, 0.03), (1e-3, 1e-3, 1e-3))
     run(filter_, *at_rest(random, 1.0, (0.01, -0.02, 0.03)))
     assert (filter_.bias_deviation < 1.1e-3).all()
+
+
+def test_an_axis_that_stays_at_the_end_of_its_range_is_not_said_to_hang(random):
+    """A platform that spins faster than the gyroscope measures, for half a minute."""
+    rates, accelerations = at_rest(random, 60.0)
+    rates[:, 2] += np.interp(np.arange(6000), [1000, 1400, 5000, 5400], [0.0, 60.0, 60.0, 0.0])
+    filter_ = MessageFilter(Parameters())
+    filter_.filter.run(*stamped(np.clip(rates, -35.0, 35.0)[:3000], accelerations[:3000]))
+    status = Health().judge(filter_.report()._replace(received=3000), 30.0)[0]
+    assert status.level == Level.ERROR
+    assert 'axis z' in status.message
+    assert 'is at the end of the measuring range' in status.message
 
 
 def test_a_rate_that_a_body_has_passed_is_not_the_end_of_the_range():

@@ -105,6 +105,20 @@ def _axes_with(span: Span, fault: AxisFault) -> str:
     return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}'
 
 
+def _frozen_text(span: Span) -> str:
+    still = (
+        f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
+        'second or more, while the other sensors change: '
+    )
+    pairs = zip(span.now.telemetry.faults, span.now.telemetry.at_limit, strict=True)
+    if any(fault == AxisFault.FROZEN and at_limit for fault, at_limit in pairs):
+        return still + (
+            'the rate is at the end of the measuring range (choose a larger one in the driver), '
+            'or it hangs'
+        )
+    return still + 'it hangs, or the driver has a dead band'
+
+
 def _is_truncation_left(span: Span) -> bool:
     parameters = span.now.parameters
     return span.now.telemetry.truncated and parameters.input_quantisation in ('none', 'round')
@@ -179,11 +193,7 @@ INPUT_RULES = (
         'frozen axis',
         Level.ERROR,
         lambda span: AxisFault.FROZEN in span.now.telemetry.faults,
-        lambda span: (
-            f'{_axes_with(span, AxisFault.FROZEN)} of the gyroscope: not a bit has changed for a '
-            'second or more, while the other sensors change: it hangs, or the driver has a dead '
-            'band'
-        ),
+        _frozen_text,
     ),
     Rule(
         'changing frame',

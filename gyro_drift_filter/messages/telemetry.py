@@ -42,14 +42,14 @@ class Telemetry(NamedTuple):
     size of the acceleration in m/s^2, 0 in motion; the period and what ends in seconds are in s,
     rest_seconds since the start where segments is 0. count_size is the rate in rad/s that a count
     of the sensor stands for, 0 where no counts are seen; faults are members of `AxisFault`;
-    clipped_calibrated is 1 for an axis that was clipped before the driver calibrated its rates;
-    outlier_reason is that of the last outlier, of several in a row that of the first one,
-    outlier_method the number in `METHODS` of the method that gave it, and last_outlier what samples
-    was when the last outlier came; rest_obstacle is a member of `Obstacle`, which showed last that
-    a block or a segment was no rest, in the signal rest_obstacle_signal; rest_beyond_max says that
-    the rest under way has a rate beyond bias.max, and segments_beyond_max counts such segments of
-    rest; segments_turning counts those with a rate that the bias can not have come to, so that the
-    sensor turned.
+    at_limit is 1 for an axis whose last rate was at the end of the range; clipped_calibrated is 1
+    for an axis that was clipped before the driver calibrated its rates; outlier_reason is that of
+    the last outlier, of several in a row that of the first one, outlier_method the number in
+    `METHODS` of the method that gave it, and last_outlier what samples was when the last outlier
+    came; rest_obstacle is a member of `Obstacle`, which showed last that a block or a segment was
+    no rest, in the signal rest_obstacle_signal; rest_beyond_max says that the rest under way has a
+    rate beyond bias.max, and segments_beyond_max counts such segments of rest; segments_turning
+    counts those with a rate that the bias can not have come to, so that the sensor turned.
     """
 
     samples: int
@@ -64,6 +64,7 @@ class Telemetry(NamedTuple):
     count_size: Values
     unusable: Counts
     clipped: Counts
+    at_limit: Counts
     clipped_calibrated: Counts
     outliers: Counts
     outlier_reason: Counts
@@ -210,6 +211,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
         out['clipped'][axis] = checks['clipped'][axis]
+        out['at_limit'][axis] = checks['at_limit'][axis]
         out['clipped_calibrated'][axis] = checks['clipped_calibrated'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['outlier_reason'][axis] = counts['outlier_reason'][axis]
