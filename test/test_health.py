@@ -360,6 +360,19 @@ def test_an_accelerometer_in_other_units_is_told(unit, told, random):
     assert ('publish m/s^2' in input_.message) == told
 
 
+@pytest.mark.parametrize('value', [0.0, np.nan])
+def test_an_axis_of_the_accelerometer_that_does_not_measure_is_asked_for(value, random):
+    """What the others show of gravity is too little, and m/s^2 all the same."""
+    filter_ = MessageFilter(Parameters())
+    rates, accelerations = at_rest(random, 10)
+    accelerations += (5.0, 0.0, 8.4 - 9.81)
+    accelerations[:, 2] = value
+    for k, (rate, force) in enumerate(zip(rates, accelerations, strict=True)):
+        filter_.take(imu_message(10**18 + k * 10**7, rate, force))
+    input_, _ = Health().judge(filter_.report(), 10.0)
+    assert 'whether each of its axes measures' in input_.message
+
+
 def test_at_a_low_rate_a_rest_takes_longer():
     late = {'steady_seconds': 150.0, 'least_rest_seconds': 144.0}
     assert not RULES['no rest'].applies(span(**late))

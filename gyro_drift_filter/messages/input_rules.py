@@ -137,8 +137,9 @@ def _shows_no_gravity(span: Span) -> bool:
 def _no_gravity_text(span: Span) -> str:
     return (
         f'the acceleration at rest is {span.now.telemetry.acceleration_at_rest:.3g}, where gravity '
-        'is 9.81 m/s^2 (REP-145): publish m/s^2, as without gravity no bias is found in motion, '
-        'and one that has jumped only after 90 s of rest'
+        'is 9.81 m/s^2 (REP-145): publish m/s^2, and look whether each of its axes measures. '
+        'Without gravity no bias is found in motion, and one that has jumped only after 90 s of '
+        'rest'
     )
 
 
