@@ -373,6 +373,14 @@ def test_an_axis_of_the_accelerometer_that_does_not_measure_is_asked_for(value, 
     assert 'whether each of its axes measures' in input_.message
 
 
+def test_a_robot_that_turns_steadily_is_not_told_to_have_other_units():
+    """Its bias is known from a rest before, so that its rates are in rad/s."""
+    text = RULES['beyond bias.max'].text
+    assert callable(text)
+    assert 'is taken for a turn' in text(span(rest_beyond_max=True))
+    assert 'rates in deg/s' in text(span(rest_beyond_max=True, bias_known=False))
+
+
 def test_at_a_low_rate_a_rest_takes_longer():
     late = {'steady_seconds': 150.0, 'least_rest_seconds': 144.0}
     assert not RULES['no rest'].applies(span(**late))

@@ -232,8 +232,8 @@ def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
     before = run(filter_, *flown(random, 600, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 8.0))
     motion = filter_.state['bias']['motion']
     total = motion_variances(motion)
-    flight = flown(random, 1, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 0.0)
-    run(filter_, *flight, start=10**18 + 603 * 10**9)
+    rates, accelerations = flown(random, 1, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 0.0)
+    run(filter_, rates, accelerations, start=10**18 + 603 * 10**9)
     assert (motion['bias_at_rest']['untracked'] > 0.5 * total).all()
     assert (motion_variances(motion) > 0.95 * total).all()
     assert before['at_rest'][-50000:].sum() == 0

@@ -87,6 +87,20 @@ def _no_bias(span: Span) -> str:
     return f'{known}: stand still for {state.first_rest} seconds'
 
 
+def _beyond_max_text(span: Span) -> str:
+    limit = f'bias.max ({math.degrees(span.now.parameters.bias_max):g} deg/s)'
+    if span.now.telemetry.bias_known:
+        return (
+            f'a steady rate beyond {limit} is taken for a turn, and not subtracted: if the robot '
+            'stands, its bias has jumped, so have the sensor looked at'
+        )
+    return (
+        f'steady as at rest, but the rate is beyond {limit} and is not subtracted: are the rates '
+        'in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not turn, raise '
+        'bias.max, and have the sensor looked at'
+    )
+
+
 def _is_noise_unsure(span: Span) -> bool:
     """Return whether the bias is known, and the noise by little rest only."""
     known = span.now.telemetry.bias_known
@@ -138,12 +152,7 @@ FILTER_RULES = (
         'beyond bias.max',
         Level.WARN,
         lambda span: span.now.telemetry.rest_beyond_max,
-        lambda span: (
-            'steady as at rest, but the rate is beyond bias.max '
-            f'({math.degrees(span.now.parameters.bias_max):g} deg/s) and is not subtracted: are '
-            'the rates in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not '
-            'turn, raise bias.max, and have the sensor looked at'
-        ),
+        _beyond_max_text,
     ),
     Rule(
         'no bias for long',
