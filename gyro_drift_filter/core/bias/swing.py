@@ -29,6 +29,8 @@ from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS, obstacle_o
 # A swing is remembered for so long, in s: about as long as a boat takes to roll to and fro. From 15
 # to 60 s little changes, but that a rest is learned later.
 SWING_SECONDS = 15.0
+# The square of one distance counts for so many variances at most: noise may throw one mean far.
+LARGEST_SURPRISE = 4.0
 
 
 class Swing(TypedDict):
@@ -125,7 +127,8 @@ def _take_mean(swing: Swing, rest: Rest, share: float) -> None:
         if swing['follows']:
             distance, step = mean - swing['centre'][axis], mean - swing['last'][axis]
             variance, step_variance = swing['variance'][axis], swing['step_variance'][axis]
-            variance += share * (distance * distance - noise - variance)
+            square = min(distance * distance, LARGEST_SURPRISE * (variance + noise))
+            variance += share * (square - noise - variance)
             step_variance += share * (step * step - 2.0 * noise - step_variance)
             swing['variance'][axis] = max(variance, 0.0)
             swing['step_variance'][axis] = max(step_variance, 0.0)
