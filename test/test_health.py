@@ -107,6 +107,7 @@ CASES = {
         {'acceleration_at_rest': 9.8},
         'the accelerometer hangs',
     ),
+    'beyond gravity': ({'beyond_gravity': 501}, {'beyond_gravity': 500}, 'mg or counts'),
     'no gravity': (
         {'acceleration_at_rest': 1.0},
         {'acceleration_at_rest': 9.9},
@@ -358,6 +359,19 @@ def test_an_accelerometer_in_other_units_is_told(unit, told, random):
         filter_.take(imu_message(10**18 + k * 10**7, rate, unit * force))
     input_, _ = Health().judge(filter_.report(), 10.0)
     assert ('publish m/s^2' in input_.message) == told
+
+
+@pytest.mark.parametrize(('unit', 'told'), [(1000.0, True), (2048.0, True), (9.81, False)])
+def test_an_accelerometer_in_counts_is_told_although_no_rest_is_found(unit, told, random):
+    """Its noise is motion by what accelerometers have."""
+    filter_ = MessageFilter(Parameters())
+    rates, accelerations = at_rest(random, 10)
+    rates += 0.03
+    for k, (rate, force) in enumerate(zip(rates, accelerations * unit / 9.81, strict=True)):
+        filter_.take(imu_message(10**18 + k * 10**7, rate, force))
+    input_, _ = Health().judge(filter_.report(), 10.0)
+    assert filter_.report().telemetry.bias_known != told
+    assert ('mg or counts' in input_.message) == told
 
 
 @pytest.mark.parametrize('value', [0.0, np.nan])
@@ -620,7 +634,7 @@ def test_telemetry_is_that_of_the_state(random):
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
         **{name: checks[name] for name in ('unusable', 'clipped', 'clipped_calibrated')},
-        **{name: checks[name] for name in ('beyond_range', 'times_stuck')},
+        **{name: checks[name] for name in ('beyond_range', 'beyond_gravity', 'times_stuck')},
         'not_measured': state['polling']['not_measured'],
         'samples_per_message': 1.0,
         'faults': checks['fault'],

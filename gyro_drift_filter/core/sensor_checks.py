@@ -29,6 +29,9 @@ from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, i
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
 
+# Ten times gravity, in m/s^2: a knock exceeds it, but no robot is accelerated so for long.
+LARGEST_STEADY_ACCELERATION = 98.0
+
 # A sensor whose values all stay the same for so long is stuck, in s: drivers repeat the last ones
 # when the bus hangs. From so many equal samples on it says nothing of the bias.
 STUCK_SECONDS = 1.0
@@ -112,6 +115,7 @@ class SensorChecks(TypedDict):
     fault: CountPerAxis  # members of AxisFault
     # counts
     beyond_range: int  # samples that no gyroscope measures: degrees, not radians?
+    beyond_gravity: int  # samples with an acceleration that no body has for long: counts or mg?
     times_stuck: int
     clipped: CountPerAxis
     unusable: CountPerAxis
@@ -134,7 +138,7 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
     checks['comes_alive'] = False
     same = all_rates = _note_rates(checks, sample, rest)
     acceleration, stays = sample['linear_acceleration'], checks['accelerations']
-    all_accelerations = True
+    all_accelerations, is_beyond = True, False
     for axis in range(3):
         # NaN, for who has no accelerometer, is the same as NaN.
         force, before = acceleration[axis], checks['linear_acceleration'][axis]
@@ -143,6 +147,10 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
         else:
             stays['stayed'][axis] += 1
         checks['linear_acceleration'][axis] = force
+        if abs(force) > LARGEST_STEADY_ACCELERATION:
+            is_beyond = True
+    if is_beyond:
+        checks['beyond_gravity'] += 1
     if all_accelerations:
         stays['same'] += 1
         checks['equal_accelerations'] += 1

@@ -19,7 +19,7 @@ import math
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
-from gyro_drift_filter.core.sensor_checks import RANGE, AxisFault
+from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
@@ -134,6 +134,12 @@ def _shows_no_gravity(span: Span) -> bool:
     return size > STEADY_GRAVITY and not is_gravity
 
 
+def _is_mostly_beyond_gravity(span: Span) -> bool:
+    """Return whether more than half of the samples in the window are."""
+    count = span.now.telemetry.beyond_gravity - span.first.telemetry.beyond_gravity
+    return span.recent >= LEAST_SAMPLES and 2 * count > span.recent
+
+
 def _no_gravity_text(span: Span) -> str:
     return (
         f'the acceleration at rest is {span.now.telemetry.acceleration_at_rest:.3g}, where gravity '
@@ -229,6 +235,14 @@ INPUT_RULES = (
         'the accelerometer hangs: not a bit has changed for a second or more, while the body turns '
         'so that gravity would move. The rates are filtered all the same, but no bias is found in '
         'motion',
+    ),
+    Rule(
+        'beyond gravity',
+        Level.WARN,
+        _is_mostly_beyond_gravity,
+        f'the acceleration stays beyond {LARGEST_STEADY_ACCELERATION:g} m/s^2, ten times gravity: '
+        'does the driver publish mg or counts where REP-145 asks for m/s^2? No rest is found then, '
+        'and so no bias',
     ),
     Rule('no gravity', Level.WARN, _shows_no_gravity, _no_gravity_text),
     Rule(

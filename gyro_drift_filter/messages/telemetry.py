@@ -56,6 +56,7 @@ class Telemetry(NamedTuple):
     repeats: int
     refused: int
     beyond_range: int
+    beyond_gravity: int
     times_stuck: int
     not_measured: int
     samples_per_message: float
@@ -171,6 +172,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['repeats'] = counts['repeats']
     out['refused'] = counts['refused']
     out['beyond_range'] = checks['beyond_range']
+    out['beyond_gravity'] = checks['beyond_gravity']
     out['times_stuck'] = checks['times_stuck']
     out['not_measured'] = state['polling']['not_measured']
     out['samples_per_message'] = state['polling']['samples_per_message']
