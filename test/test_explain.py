@@ -141,7 +141,7 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
 
 def test_a_long_list_ends_with_how_many_more_there_are():
     one = FlaggedSequence(0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
-    text = page('drive', 500 * [one], 0, Parameters())
+    text = page('drive', 500 * [one], 0, {})
     assert text.startswith('drive: 500 samples flagged, 500 times')
     assert text.endswith('and 300 more times: --start shows later ones, --json writes all')
     assert text.count('-> back') == 200

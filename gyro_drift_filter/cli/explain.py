@@ -17,7 +17,7 @@
 import argparse
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,19 +119,19 @@ def run(options: argparse.Namespace) -> None:
         for sequence in logs[0].sequences
         if start <= 1e-9 * (sequence.log_time - summary.start) <= end
     ]
+    named = _named(sequences, parameters)
     if options.json:
         plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
-        named = _named(sequences, parameters)
         write_json(
             options.json,
             {**plain, 'start': summary.start, 'parameters': named, 'flagged': sequences},
         )
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
-    say(page(source, sequences, summary.start, parameters))
+    say(page(source, sequences, summary.start, named))
 
 
 def page(
-    source: str, sequences: Sequence['FlaggedSequence'], start: int, parameters: Parameters
+    source: str, sequences: Sequence['FlaggedSequence'], start: int, named: Mapping[str, Any]
 ) -> str:
     """Return the page: why and what came of it, of all together, then three lines for each.
 
@@ -139,7 +139,7 @@ def page(
         source: What was looked at.
         sequences: What was flagged.
         start: Log time in ns that times are counted from.
-        parameters: Of the filter that flagged it.
+        named: The values of the parameters that are named in what is said of them.
     """
     samples = sum(sequence.samples for sequence in sequences)
     flagged = f'{counted(samples, "sample")} flagged, {counted(len(sequences), "time")}'
@@ -148,7 +148,6 @@ def page(
     lines = [f'{printable(source)}: {flagged}']
     lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
     lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
-    named = _named(sequences, parameters)
     if named:
         lines += ['', 'The parameters that are named here:']
         lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
