@@ -399,10 +399,13 @@ def moved(vector, rate, force):
     return state, workspace
 
 
+_SCALE = 0.01, -0.02, 0.015, -0.01, 0.02, 0.005, -0.015, 0.01, 0.02
+
+
 def test_the_transition_is_the_derivative_of_the_motion(random):
     """By differences; that a velocity turns and decays while it grows is left out."""
     rate, force = np.array([0.4, -0.3, 0.8]), np.array([0.5, -0.4, 9.7])
-    vector = np.array([0.05, -0.03, 0.998, 1.0, -0.5, 0.2, *(6 * [0.01]), 0.8, -0.2, 0.1])
+    vector = np.array([0.05, -0.03, 0.998, 1.0, -0.5, 0.2, *(6 * [0.01]), 0.8, -0.2, 0.1, *_SCALE])
     transition = moved(vector, rate, force)[1]['transition'].copy()
     for i in range(STATES):
         step = np.zeros(STATES)
@@ -445,7 +448,7 @@ def test_a_rest_undoes_what_misled_in_motion(random):
     bias = np.array([0.01, -0.02, 0.005])
     flight = flown(random, 60, bias, np.zeros(3), noise=2e-3)
     time = np.arange(len(flight[0])) / 100.0
-    flight[1][:, 0] += np.where((time > 12.0) & (time < 55.0), 0.4, 0.0)
+    flight[1][:, 0] += np.where((time > 12.0) & (time < 55.0), 0.5, 0.0)
     filter_ = Filter()
     in_motion = run(filter_, *flight)['bias'][-1]
     assert np.abs(in_motion - bias).max() > 2e-4

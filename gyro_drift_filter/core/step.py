@@ -22,7 +22,13 @@ from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
 from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
-from gyro_drift_filter.core.bias.shared import BIAS, MotionBias, limit_prior, motion_variance
+from gyro_drift_filter.core.bias.shared import (
+    BIAS,
+    MotionBias,
+    forget_scale,
+    limit_prior,
+    motion_variance,
+)
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,
@@ -168,6 +174,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
     lose_direction(bias['motion'])
     lose_direction(bias['unknown'])
+    forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
     lacking = deviation * deviation - bias['growth']
     if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):

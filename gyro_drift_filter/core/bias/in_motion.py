@@ -17,9 +17,10 @@
 Running motors move the bias (rectified vibration), so that of a flight is not that of the rest
 before it. A Kalman filter in the body frame tracks it, with nothing but gravity to go by: its state
 is the direction of gravity s (of length one, upwards), the velocity u, the bias b of the gyroscope
-and that of the accelerometer a, both as measured, and the mean velocity m:
+and that of the accelerometer a, both as measured, the mean velocity m, and the errors E (3, 3) of
+the gyroscope's scale and alignment:
 
-    s' = -(w - b) x s,        u' = -(w - b) x u + (f - a) - g s
+    s' = -v x s,        u' = -v x u + (f - a) - g s,        v = (1 - E) (w - b)
 
 with the rates w and the accelerations f. Its one measurement is that no robot gets away: the
 velocity is the mean one within `SPEED`, anew every `SPEED_SECONDS`, or within as much as it has
@@ -35,7 +36,10 @@ is left of it to the end:
     ds = T ds0 - [s]x M db
     du = l T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da + (1 - l) dm
 
-where l is what is left of a velocity after the time t of the block.
+where l is what is left of a velocity after the time t of the block. An error of E counts as one of
+the bias, in proportion to the mean of w - b over the block. It tilts what turns one way, and leaves
+what turns to and fro; as noise of each turn it would hide the bias of a hand. What is subtracted is
+b alone: the rates keep their scale.
 
 With a wide prior, for a bias of which nothing is known, it runs a second time (`without_rest.py`).
 What it shares with the bias at rest, of which each rest is a measurement, is in `shared.py`.
@@ -52,6 +56,8 @@ from gyro_drift_filter.core.bias.shared import (
     BIAS,
     DIRECTION,
     MEAN_VELOCITY,
+    SCALE,
+    SCALE_ERROR,
     SPEED,
     STATES,
     UNKNOWN_SECONDS,
@@ -91,13 +97,15 @@ START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.03, 1.0
 # Random walks of direction and velocity, per square root of a second: of what is in no model, such
 # as vibration. That of the noise at rest comes on top.
 DIRECTION_WALK, VELOCITY_WALK = 1e-3, 0.05
-# Error of the scale and the alignment of a gyroscope's axes, which tilts what is turned.
-SCALE_ERROR = 0.01
+# What a turn leaves beside a constant error of scale, as a share of it. Data sheets have gyroscopes
+# linear within 0.1 to 0.2 %.
+NONLINEARITY = 0.002
 LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
 # speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s. A body that walks and turns
 # has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
-# in m/s^2, of 0.7 m/s at 0.7 rad/s.
+# in m/s^2, of 0.7 m/s at 0.7 rad/s. Errors of scale would be taken for the bias, too, so that they
+# are noise there.
 WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
 # The first direction is that of the mean acceleration over so many s.
 WIDE_DIRECTION_SECONDS = 1.0
@@ -322,6 +330,7 @@ def _start_motion(state: MotionBias, direction: float) -> None:
 def _start_block(state: MotionBias) -> None:
     state['block_seconds'] = 0.0
     for i in range(3):
+        state['block_angle'][i] = 0.0
         for k in range(3):
             state['turn'][i, k] = 1.0 if i == k else 0.0
             state['turn_integral'][i, k] = 0.0
@@ -331,9 +340,12 @@ def _start_block(state: MotionBias) -> None:
 def _turn_by_value(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Turn what is in the body frame against the body (Rodrigues)."""
     vector, seconds, turn = state['state_vector'], state['seconds'], workspace['turn']
-    x = state['angle'][0] - vector[BIAS] * seconds
-    y = state['angle'][1] - vector[BIAS + 1] * seconds
-    z = state['angle'][2] - vector[BIAS + 2] * seconds
+    a = state['angle'][0] - vector[BIAS] * seconds
+    b = state['angle'][1] - vector[BIAS + 1] * seconds
+    c = state['angle'][2] - vector[BIAS + 2] * seconds
+    x = a - vector[SCALE] * a - vector[SCALE + 1] * b - vector[SCALE + 2] * c
+    y = b - vector[SCALE + 3] * a - vector[SCALE + 4] * b - vector[SCALE + 5] * c
+    z = c - vector[SCALE + 6] * a - vector[SCALE + 7] * b - vector[SCALE + 8] * c
     square = x * x + y * y + z * z
     across, within = rotation_terms(square)
     turn[0, 0] = 1.0 - within * (square - x * x)
@@ -354,6 +366,7 @@ def _turn_block(state: MotionBias, workspace: MotionWorkspace) -> None:
     _turn_matrix(turn, state['turn_integral'], product)
     for axis in range(3):
         state['turn_integral'][axis, axis] += state['seconds']
+        state['block_angle'][axis] += state['angle'][axis]
 
 
 @kernel
@@ -381,31 +394,45 @@ def _cross(vector: PerState, first: int, matrix: Matrix, i: int, k: int) -> floa
 
 
 @kernel
-def _predict_covariance(
-    state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
-) -> None:
-    """Carry the covariance over the block, (8)."""
+def _fill_transition(state: MotionBias, forward: Covariance, mean_left: float) -> None:
+    """Fill in the transition over the block; `mean_left` is of the mean velocity."""
     vector, turn, integral = state['state_vector'], state['turn'], state['turn_integral']
-    covariance, forward = state['covariance'], workspace['transition']
-    product, seconds = workspace['product'], state['block_seconds']
+    seconds = state['block_seconds']
     left = math.exp(-seconds / _speed_seconds(state))
-    mean, mean_left = _expected_speed(state), math.exp(-seconds / SPEED_MEMORY)
     for i in range(STATES):
         for k in range(STATES):
             forward[i, k] = 1.0 if i == k else 0.0
     for i in range(3):
         for k in range(3):
             along = _cross(vector, DIRECTION, integral, i, k)
+            moved = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
             forward[i, k] = turn[i, k]
             forward[i, BIAS + k] = -along
             forward[VELOCITY + i, k] = -GRAVITY * seconds * turn[i, k]
             forward[VELOCITY + i, VELOCITY + k] = left * turn[i, k]
-            moved = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
             forward[VELOCITY + i, BIAS + k] = moved
             forward[VELOCITY + i, ACCELERATION + k] = -integral[i, k]
+            for other in range(3):
+                scale = SCALE + 3 * k + other
+                rate = state['block_angle'][other] / seconds - vector[BIAS + other]
+                forward[i, scale] = -along * rate
+                forward[VELOCITY + i, scale] = moved * rate
         forward[VELOCITY + i, MEAN_VELOCITY + i] = 1.0 - left
         forward[MEAN_VELOCITY + i, MEAN_VELOCITY + i] = mean_left
-        vector[MEAN_VELOCITY + i] *= mean_left
+
+
+@kernel
+def _predict_covariance(
+    state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
+) -> None:
+    """Carry the covariance over the block, (8)."""
+    vector, covariance = state['state_vector'], state['covariance']
+    forward, product = workspace['transition'], workspace['product']
+    seconds, turn = state['block_seconds'], state['turn']
+    mean, mean_left = _expected_speed(state), math.exp(-seconds / SPEED_MEMORY)
+    _fill_transition(state, forward, mean_left)
+    for axis in range(3):
+        vector[MEAN_VELOCITY + axis] *= mean_left
     for i in range(STATES):
         for k in range(STATES):
             product[i, k] = 0.0
@@ -425,10 +452,11 @@ def _predict_covariance(
             covariance[i, k] = covariance[k, i] = product[i, k] * forward[k, k]
     # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
     angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
+    share = SCALE_ERROR if state['wide'] else NONLINEARITY
     for axis in range(3):
         walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths)
         covariance[axis, axis] += walk * seconds
-        covariance[axis, axis] += SCALE_ERROR * SCALE_ERROR * angle_square
+        covariance[axis, axis] += share * share * angle_square
         i = VELOCITY + axis
         covariance[i, i] += VELOCITY_WALK * VELOCITY_WALK * seconds
         i = MEAN_VELOCITY + axis

@@ -32,8 +32,11 @@ from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.bias.vibration import Vibration
 from gyro_drift_filter.core.matrices import Matrix
 
-STATES = 15
-DIRECTION, VELOCITY, BIAS, ACCELERATION, MEAN_VELOCITY = 0, 3, 6, 9, 12
+STATES = 24
+DIRECTION, VELOCITY, BIAS, ACCELERATION, MEAN_VELOCITY, SCALE = 0, 3, 6, 9, 12, 15
+# Deviation of the errors of scale and alignment that a factory leaves: data sheets of gyroscopes
+# give 0.5 to 3 % for the scale, and 0.5 to 2 % for what an axis shows of the others.
+SCALE_ERROR = 0.01
 
 # A sensor rectifies vibration, so the deviation of the shift grows with the variance of the
 # vibration in motion: in rad/s per (rad/s)^2 of the rates, and per (m/s^2)^2 of all three
@@ -88,7 +91,8 @@ BIAS_AT_REST = record(BiasAtRest)
 class MotionBias(TypedDict):
     """The filter of the bias in motion."""
 
-    # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2), mean velocity (m/s)
+    # direction, velocity (m/s), bias (rad/s), accelerometer's bias (m/s^2), mean velocity (m/s),
+    # and the rows of the errors of the gyroscope's scale and alignment
     state_vector: PerState
     covariance: Covariance
     bias_at_rest: BiasAtRest
@@ -112,6 +116,7 @@ class MotionBias(TypedDict):
     speed: PerAxis  # m/s
     # the block under way
     block_seconds: float
+    block_angle: PerAxis  # rad
     turn: Matrix  # T
     turn_integral: Matrix  # M, in s
 
@@ -133,6 +138,7 @@ MOTION_BIAS = record(MotionBias)
 def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     """Begin with a shift (3,) in rad/s and its variance (3,), infinite where it is not known."""
     state['speed_deviation'] = SPEED
+    forget_scale(state)
     for axis in range(3):
         known = variance[axis] < np.inf
         largest = LARGEST_PRIOR if known else UNKNOWN_PRIOR
@@ -140,6 +146,17 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
         state['bias_at_rest']['known'][axis] = known
         state['rectified'][axis] = prior if known else 0.0
         _replace_shift(state, axis, shift[axis], prior)
+
+
+@kernel
+def forget_scale(state: MotionBias) -> None:
+    """Expect errors of scale and alignment of any gyroscope, whatever this one has shown."""
+    vector, covariance = state['state_vector'], state['covariance']
+    for i in range(SCALE, STATES):
+        vector[i] = 0.0
+        for k in range(STATES):
+            covariance[i, k] = covariance[k, i] = 0.0
+        covariance[i, i] = SCALE_ERROR * SCALE_ERROR
 
 
 @kernel
