@@ -36,6 +36,8 @@ from gyro_drift_filter.core.bias.shared import (
     DIRECTION,
     MEAN_VELOCITY,
     MOTION_BIAS,
+    SCALE,
+    SCALE_ERROR,
     SHARED_BIAS,
     SPEED,
     STATES,
@@ -50,6 +52,7 @@ from gyro_drift_filter.core.bias.shared import (
 )
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.step import doubt_sensor
 from support.messages import START
 from support.paths import FLIGHTS
 from support.sensor import DEGREE, at_rest, by_hand
@@ -456,6 +459,52 @@ def test_a_rest_undoes_what_misled_in_motion(random):
     run(filter_, rates, accelerations, start=START + 60 * 10**9)
     after = filter_.state['bias']['motion']['state_vector'][BIAS : BIAS + 3]
     np.testing.assert_allclose(after, bias, atol=6e-5)
+
+
+def rolled(random, scale, rate=0.5, noise=2e-3):
+    """Return rates and accelerations of a body that rolls one way, between two rests of 10 s.
+
+    `scale` (3, 3) are the errors of the gyroscope's scale and alignment.
+    """
+    time = np.arange(10_000) / 100.0
+    turning = np.clip(time - 10.0, 0.0, 1.0) * np.clip(90.0 - time, 0.0, 1.0)
+    angle = np.cumsum(rate * turning) / 100.0
+    attitude = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0]))
+    rates = np.outer(rate * turning, (np.eye(3) + scale)[:, 0])
+    rates += noise * random.standard_normal(rates.shape)
+    force = attitude.inv().apply([0.0, 0.0, 9.81])
+    return rates, force + 0.03 * random.standard_normal(force.shape)
+
+
+@pytest.mark.parametrize('rate', [0.5, 3.0])
+def test_errors_of_the_scale_are_not_taken_for_a_bias(rate, random):
+    """Gravity shows by how much the rates are off while the body rolls, but not at rest."""
+    scale = 0.01 * random.standard_normal((3, 3))
+    bias = run(Filter(), *rolled(random, scale, rate))['bias']
+    assert np.abs(bias).max() < 5e-4
+
+
+def test_gravity_shows_errors_of_the_scale(random):
+    """That of the axis about which the body rolls; how the others are aligned it shows less."""
+    scale = 0.01 * random.standard_normal((3, 3))
+    filter_ = Filter()
+    run(filter_, *rolled(random, scale))
+    motion = filter_.state['bias']['motion']
+    first = [SCALE, SCALE + 3, SCALE + 6]
+    deviations = np.sqrt(np.diag(motion['covariance']))[first]
+    assert deviations[0] < 0.25 * SCALE_ERROR
+    assert (np.abs(motion['state_vector'][first] - scale[:, 0]) < 3.0 * deviations).all()
+
+
+def test_another_sensor_has_another_scale(random):
+    filter_ = Filter()
+    run(filter_, *rolled(random, 0.01 * random.standard_normal((3, 3))))
+    doubt_sensor(filter_.record[0])
+    motion = filter_.state['bias']['motion']
+    assert not motion['state_vector'][SCALE:].any()
+    np.testing.assert_array_equal(
+        motion['covariance'][SCALE:], SCALE_ERROR**2 * np.eye(STATES)[SCALE:]
+    )
 
 
 @pytest.mark.slow
