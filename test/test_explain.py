@@ -291,3 +291,10 @@ def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
     assert samples[0] > 5
     starts = flagged & ~np.roll(flagged, 1, axis=0)
     assert len(log.sequences) == starts.sum()
+
+
+def test_the_methods_of_the_paper_name_the_square_that_they_compare():
+    """Equation (18) compares the square of the sample; it was called that of the innovation."""
+    told = reason_text('sage_husa', 1)
+    assert 'square of the rate' in told
+    assert 'innovation' not in told

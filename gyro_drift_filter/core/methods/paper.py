@@ -325,7 +325,7 @@ def _adapt(
 # By whether a sample is an outlier, 0 or 1.
 REASONS: Mapping[int, str] = {
     0: 'within the limit',
-    1: 'the square of the innovation differs from what is expected by more than epsilon',
+    1: 'the square of the rate differs from what is expected by more than epsilon',
 }
 ADVICE = Advice(
     outliers='for a robot that moves, set method to adaptive; else raise epsilon',
