@@ -298,3 +298,60 @@ def test_the_methods_of_the_paper_name_the_square_that_they_compare():
     told = reason_text('sage_husa', 1)
     assert 'square of the rate' in told
     assert 'innovation' not in told
+
+
+def test_a_result_has_the_limits_that_its_innovation_was_held_against(rates_and_forces):
+    """So that the decision can be made again by hand, and a parameter turned as far as needed."""
+    rates, forces = rates_and_forces
+    rates[600:900] += np.sin(0.05 * np.arange(300))[:, None]
+    rates[700, 2] += SPIKE
+    rates[800, 2] += 30.0
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    results = Filter(Parameters()).run(stamps, rates, forces)
+    size = np.abs(results['innovation'])
+    threshold, least_jump = results['innovation_threshold'], results['least_jump']
+    reasons = results['reason']
+    far = np.isin(reasons, [Reason.FAR, Reason.FAR_AT_REST, Reason.BEYOND_BODY])
+    assert far.sum() >= 6
+    assert (size > np.maximum(threshold, least_jump))[far].all()
+    expected = reasons[200:] == Reason.EXPECTED
+    within = size <= np.maximum(threshold, least_jump)
+    behind_far = np.roll(far, 1, axis=0)[200:]
+    assert within[200:][expected & ~behind_far].all()
+    assert least_jump[700, 2] == pytest.approx(80.0 / 100.0)
+    assert least_jump[800, 2] == pytest.approx(1000.0 / 100.0)
+    assert reasons[800, 2] == Reason.BEYOND_BODY
+    assert least_jump[1000, 0] == pytest.approx(0.5 * 250.0 / 100.0**2)
+    for row, axis in ((0, 0), (1200, 1)):  # it starts there, or there is no usable number
+        assert threshold[row, axis] == least_jump[row, axis] == 0.0
+
+
+def test_what_is_not_judged_by_its_innovation_has_no_limits(random):
+    rates, forces = at_rest(random, 20)
+    rates[1000:] += (1.0 - np.cos(0.05 * np.arange(1000)))[:, None]
+    rates[1520:1522] = 0.0
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    failed = Filter(Parameters()).run(stamps, rates, forces)[1520]
+    assert (failed['reason'] == Reason.DROPOUT).all()
+    assert (failed['innovation_threshold'] == 0.0).all()
+    assert (failed['least_jump'] == 0.0).all()
+
+
+@pytest.mark.parametrize(('more', 'flagged'), [(0.98, 1.0), (1.02, 0.0)])
+def test_the_limit_says_how_far_to_turn_the_threshold(more, flagged, random):
+    rates, forces = at_rest(random, 11)
+    rates[1000, 0] += 0.06
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    spike = Filter(Parameters()).run(stamps, rates, forces)[1000]
+    assert spike['reason'][0] == Reason.FAR_AT_REST
+    needed = 7.0 * abs(spike['innovation'][0]) / spike['innovation_threshold'][0]
+    raised = Filter(Parameters(outlier_threshold=more * needed))
+    assert raised.run(stamps, rates, forces)[1000]['outlier'][0] == flagged
+
+
+def test_the_methods_of_the_paper_hold_no_innovation_against_a_limit(rates_and_forces):
+    rates, forces = rates_and_forces
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    results = Filter(Parameters(method='kalman')).run(stamps, rates, forces)
+    assert (results['innovation_threshold'] == 0.0).all()
+    assert (results['least_jump'] == 0.0).all()

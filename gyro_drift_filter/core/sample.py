@@ -61,6 +61,9 @@ class Result(TypedDict):
     outlier: PerAxis  # 0 or 1
     # why it is one or not: a key of `Method.reasons`, UNUSABLE or STARTED
     reason: CountPerAxis
+    # what the size of the innovation was held against, rad/s; 0 where there was no such limit
+    innovation_threshold: PerAxis  # by noise: `outlier.threshold`
+    least_jump: PerAxis  # by what a body does: `outlier.acceleration`
     bias: PerAxis  # subtracted from the rate, rad/s
     at_rest: float  # 0 or 1
 

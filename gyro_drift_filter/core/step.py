@@ -301,12 +301,17 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
         usable = is_usable(rate[axis])
         result['innovation_variance'][axis] = methods.innovation_variance(filter_, axis)
         innovation, outlier, reason = 0.0, True, UNUSABLE
+        threshold = least_jump = 0.0
         if usable:
             innovation, outlier = methods.update(filter_, axis, rate[axis])
             reason = STARTED if starting[axis] else methods.reason(filter_, axis, outlier)
+            if reason != STARTED:
+                threshold, least_jump = methods.innovation_limits(filter_, axis)
         result['innovation'][axis] = innovation
         result['outlier'][axis] = outlier
         result['reason'][axis] = reason
+        result['innovation_threshold'][axis] = threshold
+        result['least_jump'][axis] = least_jump
         sample_or_none = rate[axis] if usable else np.nan
         estimate, variance, process, measurement = methods.estimate(filter_, axis, sample_or_none)
         filtered[axis] = result['angular_velocity'][axis] = estimate

@@ -38,9 +38,9 @@ need them: `note_circumstances` and `compare_axes` for what all axes show togeth
 for what is counted per sample, `start_over`, `learned_noise`, `noise_block_seconds` and
 `is_noise_known` for noise that is learned (`is_noise_known` is asked after `update`, but is about
 the innovation variance that was predicted before), `divergences` for a method that starts anew
-where it has diverged, `reason` and `is_undecided` for one that judges samples by several rules,
-`change_model` for what parameters replace, and `take_over` for a start at the rate of another
-method.
+where it has diverged, `reason`, `innovation_limits` and `is_undecided` for one that judges samples
+by several rules, `change_model` for what parameters replace, and `take_over` for a start at the
+rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of these.
@@ -275,6 +275,19 @@ def reason(filter_: 'FilterRecord', axis: int, outlier: bool) -> int:
     if filter_['settings']['method'] == ADAPTIVE:
         return filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
     return 1 if outlier else 0
+
+
+@kernel
+def innovation_limits(filter_: 'FilterRecord', axis: int) -> tuple[float, float]:
+    """Return what an innovation has to exceed to be doubtful, in rad/s; 0 where that is no limit.
+
+    The first limit is by noise, the second one by what a body can do.
+    """
+    if filter_['settings']['method'] == ADAPTIVE:
+        state = filter_['state']['methods']['adaptive'][axis]
+        workspace = filter_['workspace']['methods']['adaptive']['axes'][axis]
+        return adaptive.limits_of(state, workspace)
+    return 0.0, 0.0
 
 
 @kernel

@@ -88,6 +88,7 @@ from gyro_drift_filter.core.methods.outliers import (
     lies_at_accepted,
     note_held,
     note_innovation,
+    note_limits,
     note_missing,
     note_rate_change,
     note_repeat,
@@ -390,7 +391,8 @@ def update(
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, last_accepted = circumstances['dropout'], state['last_accepted']
     unseen = doubt['unseen']
-    reason = find_reason(doubt, sample, prediction, last_accepted, typical, circumstances, limits)
+    note_limits(doubt, typical, circumstances, limits)
+    reason = find_reason(doubt, sample, prediction, last_accepted, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = note_repeat(doubt, sample, noise['variance'])
     cut_off = own['at_limit'] and _is_behind(sample, prediction, typical)
@@ -448,6 +450,21 @@ def update(
     else:
         interrupt_block(noise)
     return sample - prediction, decision == Decision.HOLD
+
+
+@kernel
+def limits_of(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> tuple[float, float]:
+    """Return the two limits that the innovation just taken in was held against, in rad/s.
+
+    Both are 0 where something else decided.
+    """
+    doubt, reason = state['doubt'], workspace['reason']
+    failed = reason == Reason.DROPOUT or reason == Reason.DROPOUT_GOES_ON
+    if failed or reason == Reason.CONSTANT or reason >= Reason.REPEATED:
+        return 0.0, 0.0
+    if reason == Reason.BEYOND_BODY:
+        return doubt['innovation_threshold'], doubt['body_jump']
+    return doubt['innovation_threshold'], doubt['least_jump']
 
 
 @kernel

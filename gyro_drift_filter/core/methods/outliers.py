@@ -28,8 +28,8 @@ period, too, and no more than a push that shakes the accelerometer explains. Aft
 missing or repeated an extrapolation says little: a rate that a body can have reached is no outlier.
 
 This stands in place of the paper's equations (18) to (20), whose band compares squares of rates and
-so grows tight as the robot turns. Here the threshold counts predicted standard deviations, the same
-at every rate of turn.
+so grows tight as the robot turns. Here the threshold counts typical innovations, the same at every
+rate of turn.
 """
 
 import math
@@ -199,7 +199,7 @@ class Circumstances(TypedDict):
 class OutlierLimits(TypedDict):
     """Limits for one sample period."""
 
-    threshold: float  # predicted standard deviations
+    threshold: float  # typical or usual innovations
     acceleration_limit: float  # rad/s, by `outlier.acceleration` in a sample period
     least_jump: float  # rad/s,
     least_jump_at_rest: float  # rad/s, the same where the sensor is still
@@ -226,6 +226,10 @@ class Doubt(TypedDict):
     step: float  # rad/s, from the last but one to the last; 0 where these do not follow each other
     typical_innovation: float  # rad/s, when the first one came
     first_size: float  # rad/s, of its innovation; 0 where it was not measured
+    # What the innovation of the sample at hand has to exceed to be doubtful, in rad/s.
+    innovation_threshold: float  # `outlier.threshold` typical or usual innovations
+    least_jump: float  # by `outlier.acceleration`, or less where the sensor is still
+    body_jump: float  # beyond this it is doubtful whatever the other two are
     # of every sample
     before_restart: float  # rad/s, the accepted one before all modes last started anew
     usual_innovation: float  # rad/s, of the last samples
@@ -342,6 +346,9 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['unseen'] = 0
     doubt['confirmations'] = 0
     doubt['behind_gap'] = False
+    doubt['innovation_threshold'] = 0.0
+    doubt['least_jump'] = 0.0
+    doubt['body_jump'] = 0.0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
     doubt['usual_rate_change'] = LEAST_USUAL
@@ -351,33 +358,41 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
 
 
 @kernel
+def note_limits(
+    doubt: Doubt, typical_innovation: float, circumstances: Circumstances, limits: OutlierLimits
+) -> None:
+    """Note what the innovation of a sample has to exceed to be doubtful, before `find_reason`.
+
+    The typical innovation, in rad/s, is what the modes expect of white noise.
+    """
+    usual = limits['threshold'] * doubt['usual_innovation']
+    still = circumstances['still']
+    doubt['innovation_threshold'] = max(limits['threshold'] * typical_innovation, usual)
+    doubt['least_jump'] = limits['least_jump_at_rest'] if still else limits['least_jump']
+    # No body jumps this far, whatever the modes expect, except back from where outliers led.
+    doubt['body_jump'] = max(limits['jolt_limit'], limits['body_limit'], usual)
+
+
+@kernel
 def find_reason(
     doubt: Doubt,
     sample: float,
     prediction: float,
     last_accepted: float,
-    typical_innovation: float,
     circumstances: Circumstances,
     limits: OutlierLimits,
 ) -> Reason:
-    """Return the reason for the decision on a sample.
+    """Return the reason for the decision on a sample, after `note_limits`.
 
-    Arguments in rad/s: the sample, its prediction, the last sample that was accepted, and the
-    typical innovation, which is what the modes expect of white noise.
+    Arguments in rad/s: the sample, its prediction, and the last sample that was accepted.
     """
     size, dropout = abs(sample - prediction), circumstances['dropout']
     held = doubt['held']
     if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
-    usual = limits['threshold'] * doubt['usual_innovation']
-    jump = max(limits['threshold'] * typical_innovation, usual)
-    still = circumstances['still']
-    least_jump = limits['least_jump_at_rest'] if still else limits['least_jump']
-    # No body jumps this far, whatever the modes expect, except back from where outliers led.
-    largest = max(limits['jolt_limit'], limits['body_limit'], usual)
     apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
-    beyond = apart > largest
-    doubtful = beyond or (size > jump and size > least_jump)
+    beyond = apart > doubt['body_jump']
+    doubtful = beyond or (size > doubt['innovation_threshold'] and size > doubt['least_jump'])
     possible_change = _possible_change(doubt, circumstances, limits)
     if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
         if doubtful:
@@ -385,7 +400,7 @@ def find_reason(
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     if held > 0:
         return _reason_behind_held(
-            doubt, sample, prediction, last_accepted, jump, beyond, circumstances, limits
+            doubt, sample, prediction, last_accepted, beyond, circumstances, limits
         )
     if dropout:
         return Reason.DROPOUT
@@ -399,7 +414,7 @@ def find_reason(
         return Reason.PUSHED
     if beyond:
         return Reason.BEYOND_BODY
-    return Reason.FAR_AT_REST if still else Reason.FAR
+    return Reason.FAR_AT_REST if circumstances['still'] else Reason.FAR
 
 
 @kernel
@@ -426,15 +441,13 @@ def _reason_behind_held(
     sample: float,
     prediction: float,
     last_accepted: float,
-    jump: float,
     beyond: bool,
     circumstances: Circumstances,
     limits: OutlierLimits,
 ) -> Reason:
     """Return the reason for the decision on a sample that comes behind some that were held back.
 
-    Arguments as for `find_reason`; from `jump` on, in rad/s, an innovation is no noise, and
-    `beyond` is true of a sample that no body reaches.
+    Arguments as for `find_reason`; `beyond` is true of a sample that no body reaches.
     """
     innovation, size = sample - prediction, abs(sample - prediction)
     held, offset = doubt['held'], doubt['offset']
@@ -447,7 +460,7 @@ def _reason_behind_held(
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction, on its other side, it is back as well: the prediction was off.
-    away = same_side and size > 0.5 * jump and size > RETURN * abs(offset)
+    away = same_side and size > 0.5 * doubt['innovation_threshold'] and size > RETURN * abs(offset)
     change = abs(sample - doubt['last_sample'])
     # A sample that lies by those held back belongs to them, wherever the prediction has gone.
     nearer = size < change or offset == 0.0
