@@ -28,7 +28,7 @@ from gyro_drift_filter.core.sample import STARTED, UNUSABLE
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from gyro_drift_filter.messages.outlier_reason import reason_text
+from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write
@@ -72,6 +72,13 @@ def test_every_reason_has_its_text():
     assert len(set(REASONS.values())) == len(Reason)
 
 
+def test_every_reason_has_its_name():
+    assert [reason_name('adaptive', reason) for reason in Reason] == [r.name for r in Reason]
+    assert reason_name('kalman', 0) == 'EXPECTED'
+    assert reason_name('kalman', UNUSABLE) == 'UNUSABLE'
+    assert reason_name('adaptive', STARTED) == 'STARTED'
+
+
 def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     result = explained(bag, tmp_path)
     found = {
@@ -85,8 +92,18 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     assert spike['rate'] == pytest.approx(SPIKE, abs=0.1)
     assert spike['innovation'] == pytest.approx(SPIKE, abs=0.1)
     assert 0.0 < spike['deviation'] < 0.01
+    assert 0.02 < spike['innovation_threshold'] < 0.1
+    assert spike['least_jump'] == pytest.approx(0.5 * 250.0 / 100.0**2)
+    names = [(one['reason_name'], one['outcome_name']) for one in found.values()]
+    assert names[:2] == [('FAR_AT_REST', 'RETURNED'), ('UNUSABLE', 'EXPECTED')]
+    assert names[2:] == [
+        ('FAR_AT_REST', 'RETURNED'),
+        ('FAR_AT_REST', 'AGREED'),
+        ('FAR_AT_REST', None),
+    ]
     assert (unusable['samples'], unusable['reason']) == (1, UNUSABLE_TEXT)
     assert unusable['innovation'] == 0.0
+    assert unusable['innovation_threshold'] is unusable['least_jump'] is None
     assert two['samples'] == 2
     assert motion['outcome'] == AGREED
     assert last['outcome'] is None
@@ -112,6 +129,8 @@ def test_the_methods_of_the_paper_have_their_reason(bag, tmp_path):
     reasons = {one['reason'] for one in result['flagged']}
     assert result['method'] == 'kalman'
     assert any('epsilon' in reason for reason in reasons)
+    assert {one['reason_name'] for one in result['flagged']} == {'BEYOND_EPSILON', 'UNUSABLE'}
+    assert all(one['innovation_threshold'] is None for one in result['flagged'])
     assert result['parameters'] == {'epsilon': Parameters().epsilon}
     assert reasons <= {UNUSABLE_TEXT, *(r for r in reasons if 'epsilon' in r)}
 
@@ -222,7 +241,7 @@ def test_a_rate_that_is_no_rate_has_missed_nothing(tmp_path, capsys, random):
     rates, forces = at_rest(random, 5)
     rates[300, 0] = 1e9
     page = explained_page(tmp_path, capsys, 10_000_000 * np.arange(len(rates)), rates, forces)
-    assert '   3.000    x       1    1e+09          -          -\n' in page
+    assert '   3.000    x       1    1e+09          -          -          -          -\n' in page
 
 
 def test_nothing_to_look_at_is_an_error(bag, tmp_path, capsys):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 # As long as a page that somebody reads.
 _MOST_LISTED = 200
-_HEAD = '       s axis samples     rate innovation deviations'
+_HEAD = '       s axis samples     rate innovation  threshold least_jump deviations'
 
 
 def add_parser(subcommands: Any) -> None:
@@ -49,8 +49,8 @@ def add_parser(subcommands: Any) -> None:
         'explain',
         help='say why samples were flagged as outliers',
         description='Send a recording through the filter and list the samples that it flagged: '
-        'when, on which axis, by how much they missed their prediction, why that was too much, '
-        'and what the next sample showed.',
+        'when, on which axis, by how much they missed their prediction, the limits that this was '
+        'held against, why it was too much, and what the next sample showed.',
     )
     command.add_argument(
         'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
@@ -154,13 +154,14 @@ def page(
     lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
     for sequence in sequences[:_MOST_LISTED]:
         seconds = 1e-9 * (sequence.log_time - start)
-        missed = f'{"-":>10} {"-":>10}'
+        innovation = deviations = None
         if sequence.innovation != 0.0 and sequence.deviation > 0.0:
-            deviations = abs(sequence.innovation) / sequence.deviation
-            missed = f'{sequence.innovation:10.3g} {deviations:10.3g}'
+            innovation = sequence.innovation
+            deviations = abs(innovation) / sequence.deviation
+        limits = sequence.innovation_threshold, sequence.least_jump
         lines.append(
             f'{seconds:8.3f} {AXES[sequence.axis]:>4} {sequence.samples:7} {sequence.rate:8.3g} '
-            f'{missed}'
+            + ' '.join(map(_cell, (innovation, *limits, deviations)))
         )
         lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
     if len(sequences) > _MOST_LISTED:
@@ -174,6 +175,11 @@ def _named(sequences: Sequence['FlaggedSequence'], parameters: Parameters) -> di
     texts = {text for sequence in sequences for text in (sequence.reason, _outcome(sequence))}
     words = {word for text in texts for word in re.findall(r'[a-z_.]*[a-z_]', text)}
     return {name: value for name, value in parameters.names().items() if name in words}
+
+
+def _cell(value: float | None) -> str:
+    """Return a number as wide as its column, or a dash where there is none."""
+    return f'{"-":>10}' if value is None else f'{value:10.3g}'
 
 
 def _tally(texts: Iterable[str]) -> list[str]:

@@ -25,12 +25,25 @@ _NOT_JUDGED = {
     STARTED: 'the filter starts here, so nothing was predicted',
 }
 _TEXTS = {method.name: {**method.reasons, **_NOT_JUDGED} for method in METHODS}
+_NAMES = {
+    method.name: {
+        **{number: getattr(number, 'name', str(number)) for number in method.reasons},
+        UNUSABLE: 'UNUSABLE',
+        STARTED: 'STARTED',
+    }
+    for method in METHODS
+}
 _NONE = 'none so far'
 
 
 def reason_text(method: str, reason: int) -> str:
     """Return what the `reason` of a result means, by the name of the method that gave it."""
     return _TEXTS[method][reason]
+
+
+def reason_name(method: str, reason: int) -> str:
+    """Return what the code calls the `reason` of a result, by the method that gave it."""
+    return _NAMES[method][reason]
 
 
 def why_flagged(now: MessageReport) -> list[str]:

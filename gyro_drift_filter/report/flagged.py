@@ -26,7 +26,7 @@ from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHODS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.messages.imu import ImuKind
-from gyro_drift_filter.messages.outlier_reason import reason_text
+from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 
@@ -44,6 +44,11 @@ class FlaggedSequence:
         deviation: The standard deviation that was expected of the innovation, rad/s.
         reason: Why the first one was flagged.
         outcome: What the next sample showed; None where the recording ends before it.
+        reason_name: What the code calls the reason.
+        outcome_name: What the code calls the outcome.
+        innovation_threshold: What the size of the innovation had to exceed by `outlier.threshold`,
+            rad/s; None where there was no such limit.
+        least_jump: And what it had to exceed by what a body does.
     """
 
     axis: int
@@ -54,6 +59,10 @@ class FlaggedSequence:
     deviation: float
     reason: str
     outcome: str | None = None
+    reason_name: str = ''
+    outcome_name: str | None = None
+    innovation_threshold: float | None = None
+    least_jump: float | None = None
 
 
 class FlaggedLog:
@@ -90,7 +99,7 @@ class FlaggedLog:
                 if flagged[row, axis]:
                     self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
                 else:
-                    self._close(axis, reason_text(self._method, int(result['reason'][row, axis])))
+                    self._close(axis, int(result['reason'][row, axis]))
         self.sequences.sort(key=lambda sequence: sequence.log_time)
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
@@ -101,6 +110,7 @@ class FlaggedLog:
         if sequence is not None:
             sequence.samples += 1
             return
+        reason = int(result['reason'][axis])
         sequence = FlaggedSequence(
             axis=axis,
             log_time=log_time,
@@ -108,13 +118,17 @@ class FlaggedLog:
             rate=rate,
             innovation=float(result['innovation'][axis]),
             deviation=math.sqrt(result['innovation_variance'][axis]),
-            reason=reason_text(self._method, int(result['reason'][axis])),
+            reason=reason_text(self._method, reason),
+            reason_name=reason_name(self._method, reason),
+            innovation_threshold=float(result['innovation_threshold'][axis]) or None,
+            least_jump=float(result['least_jump'][axis]) or None,
         )
         self._open[axis] = sequence
         self.sequences.append(sequence)
 
-    def _close(self, axis: int, outcome: str) -> None:
+    def _close(self, axis: int, reason: int) -> None:
         sequence = self._open[axis]
         if sequence is not None:
-            sequence.outcome = outcome
+            sequence.outcome = reason_text(self._method, reason)
+            sequence.outcome_name = reason_name(self._method, reason)
         self._open[axis] = None

@@ -43,6 +43,7 @@ Each is named where it stands:
 
 import math
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -322,10 +323,17 @@ def _adapt(
     state['process_noise'] = max(noise, NOISE_FLOOR * coefficients['process_noise'])
 
 
-# By whether a sample is an outlier, 0 or 1.
+class Reason(IntEnum):
+    """Why a sample is an outlier, or is none."""
+
+    EXPECTED = 0
+    BEYOND_EPSILON = 1
+
+
 REASONS: Mapping[int, str] = {
-    0: 'within the limit',
-    1: 'the square of the rate differs from what is expected by more than epsilon',
+    Reason.EXPECTED: 'within the limit',
+    Reason.BEYOND_EPSILON: 'the square of the rate differs from what is expected by more than '
+    'epsilon',
 }
 ADVICE = Advice(
     outliers='for a robot that moves, set method to adaptive; else raise epsilon',
