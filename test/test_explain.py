@@ -374,3 +374,53 @@ def test_the_methods_of_the_paper_hold_no_innovation_against_a_limit(rates_and_f
     results = Filter(Parameters(method='kalman')).run(stamps, rates, forces)
     assert (results['innovation_threshold'] == 0.0).all()
     assert (results['least_jump'] == 0.0).all()
+
+
+def test_what_is_replaced_or_passed_on_without_a_flag_is_counted(tmp_path, capsys, random):
+    """A flag tells of outliers alone; who asks why rates were replaced has to find the rest."""
+    rates, forces = at_rest(random, 20)
+    rates[1000:] += (2.0 - 2.0 * np.cos(0.05 * np.arange(1000)))[:, None]
+    rates = np.minimum(rates, 3.5)
+    for repeat in (*range(100, 1400, 50), 1501, 1502):
+        rates[repeat], forces[repeat] = rates[repeat - 1], forces[repeat - 1]
+    stamps = 10_000_000 * np.arange(len(rates))
+    reasons = Filter(Parameters()).run(START + stamps, rates, forces)['reason']
+    page = explained_page(tmp_path, capsys, stamps, rates, forces)
+    told = page.split('Not flagged, and what was decided of it:\n')[1].split('\n\n')[0]
+    for axis, name in enumerate('xyz'):
+        for reason in (Reason.AT_LIMIT, Reason.REPEATED):
+            rows = np.flatnonzero(reasons[:, axis] == reason)
+            line = f'{len(rows):8}  {name}, from {rows[0] / 100:.3f} to {rows[-1] / 100:.3f} s'
+            assert len(rows) > 10
+            assert f'{line}, up to ' in told
+    assert told.count(REASONS[Reason.AT_LIMIT]) == told.count(REASONS[Reason.REPEATED]) == 3
+
+
+def test_each_sample_is_told_once(bag, tmp_path):
+    """What comes behind flagged samples is told with them."""
+    assert explained(bag, tmp_path)['unflagged'] == []
+
+
+@pytest.mark.parametrize('piece', [1, 7, 10_000])
+def test_unflagged_samples_are_counted_within_the_times_asked_for(piece, random):
+    rates, forces = at_rest(random, 12)
+    rates[1050:1100, 2] = 0.001  # a driver that hangs
+    stamps, filter_ = START + 10_000_000 * np.arange(len(rates)), Filter(Parameters())
+    imus = np.zeros(len(rates), IMU)
+    imus['kind'] = ImuKind.GOOD
+    imus['sample']['angular_velocity'] = rates
+    imus['result'] = filter_.run(stamps, rates, forces)
+    log = FlaggedLog(filter_)
+    for begin in range(0, len(imus), piece):
+        log.take(imus[begin : begin + piece], stamps[begin : begin + piece])
+    reason = imus['result']['reason'][:, 2]
+    samples = {one.reason_name: one for one in log.unflagged(START, 0.0, np.inf) if one.axis == 2}
+    assert 'CONSTANT' in samples
+    for name, one in samples.items():
+        rows = np.flatnonzero(reason == Reason[name])
+        assert one.samples == len(rows)
+        assert (one.first, one.last) == (stamps[rows[0]], stamps[rows[-1]])
+    first = 1e-9 * (samples['CONSTANT'].first - START)
+    part = log.unflagged(START, first - 0.001, first + 0.001)
+    assert [(one.reason_name, one.samples, one.longest) for one in part] == [('CONSTANT', 1, 1)]
+    assert log.unflagged(START, 0.0, 10.0) == []

@@ -36,7 +36,7 @@ from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
-    from gyro_drift_filter.report.flagged import FlaggedSequence
+    from gyro_drift_filter.report.flagged import FlaggedSequence, UnflaggedSamples
 
 # As long as a page that somebody reads.
 _MOST_LISTED = 200
@@ -119,19 +119,30 @@ def run(options: argparse.Namespace) -> None:
         for sequence in logs[0].sequences
         if start <= 1e-9 * (sequence.log_time - summary.start) <= end
     ]
-    named = _named(sequences, parameters)
+    unflagged = logs[0].unflagged(summary.start, start, end)
+    named = _named(sequences, unflagged, parameters)
     if options.json:
         plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
         write_json(
             options.json,
-            {**plain, 'start': summary.start, 'parameters': named, 'flagged': sequences},
+            {
+                **plain,
+                'start': summary.start,
+                'parameters': named,
+                'flagged': sequences,
+                'unflagged': unflagged,
+            },
         )
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
-    say(page(source, sequences, summary.start, named))
+    say(page(source, sequences, summary.start, named, unflagged))
 
 
 def page(
-    source: str, sequences: Sequence['FlaggedSequence'], start: int, named: Mapping[str, Any]
+    source: str,
+    sequences: Sequence['FlaggedSequence'],
+    start: int,
+    named: Mapping[str, Any],
+    unflagged: Sequence['UnflaggedSamples'] = (),
 ) -> str:
     """Return the page: why and what came of it, of all together, then three lines for each.
 
@@ -140,17 +151,22 @@ def page(
         sequences: What was flagged.
         start: Log time in ns that times are counted from.
         named: The values of the parameters that are named in what is said of them.
+        unflagged: The other samples for which something else held than the limits.
     """
     samples = sum(sequence.samples for sequence in sequences)
     flagged = f'{counted(samples, "sample")} flagged, {counted(len(sequences), "time")}'
-    if not sequences:
-        return f'{printable(source)}: {flagged}'
     lines = [f'{printable(source)}: {flagged}']
-    lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
-    lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
+    if sequences:
+        lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
+        lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
+    if unflagged:
+        lines += ['', 'Not flagged, and what was decided of it:']
+        lines += [line for samples in unflagged for line in _lines_of(samples, start)]
     if named:
         lines += ['', 'The parameters that are named here:']
         lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
+    if not sequences:
+        return '\n'.join(lines)
     lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
     for sequence in sequences[:_MOST_LISTED]:
         seconds = 1e-9 * (sequence.log_time - start)
@@ -170,9 +186,27 @@ def page(
     return '\n'.join(lines)
 
 
-def _named(sequences: Sequence['FlaggedSequence'], parameters: Parameters) -> dict[str, Any]:
-    """Return the values of the parameters that are named in what is said of sequences."""
+def _lines_of(samples: 'UnflaggedSamples', start: int) -> list[str]:
+    """Return two lines: of which samples, and what was decided of them."""
+    first, last, longest = (
+        f'{1e-9 * (time - start):.3f}'
+        for time in (samples.first, samples.last, samples.longest_start)
+    )
+    when = f'at {first} s' if samples.samples == 1 else f'from {first} to {last} s'
+    if samples.longest > 1:
+        when += f', up to {samples.longest} in a row, at {longest} s'
+    of_axis = f'{samples.samples:8}  {AXES[samples.axis]}, {when}'
+    return [of_axis, f'             {samples.reason}']
+
+
+def _named(
+    sequences: Sequence['FlaggedSequence'],
+    unflagged: Sequence['UnflaggedSamples'],
+    parameters: Parameters,
+) -> dict[str, Any]:
+    """Return the values of the parameters that are named in what is said of samples."""
     texts = {text for sequence in sequences for text in (sequence.reason, _outcome(sequence))}
+    texts |= {samples.reason for samples in unflagged}
     words = {word for text in texts for word in re.findall(r'[a-z_.]*[a-z_]', text)}
     return {name: value for name, value in parameters.names().items() if name in words}
 

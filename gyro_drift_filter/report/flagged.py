@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The samples that were flagged as outliers: why, and what the ones after them showed."""
+"""The samples that were flagged as outliers: why, and what the ones after them showed.
+
+Of those that were not flagged, but for which something else held than the limits, how many there
+are, and why.
+"""
 
 import math
 from collections.abc import Sequence
@@ -23,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.methods import METHODS
-from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.methods import METHODS, WITHIN_LIMITS
+from gyro_drift_filter.core.sample import STARTED, SampleStatus
 from gyro_drift_filter.messages.imu import ImuKind
 from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.messages.rules import Rule
@@ -65,6 +69,31 @@ class FlaggedSequence:
     least_jump: float | None = None
 
 
+@dataclass
+class UnflaggedSamples:
+    """All samples of one axis that were not flagged, but not just within the limits either.
+
+    Attributes:
+        axis: 0, 1 or 2.
+        reason: What was decided of them, and why.
+        reason_name: What the code calls the reason.
+        samples: How many.
+        first: Log time of the first one, in ns.
+        last: And of the last one.
+        longest: The most in a row.
+        longest_start: Log time of the first one of these.
+    """
+
+    axis: int
+    reason: str
+    reason_name: str
+    samples: int
+    first: int
+    last: int
+    longest: int
+    longest_start: int
+
+
 class FlaggedLog:
     """Sees what goes through a filter, and keeps what was flagged.
 
@@ -81,11 +110,14 @@ class FlaggedLog:
         self._method = method.name
         self._undecided = list(method.undecided)
         self._open: list[FlaggedSequence | None] = [None, None, None]
+        # By axis and reason: the numbers of the samples, and their log times.
+        self._unflagged: dict[tuple[int, int], list[tuple[NDArray[Any], NDArray[Any]]]] = {}
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         kept = imus['kind'] == ImuKind.GOOD
         kept[kept] = imus['result']['status'][kept] == SampleStatus.FILTERED
+        before = self.samples
         self.samples += int(kept.sum())
         result, times = imus['result'][kept], log_times[kept]
         rates = imus['sample']['angular_velocity'][kept]
@@ -95,12 +127,61 @@ class FlaggedLog:
             rows = np.flatnonzero(decided[:, axis])
             # Beside the flagged ones, those that come right behind one.
             ends = np.append(self._open[axis] is not None, flagged[rows[:-1], axis])[: len(rows)]
+            told = flagged[:, axis].copy()
+            told[rows[ends]] = True
+            self._note_unflagged(axis, result['reason'][:, axis], told, times, before)
             for row in rows[flagged[rows, axis] | ends].tolist():
                 if flagged[row, axis]:
                     self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
                 else:
                     self._close(axis, int(result['reason'][row, axis]))
         self.sequences.sort(key=lambda sequence: sequence.log_time)
+
+    def _note_unflagged(
+        self,
+        axis: int,
+        reasons: NDArray[np.int64],
+        told: NDArray[np.bool_],
+        times: NDArray[np.int64],
+        before: int,
+    ) -> None:
+        """Note samples with a reason of their own that no sequence has `told`."""
+        own = ~told & (reasons != STARTED) & (reasons != WITHIN_LIMITS)
+        for reason in np.unique(reasons[own]).tolist():
+            rows = np.flatnonzero(own & (reasons == reason))
+            self._unflagged.setdefault((axis, reason), []).append((before + rows, times[rows]))
+
+    def unflagged(self, origin: int, begin: float, end: float) -> list[UnflaggedSamples]:
+        """Return what is not in `sequences`, by reason and axis, from `begin` to `end`.
+
+        Both are in s after `origin`, a log time in ns.
+        """
+        found = []
+        for (axis, reason), parts in sorted(
+            self._unflagged.items(), key=lambda item: item[0][::-1]
+        ):
+            numbers, times = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+            seconds = 1e-9 * (times - origin)
+            within = (seconds >= begin) & (seconds <= end)
+            numbers, times = numbers[within], times[within]
+            if len(times) == 0:
+                continue
+            starts = np.flatnonzero(np.append(True, np.diff(numbers) > 1))
+            lengths = np.diff(np.append(starts, len(numbers)))
+            longest = int(lengths.argmax())
+            found.append(
+                UnflaggedSamples(
+                    axis=axis,
+                    reason=reason_text(self._method, reason),
+                    reason_name=reason_name(self._method, reason),
+                    samples=len(times),
+                    first=int(times[0]),
+                    last=int(times[-1]),
+                    longest=int(lengths[longest]),
+                    longest_start=int(times[starts[longest]]),
+                )
+            )
+        return found
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """Pass over the reports."""

@@ -71,6 +71,10 @@ if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
 
 
+# Of the reasons of every method, that of most samples.
+WITHIN_LIMITS = 0
+
+
 class Method(NamedTuple):
     """A method that users can choose.
 
@@ -78,7 +82,8 @@ class Method(NamedTuple):
         name: What users write.
         state: Its field of `MethodStates`; a switch between methods that share one keeps the state.
         advice: What to do where it does not fit its sensor; without its own, general texts.
-        reasons: Why a sample is accepted or an outlier, by the numbers that `reason` returns.
+        reasons: Why a sample is accepted or an outlier, by the numbers that `reason` returns. That
+            of `WITHIN_LIMITS` says that there was nothing special about it.
         undecided: Those of samples that tell nothing of outliers before them.
     """
 
