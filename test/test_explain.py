@@ -87,7 +87,7 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     }
     assert list(found) == [(10.0, 'x'), (12.0, 'y'), (14.0, 'z'), (16.0, 'x'), (19.99, 'y')]
     spike, unusable, two, motion, last = found.values()
-    assert (spike['samples'], spike['reason']) == (1, REASONS[Reason.FAR_AT_REST])
+    assert (spike['samples'], spike['reason']) == (1, REASONS[Reason.FAR_WHILE_STILL])
     assert spike['outcome'] == two['outcome'] == REASONS[Reason.RETURNED]
     assert spike['rate'] == pytest.approx(SPIKE, abs=0.1)
     assert spike['innovation'] == pytest.approx(SPIKE, abs=0.1)
@@ -95,11 +95,11 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     assert 0.02 < spike['innovation_threshold'] < 0.1
     assert spike['least_jump'] == pytest.approx(0.5 * 250.0 / 100.0**2)
     names = [(one['reason_name'], one['outcome_name']) for one in found.values()]
-    assert names[:2] == [('FAR_AT_REST', 'RETURNED'), ('UNUSABLE', 'EXPECTED')]
+    assert names[:2] == [('FAR_WHILE_STILL', 'RETURNED'), ('UNUSABLE', 'EXPECTED')]
     assert names[2:] == [
-        ('FAR_AT_REST', 'RETURNED'),
-        ('FAR_AT_REST', 'AGREED'),
-        ('FAR_AT_REST', None),
+        ('FAR_WHILE_STILL', 'RETURNED'),
+        ('FAR_WHILE_STILL', 'AGREED'),
+        ('FAR_WHILE_STILL', None),
     ]
     assert (unusable['samples'], unusable['reason']) == (1, UNUSABLE_TEXT)
     assert unusable['innovation'] == 0.0
@@ -148,7 +148,7 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
         ages.append([values[f'Time since the last outlier (s) {axis}'] for axis in 'xyz'])
         return [values[f'Why the last outlier was flagged {axis}'] for axis in 'xyz']
 
-    ages, spike, none = [], REASONS[Reason.FAR_AT_REST], 'none so far'
+    ages, spike, none = [], REASONS[Reason.FAR_WHILE_STILL], 'none so far'
     assert told(range(10 * SECOND)) == [none, none, none]
     assert told(range(10 * SECOND, 13 * SECOND)) == [spike, UNUSABLE_TEXT, none]
     assert told(range(13 * SECOND, 15 * SECOND)) == [spike, UNUSABLE_TEXT, spike]
@@ -208,8 +208,8 @@ def test_what_lies_behind_a_gap_is_explained_by_the_gap(tmp_path, capsys, random
     returned = REASONS[Reason.RETURNED]
     assert told_of_each(page) == [
         (REASONS[Reason.BEYOND_REACH], returned),
-        (REASONS[Reason.FAR_AT_REST], reason_text('adaptive', STARTED)),
-        (REASONS[Reason.FAR_AT_REST], returned),
+        (REASONS[Reason.FAR_WHILE_STILL], reason_text('adaptive', STARTED)),
+        (REASONS[Reason.FAR_WHILE_STILL], returned),
     ]
 
 
@@ -222,7 +222,7 @@ def test_a_knock_whose_angle_is_given_back_is_not_called_an_outlier(
     forces[1000, 0] += shake
     page = explained_page(tmp_path, capsys, 10_000_000 * np.arange(len(rates)), rates, forces)
     outcome = Reason.KNOCKED if shake else Reason.RETURNED
-    assert told_of_each(page) == [(REASONS[Reason.FAR_AT_REST], REASONS[outcome])]
+    assert told_of_each(page) == [(REASONS[Reason.FAR_WHILE_STILL], REASONS[outcome])]
     assert '1 sample flagged, 1 time\n' in page
 
 
@@ -330,7 +330,7 @@ def test_a_result_has_the_limits_that_its_innovation_was_held_against(rates_and_
     size = np.abs(results['innovation'])
     threshold, least_jump = results['innovation_threshold'], results['least_jump']
     reasons = results['reason']
-    far = np.isin(reasons, [Reason.FAR, Reason.FAR_AT_REST, Reason.BEYOND_BODY])
+    far = np.isin(reasons, [Reason.FAR, Reason.FAR_WHILE_STILL, Reason.BEYOND_BODY])
     assert far.sum() >= 6
     assert (size > np.maximum(threshold, least_jump))[far].all()
     expected = reasons[200:] == Reason.EXPECTED
@@ -362,7 +362,7 @@ def test_the_limit_says_how_far_to_turn_the_threshold(more, flagged, random):
     rates[1000, 0] += 0.06
     stamps = START + 10_000_000 * np.arange(len(rates))
     spike = Filter(Parameters()).run(stamps, rates, forces)[1000]
-    assert spike['reason'][0] == Reason.FAR_AT_REST
+    assert spike['reason'][0] == Reason.FAR_WHILE_STILL
     needed = 7.0 * abs(spike['innovation'][0]) / spike['innovation_threshold'][0]
     raised = Filter(Parameters(outlier_threshold=more * needed))
     assert raised.run(stamps, rates, forces)[1000]['outlier'][0] == flagged

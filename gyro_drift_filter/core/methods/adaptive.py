@@ -299,7 +299,7 @@ def note_circumstances(
     jump = 0.0 if still else jump_by_shake(circumstances['shake'], usual, limits)
     circumstances['explained_jump'] = jump
     circumstances['still'] = still
-    circumstances['at_rest'] = shows_noise(rest)
+    circumstances['noise_alone'] = shows_noise(rest)
     transition = Transition.SETTLING if settling else Transition.MOVING
     circumstances['transition'] = Transition.SHAKEN if shaken else transition
 
@@ -443,8 +443,8 @@ def update(
         state['last_accepted'] = sample
     if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
-        at_rest, is_dense = circumstances['at_rest'], coefficients['is_dense']
-        learn_noise_from_sample(noise, sample, at_rest, is_dense, length, forgetting)
+        noise_alone, is_dense = circumstances['noise_alone'], coefficients['is_dense']
+        learn_noise_from_sample(noise, sample, noise_alone, is_dense, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:
@@ -513,11 +513,11 @@ def estimate(
     """
     own = workspace['axes'][axis]
     circumstances = workspace['circumstances']
-    at_rest = circumstances['at_rest']
+    noise_alone = circumstances['noise_alone']
     # Without a sample there was no decision: `reason` is left over from an earlier one.
     measured, decision = sample == sample, decision_of(own['reason'])
     accepted = measured and decision == Decision.ACCEPT
-    rate, variance, process_noise = combine_modes(state, own, modes, at_rest, accepted)
+    rate, variance, process_noise = combine_modes(state, own, modes, noise_alone, accepted)
     if measured and decision == Decision.BRIDGE:
         origin = own['accepted_before']
         rate = origin + predictable(state['bridge']) * (rate - origin)

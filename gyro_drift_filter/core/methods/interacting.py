@@ -97,7 +97,7 @@ def combine_modes(
     state: AdaptiveAxis,
     workspace: AdaptiveAxisWorkspace,
     modes: ModeSet,
-    at_rest: bool,
+    noise_alone: bool,
     accepted: bool,
 ) -> tuple[float, float, float]:
     """Return what the modes say together: rate, its variance, and Q.
@@ -114,14 +114,14 @@ def combine_modes(
     process = modes['process_ratio']
     noise = state['noise']['variance']
     growth = _growth_of_extrapolation(state)
-    # At rest nothing lags, and what the modes differ by is noise, which their errors count already.
-    unseen, apart = (0.0, 0.0) if at_rest else (noise, 1.0)
+    # In noise alone nothing lags, and what the modes differ by is noise, which their errors count.
+    of_lag, apart = (0.0, 0.0) if noise_alone else (noise, 1.0)
     origin, sample = rate[MODES - 1], state['doubt']['last_sample']
-    largest = whole if accepted and not at_rest else math.inf
+    largest = whole if accepted and not noise_alone else math.inf
     for j in range(MODES):
         enlarged = error[j] > largest
         distance = (sample if enlarged else rate[j]) - origin
-        filtered = whole if enlarged else error[j] + lag[j] * unseen
+        filtered = whole if enlarged else error[j] + lag[j] * of_lag
         own = filtered if growth == 0.0 else (ratio[j] - 1.0) * growth
         means[j] = probability[j] * distance
         spread = distance * distance

@@ -110,7 +110,7 @@ class Noise(TypedDict):
     bounds: int  # how many blocks of that kind there were
     lowest: float  # (rad/s)^2, that they gave
     # the last block, which counts where the next one is at rest, too
-    waiting: bool
+    waiting: bool  # noise alone was shown as it ended
     waiting_variance: float
     waiting_autocorrelation: PerLag
     waiting_roughness: float
@@ -217,16 +217,16 @@ def interrupt_block(noise: Noise) -> None:
 def learn_noise_from_sample(
     noise: Noise,
     sample: float,
-    at_rest: bool,
+    noise_alone: bool,
     is_dense: bool,
     block_samples: int,
     block_forgetting: float,
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
-    `at_rest` is whether the sensor is at rest (`rest/`), as far as is known before the sample;
-    `is_dense` whether samples lie close enough to tell motion from white noise; `block_forgetting`
-    is b of equation (13) from one block to the next.
+    `noise_alone` is whether the last samples are that (`rest/`), as far as is known before this
+    one; `is_dense` whether samples lie close enough to tell motion from white noise;
+    `block_forgetting` is b of equation (13) from one block to the next.
     """
     before, run = noise['before'], noise['run']
     if noise['count'] == 0:
@@ -258,7 +258,7 @@ def learn_noise_from_sample(
     noise['run'] = run + 1
     full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_NOISE_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, at_rest, is_dense, block_forgetting)
+        _judge_block(noise, noise_alone, is_dense, block_forgetting)
         _next_block(noise)
 
 
@@ -271,21 +271,23 @@ def _next_block(noise: Noise) -> None:
 
 
 @kernel
-def _judge_block(noise: Noise, at_rest: bool, is_dense: bool, block_forgetting: float) -> None:
+def _judge_block(noise: Noise, noise_alone: bool, is_dense: bool, block_forgetting: float) -> None:
     """Take blocks into the statistics, weighted as in equation (13), in place of (16).
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
     """
     rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
     # When the first rest is found, it has already lasted for longer than a block.
-    if at_rest and (noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)):
+    if noise_alone and (
+        noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)
+    ):
         _learn_from_rest(noise, block_forgetting)
     _let_wait(noise, rough)
-    noise['waiting'] = at_rest
-    if not at_rest and noise['blocks'] > 0:
+    noise['waiting'] = noise_alone
+    if not noise_alone and noise['blocks'] > 0:
         # In motion R never rises, and falls where even the motion's roughness is far below it.
         noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
-    elif not at_rest:
+    elif not noise_alone:
         variance = noise['waiting_variance']
         white = is_dense and rough > WHITE * variance and variance <= LARGEST_NOISE**2
         if white:
@@ -333,12 +335,12 @@ def _let_wait(noise: Noise, rough: float) -> None:
     shown = about_line / (n - 2.0)
     variance = max(shown, LEAST_NOISE**2)
     # What R has beyond that is no noise that was seen, so it is as uncorrelated as white noise.
-    unseen = variance - shown
+    raised = variance - shown
     first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
     second = noise['second_lag_differences'] / (2.0 * noise['second_lag_count'])
     autocorrelation = noise['waiting_autocorrelation']
-    autocorrelation[0] = _limited(1.0 - (first + unseen) / variance)
-    autocorrelation[1] = _limited(1.0 - (second + unseen) / variance)
+    autocorrelation[0] = _limited(1.0 - (first + raised) / variance)
+    autocorrelation[1] = _limited(1.0 - (second + raised) / variance)
     noise['waiting_variance'] = variance
     noise['waiting_roughness'] = min(max(rough / variance, LEAST_ROUGHNESS), 1.0)
 

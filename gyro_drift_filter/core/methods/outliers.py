@@ -119,7 +119,7 @@ class Reason(IntEnum):
     CONSTANT = 4
     # HOLD
     FAR = 5
-    FAR_AT_REST = 6
+    FAR_WHILE_STILL = 6
     BEYOND_BODY = 7
     BEYOND_REACH = 8
     DROPOUT = 9
@@ -153,7 +153,7 @@ REASONS: Mapping[int, str] = {
     'accelerometer felt; its angle is given back',
     Reason.CONSTANT: 'accepted: it has come so often in a row that it is the rate',
     Reason.FAR: 'beyond outlier.threshold and outlier.acceleration',
-    Reason.FAR_AT_REST: 'beyond outlier.threshold, and the sensor stood still until then',
+    Reason.FAR_WHILE_STILL: 'beyond outlier.threshold, and the sensor stood still until then',
     Reason.BEYOND_BODY: 'a jump that no body makes within a sample period unless it is hit',
     Reason.BEYOND_REACH: 'beyond outlier.threshold, and further away than a body can have come '
     'since the last sample that was measured',
@@ -188,7 +188,7 @@ class Circumstances(TypedDict):
     repeated: bool  # the sensor has not measured since the sample before
     polled: bool  # samples are repeated now and then
     still: bool  # some blocks of samples before it have been still,
-    at_rest: bool  # and so many that a whole block of noise lies within them
+    noise_alone: bool  # and so many that a whole block of noise lies within them
     jolted: bool  # the accelerometer has just been shaken,
     jolted_before: bool  # or had been at the sample before
     shake: float  # m/s^2, by which the acceleration has changed, now or at the sample before
@@ -202,7 +202,7 @@ class OutlierLimits(TypedDict):
     threshold: float  # typical or usual innovations
     acceleration_limit: float  # rad/s, by `outlier.acceleration` in a sample period
     least_jump: float  # rad/s,
-    least_jump_at_rest: float  # rad/s, the same where the sensor is still
+    least_jump_while_still: float  # rad/s, the same where the sensor is still
     growth_limit: float  # rad/s
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s
@@ -266,7 +266,7 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     limits['acceleration_limit'] = limit
     limits['least_jump'] = max(min(limit * unforeseen, LARGEST_REVERSAL), limit)
     from_rest = 0.5 * JERK_FROM_REST * period * period
-    limits['least_jump_at_rest'] = min(from_rest, limit)
+    limits['least_jump_while_still'] = min(from_rest, limit)
     limits['growth_limit'] = GROWTH_LIMIT * period
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
@@ -368,7 +368,7 @@ def note_limits(
     usual = limits['threshold'] * doubt['usual_innovation']
     still = circumstances['still']
     doubt['innovation_threshold'] = max(limits['threshold'] * typical_innovation, usual)
-    doubt['least_jump'] = limits['least_jump_at_rest'] if still else limits['least_jump']
+    doubt['least_jump'] = limits['least_jump_while_still'] if still else limits['least_jump']
     # No body jumps this far, whatever the modes expect, except back from where outliers led.
     doubt['body_jump'] = max(limits['jolt_limit'], limits['body_limit'], usual)
 
@@ -414,7 +414,7 @@ def find_reason(
         return Reason.PUSHED
     if beyond:
         return Reason.BEYOND_BODY
-    return Reason.FAR_AT_REST if circumstances['still'] else Reason.FAR
+    return Reason.FAR_WHILE_STILL if circumstances['still'] else Reason.FAR
 
 
 @kernel
@@ -514,7 +514,7 @@ def _possible_change(doubt: Doubt, circumstances: Circumstances, limits: Outlier
         samples = doubt['unseen'] + 1.0
         largest = limits['body_limit'] * samples
         if circumstances['still']:
-            largest = min(largest, limits['least_jump_at_rest'] * samples * samples)
+            largest = min(largest, limits['least_jump_while_still'] * samples * samples)
     if doubt['behind_gap']:
         # One sample behind a gap does not show yet how the motion has changed meanwhile.
         possible = max(possible, 1)
