@@ -94,7 +94,7 @@ from gyro_drift_filter.core.methods.outliers import (
     note_repeat,
     shake_along,
     start_doubt,
-    unseen_variance,
+    unmeasured_variance,
     was_jolted,
 )
 from gyro_drift_filter.core.polling import Polling
@@ -390,7 +390,7 @@ def update(
     doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, last_accepted = circumstances['dropout'], state['last_accepted']
-    unseen = doubt['unseen']
+    unmeasured = doubt['unmeasured']
     note_limits(doubt, typical, circumstances, limits)
     reason = find_reason(doubt, sample, prediction, last_accepted, circumstances, limits)
     # After the judgement, which it overrules; called for every sample, as it counts them.
@@ -398,7 +398,9 @@ def update(
     cut_off = own['at_limit'] and _is_behind(sample, prediction, typical)
     if constant and not cut_off:
         reason = Reason.CONSTANT
-    elif (circumstances['repeated'] or own['hangs']) and doubt['unseen'] < limits['longest_hold']:
+    elif (circumstances['repeated'] or own['hangs']) and doubt['unmeasured'] < limits[
+        'longest_hold'
+    ]:
         reason = Reason.REPEATED
     elif cut_off:
         reason = Reason.AT_LIMIT
@@ -424,14 +426,16 @@ def update(
     else:
         steps = 1.0 + doubt['held']
         doubt['held'] = 0
-        doubt['unseen'] = 0
+        doubt['unmeasured'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
     if own['hangs'] and decision != Decision.BRIDGE:
         note_missing(doubt, typical)
-        doubt['unseen'] = unseen + 1  # a value that is used meanwhile was not measured either
+        doubt['unmeasured'] = (
+            unmeasured + 1
+        )  # a value that is used meanwhile was not measured either
     doubt['last_sample'] = sample
-    if doubt['unseen'] == 0:
-        doubt['behind_gap'] = unseen > 0
+    if doubt['unmeasured'] == 0:
+        doubt['behind_gap'] = unmeasured > 0
     is_held = decision == Decision.HOLD and not dropout
     note_innovation(doubt, sample - prediction, is_held)
     if not is_held and not own['hangs']:
@@ -479,7 +483,7 @@ def _restart_at(
     doubt = state['doubt']
     put_modes_at(state, sample)
     doubt['held'] = 0
-    doubt['unseen'] = 0
+    doubt['unmeasured'] = 0
     doubt['before_restart'] = state['last_accepted']
     if decision == Decision.START_ANEW:
         jump = abs(sample - workspace['prediction'])
@@ -522,7 +526,7 @@ def estimate(
         origin = own['accepted_before']
         rate = origin + predictable(state['bridge']) * (rate - origin)
     if own['hangs']:
-        variance = max(variance, unseen_variance(state['doubt']))
+        variance = max(variance, unmeasured_variance(state['doubt']))
     if measured and not circumstances['dropout']:
         rate += compensate(state, own, circumstances, sample, rate, period)
     return rate, variance, process_noise, state['noise']['variance']

@@ -216,7 +216,7 @@ class Doubt(TypedDict):
     """The samples of one axis that are held back, and the last one."""
 
     held: int  # consecutive samples that were held back or are missing
-    unseen: int  # consecutive samples that were not measured, up to the last one
+    unmeasured: int  # consecutive samples that were not measured, up to the last one
     confirmations: int  # accepted samples since the one that it starts at, itself among them
     behind_gap: bool  # the last one that was measured was the first one after some that were not
     # These mean nothing where none is held.
@@ -343,7 +343,7 @@ def _usual_after(usual: float, size: float, largest: float) -> float:
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
     doubt['held'] = 0
-    doubt['unseen'] = 0
+    doubt['unmeasured'] = 0
     doubt['confirmations'] = 0
     doubt['behind_gap'] = False
     doubt['innovation_threshold'] = 0.0
@@ -499,7 +499,7 @@ def _reason_behind_held(
 @kernel
 def _holds_any(doubt: Doubt) -> bool:
     """Return whether a sample was held back since the last accepted one, not only missing."""
-    return doubt['held'] > doubt['unseen']
+    return doubt['held'] > doubt['unmeasured']
 
 
 @kernel
@@ -510,8 +510,8 @@ def _possible_change(doubt: Doubt, circumstances: Circumstances, limits: Outlier
     still before has hardly got anywhere yet.
     """
     largest, possible = 0.0, circumstances['possibly_missing']
-    if doubt['unseen'] > 0:
-        samples = doubt['unseen'] + 1.0
+    if doubt['unmeasured'] > 0:
+        samples = doubt['unmeasured'] + 1.0
         largest = limits['body_limit'] * samples
         if circumstances['still']:
             largest = min(largest, limits['least_jump_while_still'] * samples * samples)
@@ -597,7 +597,7 @@ def note_held(
         further = _grows(doubt, innovation, change, limits)
         doubt['growing'] = doubt['growing'] + 1 if further else 0
     doubt['held'] += 1
-    doubt['unseen'] = 0
+    doubt['unmeasured'] = 0
     doubt['agreeing'] += 1
     doubt['offset'] = 0.0 if dropout else innovation
 
@@ -609,7 +609,7 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
         doubt['typical_innovation'] = typical_innovation
         doubt['first_size'] = 0.0
     doubt['held'] += 1
-    doubt['unseen'] += 1
+    doubt['unmeasured'] += 1
     doubt['growing'] = 0
     doubt['agreeing'] = 0
     doubt['offset'] = 0.0
@@ -637,12 +637,12 @@ def note_rate_change(doubt: Doubt, change: float, limits: OutlierLimits) -> None
 
 
 @kernel
-def unseen_variance(doubt: Doubt) -> float:
+def unmeasured_variance(doubt: Doubt) -> float:
     """Return the variance in (rad/s)^2 of a rate since the last sample that was measured.
 
     The body may have gone on by the usual change with each one, up to the end of any range.
     """
-    change = min(doubt['unseen'] * doubt['usual_rate_change'], RANGE)
+    change = min(doubt['unmeasured'] * doubt['usual_rate_change'], RANGE)
     return float(change * change)
 
 
