@@ -86,7 +86,7 @@ class SensorChecks(TypedDict):
     measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
     linear_acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
-    largest: PerAxis  # largest |rate| so far that was the end of the range, rad/s
+    range_end: PerAxis  # largest |rate| so far that was the end of the range, rad/s; 0 before
     passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row were at least, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
     last_change: PerAxis  # size of the last one of the rate that was not 0, rad/s
@@ -317,17 +317,17 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
 @kernel
 def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: Rest) -> bool:
     """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
-    size, largest = abs(rate), checks['largest']
+    size, range_end = abs(rate), checks['range_end']
     earlier, before = checks['step_before'][axis], checks['step'][axis]
     changed = _note_change(checks, axis, rate)
     if size <= CLIPPED_RATE or _is_passed(checks, axis, size):
         checks['flat'][axis] = 0
         return False
-    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * largest[axis]:
+    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * range_end[axis]:
         checks['clipped_calibrated'][axis] = 0  # it was none: there are larger ones
-        largest[axis] = 0.0
+        range_end[axis] = 0.0
     if _note_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
-        largest[axis] = max(largest[axis], size)
+        range_end[axis] = max(range_end[axis], size)
         checks['clipped_calibrated'][axis] = 1
         checks['clipped'][axis] += 1
         return True
@@ -335,8 +335,8 @@ def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: R
         resolution = checks['resolution'][axis]
         if same or changed or checks['last_change'][axis] <= CLIPPED_STEPS * resolution:
             return False
-        largest[axis] = max(largest[axis], size)
-        if size < largest[axis] - resolution:
+        range_end[axis] = max(range_end[axis], size)
+        if size < range_end[axis] - resolution:
             return False
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
         checks['clipped'][axis] += 1
@@ -373,8 +373,8 @@ def _note_passed(checks: SensorChecks, axis: int, rate: float) -> None:
     if rate * first > 0.0 and rate * second > 0.0 and rate * third > 0.0:
         slowest = min(min(abs(rate), abs(first)), min(abs(second), abs(third)))
         checks['passed'][axis] = max(checks['passed'][axis], slowest)
-    if _is_passed(checks, axis, checks['largest'][axis]):
-        checks['largest'][axis] = 0.0  # it was none
+    if _is_passed(checks, axis, checks['range_end'][axis]):
+        checks['range_end'][axis] = 0.0  # it was none
         checks['clipped_calibrated'][axis] = 0
 
 
@@ -408,15 +408,15 @@ def _note_flat(
 @kernel
 def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
     """Return whether rates were stopped at this size before: on this axis, or else on another."""
-    clipped, largest = checks['clipped'], checks['largest']
+    clipped, range_end = checks['clipped'], checks['range_end']
     if checks['clipped_calibrated'][axis]:
-        return bool(size >= (1.0 - MIXED) * largest[axis])
+        return bool(size >= (1.0 - MIXED) * range_end[axis])
     resolution = checks['resolution'][axis]
-    if clipped[axis] > 0 and largest[axis] > 0.0:
-        return bool(size >= largest[axis] - resolution)
+    if clipped[axis] > 0 and range_end[axis] > 0.0:
+        return bool(size >= range_end[axis] - resolution)
     for other in range(3):
-        near = MIXED * largest[other] if checks['clipped_calibrated'][other] else resolution
-        if clipped[other] > 0 and abs(size - largest[other]) <= near:
+        near = MIXED * range_end[other] if checks['clipped_calibrated'][other] else resolution
+        if clipped[other] > 0 and abs(size - range_end[other]) <= near:
             return True
     return False
 

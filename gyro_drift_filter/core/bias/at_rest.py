@@ -244,8 +244,8 @@ def _untrackable(rest: Rest, block_seconds: float, random_walk: float) -> float:
     noise = 0.0  # (rad/s)^2 s, of the noisiest axis
     for axis in range(3):
         noise = max(noise, variance_of_mean(rest, axis, 1.0) * block_seconds)
-    largest, walked = FASTEST_WALK * FASTEST_WALK * noise, random_walk * random_walk
-    return 1.0 - largest / walked if largest < walked else 0.0
+    fastest, walked = FASTEST_WALK * FASTEST_WALK * noise, random_walk * random_walk
+    return 1.0 - fastest / walked if fastest < walked else 0.0
 
 
 @kernel

@@ -141,8 +141,8 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     forget_scale(state)
     for axis in range(3):
         known = variance[axis] < np.inf
-        largest = LARGEST_PRIOR if known else UNKNOWN_PRIOR
-        prior = min(variance[axis], largest * largest)
+        largest_prior = LARGEST_PRIOR if known else UNKNOWN_PRIOR
+        prior = min(variance[axis], largest_prior * largest_prior)
         state['bias_at_rest']['known'][axis] = known
         state['rectified'][axis] = prior if known else 0.0
         _replace_shift(state, axis, shift[axis], prior)
@@ -193,14 +193,14 @@ def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
     """
     before = shift_variance(state, axis)
     by_noise = min(NOISE_SHARE * NOISE_SHARE * variance, LARGEST_PRIOR * LARGEST_PRIOR)
-    largest = max(by_noise, state['rectified'][axis])
-    if state['bias_at_rest']['known'][axis] and before <= largest:
+    largest_variance = max(by_noise, state['rectified'][axis])
+    if state['bias_at_rest']['known'][axis] and before <= largest_variance:
         return False
     shift = shift_of(state, axis)
-    if largest < before:
+    if largest_variance < before:
         # What was learned with the larger one shrinks with it.
-        shift *= largest / before
-    _replace_shift(state, axis, shift, largest)
+        shift *= largest_variance / before
+    _replace_shift(state, axis, shift, largest_variance)
     state['bias_at_rest']['known'][axis] = 1
     return True
 
@@ -350,12 +350,13 @@ def limit_prior(state: MotionBias) -> None:
         i = BIAS + axis
         # What the bias has just walked, or was left out before, goes with no other state yet.
         correlated = state['covariance'][i, i] - settled
-        largest = LARGEST_PRIOR
+        largest_prior = LARGEST_PRIOR
         if state['covariance'][i, i] + bias_at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
             track_all(state, axis)
             waits = state['moving_seconds'] < UNKNOWN_SECONDS
-            largest = UNKNOWN_PRIOR if waits else LATER_PRIOR
-        beyond = min(state['covariance'][i, i] - largest * largest, bias_at_rest['common'][axis])
+            largest_prior = UNKNOWN_PRIOR if waits else LATER_PRIOR
+        beyond = state['covariance'][i, i] - largest_prior * largest_prior
+        beyond = min(beyond, bias_at_rest['common'][axis])
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
             bias_at_rest['untracked'][axis] += beyond
