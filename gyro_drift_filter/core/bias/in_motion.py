@@ -405,18 +405,18 @@ def _fill_transition(state: MotionBias, forward: Covariance, mean_left: float) -
     for i in range(3):
         for k in range(3):
             along = _cross(vector, DIRECTION, integral, i, k)
-            moved = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
+            by_bias = 0.5 * GRAVITY * seconds * along - _cross(vector, VELOCITY, integral, i, k)
             forward[i, k] = turn[i, k]
             forward[i, BIAS + k] = -along
             forward[VELOCITY + i, k] = -GRAVITY * seconds * turn[i, k]
             forward[VELOCITY + i, VELOCITY + k] = left * turn[i, k]
-            forward[VELOCITY + i, BIAS + k] = moved
+            forward[VELOCITY + i, BIAS + k] = by_bias
             forward[VELOCITY + i, ACCELERATION + k] = -integral[i, k]
             for other in range(3):
                 scale = SCALE + 3 * k + other
                 rate = state['block_angle'][other] / seconds - vector[BIAS + other]
                 forward[i, scale] = -along * rate
-                forward[VELOCITY + i, scale] = moved * rate
+                forward[VELOCITY + i, scale] = by_bias * rate
         forward[VELOCITY + i, MEAN_VELOCITY + i] = 1.0 - left
         forward[MEAN_VELOCITY + i, MEAN_VELOCITY + i] = mean_left
 

@@ -182,8 +182,8 @@ def _is_denied(turn: SlowTurn, rest: Rest, variance: float) -> bool:
     lives = False
     for axis in range(3):
         after, behind = (axis + 1) % 3, (axis + 2) % 3
-        moved = angle[after] * gravity[behind] - angle[behind] * gravity[after]
-        across += moved * moved
+        change = angle[after] * gravity[behind] - angle[behind] * gravity[after]
+        across += change * change
         size += gravity[axis] * gravity[axis]
         whole += angle[axis] * angle[axis]
         lives = lives or first_mean(rest, 3 + axis) != last_mean(rest, 3 + axis)

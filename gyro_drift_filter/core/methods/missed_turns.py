@@ -79,9 +79,9 @@ def compensate(
             knock = max(knock, LARGEST_KNOCK)
         state['knock_angle'] = max(state['knock_angle'], knock)
     elif state['held_angle'] != 0.0 and decision != Decision.BRIDGE:
-        moved = decision == Decision.START_ANEW or decision == Decision.PASS
-        moved = moved and not at_accepted
-        if abs(state['held_angle']) <= (largest if moved else state['knock_angle']):
+        was_motion = decision == Decision.START_ANEW or decision == Decision.PASS
+        was_motion = was_motion and not at_accepted
+        if abs(state['held_angle']) <= (largest if was_motion else state['knock_angle']):
             missed = state['held_angle']
         state['held_angle'] = 0.0
         state['knock_angle'] = 0.0

@@ -181,7 +181,7 @@ def shows_motion(rest: Rest, length: int) -> bool:
     """
     if rest['learned'] < 2:
         return False
-    share, moved = _weight(rest), False
+    share, wandered = _weight(rest), False
     quieter = signals = 0.0
     for i in range(SIGNALS):
         signal = rest['signals'][i]
@@ -191,8 +191,8 @@ def shows_motion(rest: Rest, length: int) -> bool:
         if before > 0.0:
             signals += 1.0
             quieter += math.log(max(variance / before, LEAST_VARIANCE))
-            moved = moved or length * scatter_before > LARGEST_EXCESS * before
-    return moved and quieter < signals * math.log(FAR_QUIETER)
+            wandered = wandered or length * scatter_before > LARGEST_EXCESS * before
+    return wandered and quieter < signals * math.log(FAR_QUIETER)
 
 
 @kernel

@@ -37,17 +37,17 @@ UNLIKE, LARGEST_SCATTER = 9.0, 0.01  # rad/s
 @kernel
 def note_gravity(rest: Rest, block_seconds: float) -> None:
     """Note for how long gravity has stood, and the rates meanwhile, at the end of a block."""
-    gravity, size, moved = rest['gravity'], 0.0, False
+    gravity, size, has_moved = rest['gravity'], 0.0, False
     for axis in range(3):
         mean, _ = block_moments(rest, rest['signals'][3 + axis])
         size += mean * mean
         if abs(mean - gravity[axis]) > STEADY_GRAVITY:
-            moved = True
+            has_moved = True
     rest['steady_seconds'] += block_seconds
-    if moved:
+    if has_moved:
         for axis in range(3):
             gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
-    if moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
+    if has_moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
         rest['steady_seconds'] = 0.0
         rest['standing_blocks'] = 0
         return

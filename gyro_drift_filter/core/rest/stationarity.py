@@ -225,7 +225,7 @@ def is_steady(rest: Rest) -> bool:
 def tilts(rest: Rest, block_seconds: float) -> bool:
     """Return whether gravity moves with the mean rate of the segment, which is a turn then."""
     seconds = (rest['blocks'] - 1.0) * block_seconds
-    moved = unexplained = noise = 0.0
+    square = unexplained = noise = 0.0
     for axis in range(3):
         after, behind = (axis + 1) % 3, (axis + 2) % 3
         signal = rest['signals'][3 + axis]
@@ -233,9 +233,9 @@ def tilts(rest: Rest, block_seconds: float) -> bool:
         # g' = g x w, for a turn at the rate w
         expected = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
         expected -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
-        moved += change * change
+        square += change * change
         unexplained += (change - expected * seconds) * (change - expected * seconds)
         noise += mean_square_step(rest, signal)
     largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
     largest = max(largest, LEAST_TURN)
-    return bool(math.sqrt(moved) > largest)
+    return bool(math.sqrt(square) > largest)
