@@ -59,6 +59,13 @@ def test_a_group_is_written_once_wherever_its_parameters_stand(monkeypatch, tmp_
     assert written == set(Parameters().names())
 
 
+def test_a_group_without_a_sentence_is_named(monkeypatch):
+    others = {group: text for group, text in GROUPS.items() if group != 'bias'}
+    monkeypatch.setattr(write_parameter_files, 'GROUPS', others)
+    with pytest.raises(ValueError, match="the group 'bias' is new: GROUPS of"):
+        parameter_files()
+
+
 def test_every_parameter_is_described():
     for description in DESCRIPTIONS:
         assert len(description.text) > 30

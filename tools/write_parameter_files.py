@@ -104,6 +104,10 @@ def _groups() -> list[tuple[str, list[Description]]]:
         # Those of a group need not follow each other, and of a key that is there twice YAML keeps
         # the last one only.
         groups.setdefault(description.name.rpartition('.')[0], []).append(description)
+    for group in groups.keys() - {'', *GROUPS}:
+        raise ValueError(
+            f"the group '{group}' is new: GROUPS of core/parameters.py needs a sentence for it"
+        )
     return list(groups.items())
 
 
