@@ -311,7 +311,7 @@ def test_every_parameter_of_a_method_has_a_case():
     """Those of other files' tests are about the bias, the calibration, counts and hints."""
     elsewhere = ('bias.', 'calibration.', 'input.', 'motion_hint')
     methods = {name for name in Parameters().names() if not name.startswith(elsewhere)}
-    assert {name for name, _, _ in EFFECTS} == methods
+    assert {name for name, _, _ in EFFECTS} == methods, 'EFFECTS has a case for each parameter'
 
 
 @pytest.mark.parametrize(('name', 'value', 'method'), EFFECTS)
@@ -334,7 +334,10 @@ def test_every_parameter_takes_effect_at_once(name, value, method):
                 filter_.configure(filter_.parameters.with_names({name: value}))
             out = filter_.run(stamps[part], rates[part], data.linear_acceleration[part])
         outs.append(out)
-    assert any(largest_change(outs[0][field], outs[1][field]) > 1e-6 for field in RESULT.names)
+    assert any(largest_change(outs[0][field], outs[1][field]) > 1e-6 for field in RESULT.names), (
+        f'{name} = {value} changes no result of {method} from sample {change_at} on: no code reads '
+        'it, or the recording needs another value in EFFECTS'
+    )
 
 
 def test_nothing_is_published_before_every_axis_had_a_usable_rate():
@@ -409,10 +412,15 @@ def test_a_method_that_starts_over_forgets_what_it_has_learned(method, random):
     fresh.record['state']['methods'] = np.zeros(1, METHOD_STATES)
     start_over(again.record[0])
     got, expected = again.run(*quiet), fresh.run(*quiet)
-    needed = f'{method.name} needs a line in `start_over` of core/methods/__init__.py'
+    needed = (
+        f'{method.name} needs a line in `start_over` of core/methods/__init__.py, or that function '
+        'and `start` of its module together leave a part of its state as it was'
+    )
     for name in ('angular_velocity', 'innovation_variance', 'process_noise', 'measurement_noise'):
         # The accelerometer's usual changes, which adaptive keeps, are no noise of the gyroscope.
-        np.testing.assert_allclose(got[name], expected[name], rtol=0.01, atol=1e-9, err_msg=needed)
+        np.testing.assert_allclose(
+            got[name], expected[name], rtol=0.01, atol=1e-9, err_msg=f'{name}: {needed}'
+        )
     for axis in range(3):
         assert learned_noise(again.record[0], axis) == learned_noise(fresh.record[0], axis), needed
 
