@@ -675,7 +675,7 @@ def test_telemetry_is_that_of_the_state(random):
         'at_rest': bias['rest']['at_rest'],
         'acceleration_at_rest': bias['rest']['at_rest'] * np.linalg.norm(bias['rest']['gravity']),
     }
-    assert expected.keys() == telemetry._asdict().keys(), 'each value is tested here'
+    assert expected.keys() == telemetry._asdict().keys(), 'each value needs a line in `expected`'
     for name, value in telemetry._asdict().items():
         np.testing.assert_array_equal(value, expected[name], err_msg=name)
     assert telemetry.samples == 500
