@@ -43,7 +43,8 @@ by several rules, `change_model` for what parameters replace, and `take_over` fo
 rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
-add a method: its module, and a line or a branch in each of these.
+add a method: its module, and a line or a branch in each of the seven listed first, also where it
+has nothing to do there, as an else belongs to the paper's methods, and in others that it needs.
 """
 
 from collections.abc import Collection, Mapping, Sequence
