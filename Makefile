@@ -41,6 +41,7 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.drivers --check || status=1; \
 	$(BIN)/python -m benchmark.covariance || status=1; \
 	$(BIN)/python -m benchmark.vehicles || status=1; \
+	$(BIN)/python -m benchmark.scale || status=1; \
 	$(BIN)/python -m benchmark.without_rest --check || status=1; \
 	exit $$status
 

@@ -20,6 +20,7 @@ import pytest
 pytest.importorskip('scipy', reason='scipy is not installed')
 
 from benchmark import vehicles as benchmark
+from benchmark.scale import bias_error, rolling
 from benchmark.vehicles import Judged, judge, misses
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.gravity import GRAVITY
@@ -113,3 +114,11 @@ def test_the_benchmark_fails_where_a_bar_does_not_hold(monkeypatch, capsys):
     monkeypatch.setattr(benchmark, 'judge', lambda of: made(1.0, 1.0))
     assert benchmark.main(['--only', 'car', '--seeds', '2', '--check']) == 0
     assert 'benchmark.vehicles' in (REPOSITORY / 'Makefile').read_text()
+
+
+@pytest.mark.parametrize('rate', [0.5, 3.0])
+def test_errors_of_the_scale_move_no_bias_of_a_body_that_rolls(rate):
+    """By more than it is off by itself, which is 0.2e-3 rad/s."""
+    of = ride(rolling(rate), 1, 120.0, warm_up=0.0, scale=0.01, misalignment=0.01)
+    assert bias_error(of, in_motion=True) < 3e-4
+    assert 'benchmark.scale' in (REPOSITORY / 'Makefile').read_text()

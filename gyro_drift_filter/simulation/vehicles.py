@@ -107,6 +107,8 @@ def ride(
     sample_rate: float = 200.0,
     warm_up: float = WARM_UP,
     turn_on: float = TURN_ON,
+    scale: float = SCALE,
+    misalignment: float = MISALIGNMENT,
 ) -> Ride:
     """Return what an Imu shows on a vehicle.
 
@@ -117,12 +119,14 @@ def ride(
         sample_rate: In Hz.
         warm_up: Deviation of what the bias moves by while the sensor warms up, in rad/s.
         turn_on: Deviation of its bias at the start, in rad/s.
+        scale: Deviation of the errors of its axes' scale.
+        misalignment: Deviation of what an axis shows of each other one, as a share of it.
     """
     random = np.random.default_rng(seed)
     driven = vehicle(random, seconds, sample_rate)
     motion = _motion(driven, sample_rate)
-    matrix = np.eye(3) + MISALIGNMENT * random.standard_normal((3, 3))
-    matrix[np.diag_indices(3)] = 1.0 + SCALE * random.standard_normal(3)
+    matrix = np.eye(3) + misalignment * random.standard_normal((3, 3))
+    matrix[np.diag_indices(3)] = 1.0 + scale * random.standard_normal(3)
     faults = Faults(
         bias=turn_on * random.standard_normal(3),
         wander=WANDER,
