@@ -22,7 +22,7 @@ from gyro_drift_filter.core.sensor_checks import AxisFault
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from support.sensor import at_rest, by_hand
+from support.sensor import at_rest, by_hand, fast_turn
 
 RATE = 100.0
 COARSE = np.radians(1.0)
@@ -236,6 +236,20 @@ def test_an_axis_that_stays_at_the_end_of_its_range_is_not_said_to_hang(random):
     assert status.level == Level.ERROR
     assert 'axis z' in status.message
     assert 'is at the end of the measuring range' in status.message
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])
+def test_a_rate_behind_one_that_is_no_number_is_not_the_end_of_the_range(wrong, random):
+    """Nobody knows whether it stays."""
+    rates = np.concatenate([np.zeros((400, 3)), fast_turn(400, 100.0)])
+    rates += 0.005 * random.standard_normal(rates.shape)
+    rates[500::50, 0] = wrong
+    filter_, ends = Filter(), []
+    for k, rate in enumerate(rates):
+        run(filter_, rate[None], np.array([[0.0, 0.0, 9.81]]), k)
+        ends.append(filter_.state['checks']['at_limit'].any())
+    assert not any(ends)
+    assert not filter_.state['checks']['range_end'].any()
 
 
 def test_a_rate_that_a_body_has_passed_is_not_the_end_of_the_range():

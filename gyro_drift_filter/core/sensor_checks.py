@@ -354,14 +354,15 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
             checks['comes_alive'] = True
         else:
             change = abs(rate)  # a rate is a number of steps, too
-    if change > 0.0:
+    if 0.0 < change < np.inf:
         checks['last_change'][axis] = change
         resolution[axis] = finer(resolution[axis], change)
     if abs(rate) > CLIPPED_RATE and abs(rate) > checks['passed'][axis]:
         _note_passed(checks, axis, rate)  # by the steps before this one
     checks['step_before'][axis] = checks['step'][axis]
     checks['step'][axis] = step
-    return bool(change > 0.0)
+    # Behind a rate that is no number nobody knows whether it stays.
+    return bool(change != 0.0)
 
 
 @kernel
