@@ -88,6 +88,7 @@ CASES = {
         {'zero_stamps': 1000, 'parameters': Parameters(sample_rate=100.0)},
         'set sample_rate',
     ),
+    'standing stamps': ({'stamp': 990_000_000}, {'stamp': 10**9}, 'the stamps hardly advance'),
     'wrong rate': ({'received': 1300}, {'received': 1090}, 'more messages come than their stamps'),
     'gaps': ({'gaps': 3}, {}, 'lost before they come here'),
     'diverged': ({'divergences': [0, 0, 1]}, {}, 'started anew: look at the raw rates'),
@@ -146,6 +147,7 @@ def report_of(count, **changes):
     """Return the report of a sound filter on so many messages at 100 Hz, with these changes."""
     telemetry = as_telemetry(np.zeros(1, TELEMETRY))[0]._replace(
         samples=count,
+        stamp=10_000_000 * count,
         period=0.01,
         samples_per_message=1.0,
         blocks=1,
@@ -595,6 +597,25 @@ def test_stamps_that_go_to_and_fro_or_are_none(random):
         assert expected <= {rule.name for rule in rules}
 
 
+def test_stamps_that_stand_or_are_in_another_unit(random):
+    """Whole seconds, and a whole buffer with one stamp, tell the time all the same."""
+    messages = quiet(2000, 5e-3, random)
+    starts = range(0, len(messages), 100)
+
+    def last_text(stamp_of):
+        given = [
+            imu_message(stamp_of(imu_fields(m).stamp), imu_fields(m).angular_velocity, (0, 0, 9.8))
+            for m in messages
+        ]
+        filter_ = MessageFilter(Parameters())
+        return texts(Health(), [given[start : start + 100] for start in starts], filter_)[-1]
+
+    for stamp_of in (lambda stamp: 10**18, lambda stamp: stamp // 1000):
+        assert last_text(stamp_of).startswith('the stamps hardly advance')
+    for step in (10**8, 10**9):
+        assert last_text(lambda stamp, step=step: stamp // step * step) == 'receiving'
+
+
 def test_a_dead_band_and_coarse_steps_are_no_fault(random):
     """Zeros at rest are noise that is not there; a flat top of a turn is not the range's end."""
     step = np.radians(0.061)
@@ -659,6 +680,7 @@ def test_telemetry_is_that_of_the_state(random):
         'period': clock['mean_period'],
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
+        'stamp': clock['stamp'],
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],
         'accelerometer_hangs': checks['accelerometer_hangs'],

@@ -30,6 +30,10 @@ _SLOW_LOW_PASS = 15.0
 # Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
 # or a driver that mixes its messages up do so all the time.
 _BACKWARD_SHARE = 0.05
+# Of the time that the samples in the window took by their period: stamps that tell less of it stand
+# still, or are in another unit. So much of it, in s, is judged, as some drivers stamp in whole
+# seconds.
+_TOLD_SHARE, _LEAST_TOLD = 0.1, 5.0
 
 # No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
 # accelerometer by more than this, in m/s^2. In degrees, 0.06 deg/s of noise pass for 0.06 rad/s.
@@ -61,6 +65,19 @@ def _stamps_are_zero(span: Span) -> bool:
     # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
     none = zero >= span.recent - (now.not_measured - first.not_measured)
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
+
+
+def _stamps_stand(span: Span) -> bool:
+    now, first = span.now.telemetry, span.first.telemetry
+    # A clock that was set, or no stamps at all, are told by other rules.
+    for name in ('zero_stamps', 'backward_stamps', 'restarts'):
+        if getattr(now, name) > getattr(first, name):
+            return False
+    again = now.not_measured - first.not_measured + now.repeats - first.repeats
+    lasted = (span.recent - again) * now.period
+    told = 1e-9 * (now.stamp - first.stamp)
+    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= _LEAST_TOLD
+    return judged and told < _TOLD_SHARE * lasted
 
 
 def _has_noise_in_degrees(span: Span) -> bool:
@@ -314,6 +331,13 @@ INPUT_RULES = (
         Level.WARN,
         _stamps_are_zero,
         'the driver does not stamp (all stamps are 0): set sample_rate',
+    ),
+    Rule(
+        'standing stamps',
+        Level.WARN,
+        _stamps_stand,
+        'the stamps hardly advance from message to message, so that a bias that changes is not '
+        'followed: stamp each message with the time of its measurement, in seconds and nanoseconds',
     ),
     Rule('wrong rate', Level.WARN, beyond(_rate_error, *_RATE_ERROR), _rate_text),
     Rule(

@@ -37,6 +37,7 @@ class Span(NamedTuple):
         now: The present one.
         samples: Samples since the last report.
         recent: Samples in the window.
+        seconds: From its start to the present report.
         rate: Messages a second in the window.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
@@ -52,6 +53,7 @@ class Span(NamedTuple):
     now: MessageReport
     samples: int
     recent: int
+    seconds: float
     rate: float
     expected_rate: float
     is_rate_judged: bool
@@ -110,6 +112,7 @@ def span_of(
         now,
         state.samples - before.telemetry.samples,
         recent,
+        seconds,
         (now.received - first.received) / seconds if seconds > 0.0 else math.nan,
         expected_rate,
         is_rate_judged,
