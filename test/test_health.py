@@ -40,6 +40,7 @@ from gyro_drift_filter.messages.telemetry import (
     as_telemetry,
 )
 from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.drive import simulate_drive
 from support.messages import imu_fields, quiet, simulated
 from support.sensor import at_rest, by_hand
 
@@ -115,6 +116,11 @@ CASES = {
         'the acceleration at rest is 1, where gravity is 9.81 m/s^2',
     ),
     'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
+    'taken for a turn': (
+        {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 121.0},
+        {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 119.0},
+        'call ~/calibrate now',
+    ),
     'beyond bias.max': ({'rest_beyond_max': True}, {}, 'bias.max (10 deg/s)'),
     'no bias for long': (
         {'bias_known': False, 'rest_seconds': 11.0},
@@ -395,6 +401,19 @@ def test_a_robot_that_turns_steadily_is_not_told_to_have_other_units():
     assert callable(text)
     assert 'is taken for a turn' in text(span(rest_beyond_max=True))
     assert 'rates in deg/s' in text(span(rest_beyond_max=True, bias_known=False))
+
+
+@pytest.mark.parametrize(('warming', 'is_told'), [(0.006, False), (0.012, True)])
+def test_stands_that_are_taken_for_turns_are_told(warming, is_told, monkeypatch):
+    """A bias that changes faster than bias.random_walk says leaves each short rest behind."""
+    monkeypatch.setattr('gyro_drift_filter.simulation.drive.WARMING', (0.0, 0.0, warming))
+    recording = simulate_drive(1, rest=10.0, motion=20.0, motions=6).recording
+    messages = recorded(recording.angular_velocity, recording.linear_acceleration)
+    filter_, health, found = MessageFilter(Parameters()), Health(), set()
+    for start in range(0, len(messages), 100):
+        filter_all(filter_, messages[start : start + 100])
+        found.add(health.judge(filter_.report(), 1.0)[1].message)
+    assert any('is taken for a slow turn' in text for text in found) == is_told
 
 
 def test_at_a_low_rate_a_rest_takes_longer():

@@ -16,6 +16,7 @@
 
 import math
 
+from gyro_drift_filter.core.rest.records import Obstacle
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown
@@ -75,6 +76,15 @@ def _has_no_rest_for_long(span: Span) -> bool:
     return not state.accelerometer_hangs and state.steady_seconds > max(
         _LONG_WITHOUT_REST, 2.0 * state.least_rest_seconds
     )
+
+
+def _is_taken_for_turn(span: Span) -> bool:
+    """Return whether it is as still as at rest but for the rate, and has had no rest for long."""
+    state = span.now.telemetry
+    refused = state.rest_obstacle == Obstacle.NO_BIAS and not state.at_rest
+    if not refused or state.rest_beyond_max or not span.now.parameters.bias_enabled:
+        return False
+    return state.bias_known and state.rest_seconds > _LONG_WITHOUT_REST
 
 
 def _no_bias(span: Span) -> str:
@@ -147,6 +157,14 @@ FILTER_RULES = (
             'rates wander or jump (a motor, a fan, a loose mount, temperature); if it moves, '
             'whether the accelerometer hangs'
         ),
+    ),
+    Rule(
+        'taken for a turn',
+        Level.WARN,
+        _is_taken_for_turn,
+        'no rest for minutes, and now a steady rate that the bias can not have come to is taken '
+        'for a slow turn: if the robot stands, its bias changes faster than bias.random_walk says, '
+        'so call ~/calibrate now, and raise that',
     ),
     Rule(
         'beyond bias.max',
