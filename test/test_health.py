@@ -82,6 +82,7 @@ CASES = {
     'clipped': ({'clipped': [0, 1, 0]}, {}, 'end of the measuring range'),
     'unusable': ({'unusable': [0, 0, 1]}, {}, 'no usable number'),
     'lost': ({'lost': 1}, {}, 'before the node took them'),
+    'always restarted': ({'restarts': 501}, {'restarts': 500}, 'in another unit'),
     'restarted': ({'restarts': 1}, {'gaps': 1}, 'jumped by more than gap_limit'),
     'backward': ({'backward_stamps': 51}, {'backward_stamps': 50}, 'stamps go backward'),
     'zero stamps': (
@@ -631,6 +632,8 @@ def test_stamps_that_stand_or_are_in_another_unit(random):
 
     for stamp_of in (lambda stamp: 10**18, lambda stamp: stamp // 1000):
         assert last_text(stamp_of).startswith('the stamps hardly advance')
+    too_large = last_text(lambda stamp: 10**18 + (stamp - 10**18) * 1000)
+    assert too_large.startswith('most stamps are farther than gap_limit from the one before')
     for step in (10**8, 10**9):
         assert last_text(lambda stamp, step=step: stamp // step * step) == 'receiving'
 

@@ -218,7 +218,10 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
             fine('outliers', f'samples held back or bridged: {by_axis(state.outliers)}'),
         ),
         (
-            {'gaps', 'restarted', 'backward', 'zero stamps', 'standing stamps', 'wrong rate'},
+            {
+                *('gaps', 'restarted', 'always restarted', 'backward'),
+                *('zero stamps', 'standing stamps', 'wrong rate'),
+            },
             fine(
                 'stamps',
                 f'{_rate(span)}, {state.gaps} gaps, {state.missing_samples} samples '

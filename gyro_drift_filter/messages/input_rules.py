@@ -30,6 +30,8 @@ _SLOW_LOW_PASS = 15.0
 # Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
 # or a driver that mixes its messages up do so all the time.
 _BACKWARD_SHARE = 0.05
+# So many samples in the window show that their stamps always jump: one pause is none of them.
+_LEAST_STEPS = 5
 # Of the time that the samples in the window took by their period: stamps that tell less of it stand
 # still, or are in another unit. So much of it, in s, is judged, as some drivers stamp in whole
 # seconds.
@@ -57,6 +59,11 @@ _GAPS = 2.5, 0.5
 def _stamps_go_backward(span: Span) -> bool:
     backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
     return span.recent >= LEAST_SAMPLES and backward > _BACKWARD_SHARE * span.recent
+
+
+def _stamps_always_jump(span: Span) -> bool:
+    restarts = span.now.telemetry.restarts - span.first.telemetry.restarts
+    return span.recent >= _LEAST_STEPS and 2 * restarts > span.recent
 
 
 def _stamps_are_zero(span: Span) -> bool:
@@ -312,6 +319,14 @@ INPUT_RULES = (
         lambda span: span.low_pass < _SLOW_LOW_PASS,
         'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
         'back: choose a higher cut-off frequency',
+    ),
+    Rule(
+        'always restarted',
+        Level.WARN,
+        _stamps_always_jump,
+        'most stamps are farther than gap_limit from the one before, so that each sample begins '
+        'anew and nothing is filtered: are the stamps in another unit, do the clocks of two '
+        'drivers mix, or does the sensor measure more slowly than gap_limit allows?',
     ),
     Rule(
         'restarted',
