@@ -811,8 +811,9 @@ def rests_in_poses(random, count=8):
     return rates, accelerations, 1300 * np.arange(count) + 690
 
 
-@pytest.mark.parametrize('failed', [np.nan, 0.0, np.inf])
+@pytest.mark.parametrize('failed', [np.nan, 0.0, np.inf, -0.0024, 39.2])
 def test_reads_of_the_accelerometer_that_fail_hide_no_rest(failed, random):
+    """An error code that a driver takes for a value is -1 count, or the end of the range."""
     rates, accelerations, ends = rests_in_poses(random)
     accelerations[random.random(len(rates)) < 0.05] = failed
     results = run(Filter(), rates, accelerations)

@@ -46,7 +46,7 @@ from gyro_drift_filter.core.rest.stationarity import (
     obstacle_of_block,
     tilts,
 )
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample, finer, is_zero
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample, finer, is_one_value
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
@@ -139,12 +139,12 @@ def _add_sample(
 def _note_force(rest: Rest, acceleration: PerAxis) -> None:
     """Note an acceleration (3,) in m/s^2, and the smallest change of it.
 
-    A read that failed gives no number, or zeros on all axes. The last one that was measured stands
-    in for it: else one in a hundred of them would hide every rest. Who has no accelerometer has
-    zeros all the time.
+    A read that failed gives no number, or one value on all axes. The last one that was measured
+    stands in for it: else one in a hundred of them would hide every rest. Who has no accelerometer
+    has zeros all the time.
     """
     force, resolution = rest['force'], rest['force_resolution']
-    if is_zero(acceleration):
+    if is_one_value(acceleration):
         return
     for axis in range(3):
         if not abs(acceleration[axis]) <= LARGEST_ACCELERATION:
