@@ -460,15 +460,20 @@ def update(
 def limits_of(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> tuple[float, float]:
     """Return the two limits that the innovation just taken in was held against, in rad/s.
 
-    Both are 0 where something else decided.
+    Both are 0 where something else decided, and one of them where it is infinite.
     """
     doubt, reason = state['doubt'], workspace['reason']
     failed = reason == Reason.DROPOUT or reason == Reason.DROPOUT_GOES_ON
     if failed or reason == Reason.CONSTANT or reason >= Reason.REPEATED:
         return 0.0, 0.0
-    if reason == Reason.BEYOND_BODY:
-        return doubt['innovation_threshold'], doubt['body_jump']
-    return doubt['innovation_threshold'], doubt['least_jump']
+    least_jump = doubt['body_jump'] if reason == Reason.BEYOND_BODY else doubt['least_jump']
+    return _finite(doubt['innovation_threshold']), _finite(least_jump)
+
+
+@kernel
+def _finite(limit: float) -> float:
+    """Return a limit, or 0 where it is infinite, so that there is none."""
+    return limit if limit < np.inf else 0.0
 
 
 @kernel
