@@ -36,6 +36,7 @@ SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s
 REST, TURN = 10, 60  # s
 JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
 AFTER_JUMP = 30  # s
+DRIVE, STAND, MOTION = 300, 10, 20  # s
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
@@ -116,6 +117,32 @@ def to_and_fro(
     return float(changed.max()), float(np.abs(np.cumsum(bias[begin:])).max() / rate)
 
 
+def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
+    """Return the heading that is lost in deg, of a bias that jumps by `size` deg/s.
+
+    About the vertical, while a robot stands that drives and stands in turns: smooth noise of 0.3
+    rad/s and 0.3 m/s^2.
+    """
+    rates, accelerations = at_rest(random, DRIVE, rate)
+    time = np.arange(len(rates)) / rate
+    since = time % (STAND + MOTION) - STAND
+    window = np.clip(np.minimum(since, MOTION - since) / 0.5, 0.0, 1.0)
+    motion = 0.3 * window[:, None] * _smooth(random, len(rates), rate)
+    begin = round((2 * (STAND + MOTION) + 0.5 * STAND) * rate)
+    truth = size * _DEGREE * (np.arange(len(rates)) >= begin)
+    rates[:, 2] += truth
+    bias = _biases(rates + motion, accelerations + motion, rate, False)[:, 2]
+    return float(np.abs(np.cumsum(bias - truth)[begin:]).max() / rate / _DEGREE)
+
+
+def _smooth(random: np.random.Generator, n: int, rate: float) -> Array:
+    """Return smooth noise (n, 3) of deviation 1."""
+    smooth = np.cumsum(random.standard_normal((n, 3)), axis=0)
+    width = round(5 * rate)
+    smooth[width:] -= smooth[:-width].copy()
+    return np.asarray(smooth / smooth.std())
+
+
 def warm_up(random: np.random.Generator, rate: float) -> Array:
     """Return the errors in deg/s after each rest, (rests, 3), of a bias that moves 1 deg/s.
 
@@ -127,10 +154,7 @@ def warm_up(random: np.random.Generator, rate: float) -> Array:
     since = (time + CYCLE - PAUSE) % CYCLE  # the recording begins with a rest
     rests = since >= CYCLE - PAUSE
     window = np.clip(np.minimum(since, CYCLE - PAUSE - since) / 0.5, 0.0, 1.0)
-    smooth = np.cumsum(random.standard_normal((len(rates), 3)), axis=0)
-    width = round(5 * rate)
-    smooth[width:] -= smooth[:-width].copy()
-    motion = 0.3 * (window * ~rests)[:, None] * smooth / smooth.std()
+    motion = 0.3 * (window * ~rests)[:, None] * _smooth(random, len(rates), rate)
     bias = _biases(rates + truth[:, None] + motion, accelerations + motion, rate, False)
     ends = np.flatnonzero(rests[:-1] & ~rests[1:]) + round(0.5 * rate)
     return np.asarray(bias[ends] - truth[ends, None]) / _DEGREE
@@ -208,6 +232,18 @@ def main() -> None:
         after = np.array([jump(np.random.default_rng(seed), size, options.rate) for seed in seeds])
         known = np.mean(np.isfinite(after))
         rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
+    print(table(rows), end='\n\n')
+    print(
+        'the heading that is lost, median and worst, where a bias jumps about the vertical, while '
+        f'a\nrobot stands, within {DRIVE} s of stands of {STAND} s and {MOTION} s of motion\n'
+    )
+    rows = [['deg/s', 'heading (deg)']]
+    for size in JUMPS:
+        tell(f'jumping by {size:g} deg/s between drives ...')
+        lost = np.array(
+            [jump_in_stand(np.random.default_rng(seed), size, options.rate) for seed in seeds]
+        )
+        rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
     print(table(rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '

@@ -268,6 +268,51 @@ def test_a_turn_about_an_axis_that_leans_moves_gravity_and_is_no_bias(speed, ran
     assert np.abs(results['bias']).max() < 0.1 * DEGREE
 
 
+def stands_between_turns(random, stand_rates, turn_rate):
+    """Return rates, accelerations and the last sample of each stand of 8 s, with turns between.
+
+    The body stands with each of `stand_rates` (rad/s, about the vertical), and turns to and fro
+    about all axes for 8 s before each but the first.
+    """
+    rates, accelerations, ends = [], [], []
+    for k, stand_rate in enumerate(stand_rates):
+        if k > 0:
+            turn, push = by_hand(random, 8.0)
+            still = at_rest(random, 8.0)
+            rates.append(still[0] + turn_rate * turn)
+            accelerations.append(still[1] + push)
+        still = at_rest(random, 8.0, (0.0, 0.0, stand_rate))
+        rates.append(still[0])
+        accelerations.append(still[1])
+        ends.append(sum(map(len, rates)) - 1)
+    return np.concatenate(rates), np.concatenate(accelerations), ends
+
+
+def test_a_rate_that_is_met_again_behind_a_turn_is_the_bias(random):
+    """As that of a sensor that warms up: nothing turns as slowly at two stands by chance."""
+    jump = 0.6 * DEGREE
+    rates, accelerations, ends = stands_between_turns(random, [0.0, jump, jump], 1.0)
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][ends[1], 2]) < 0.2 * jump  # a turn, for all that is known
+    np.testing.assert_allclose(results['bias'][ends[2], 2], jump, atol=0.1 * jump)
+
+
+def test_a_slow_turn_that_is_met_again_behind_little_motion_is_no_bias(random):
+    """It has gone on meanwhile, as nothing has turned the body elsewhere."""
+    turn = 0.6 * DEGREE
+    rates, accelerations, ends = stands_between_turns(random, [0.0, turn, turn], 0.1)
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][ends, 2]).max() < 0.2 * turn
+
+
+def test_a_slow_turn_that_is_met_again_is_undone_when_it_ends(random):
+    """As of a camera that looks around again and again: the first true stand has the bias."""
+    turn = 0.6 * DEGREE
+    rates, accelerations, ends = stands_between_turns(random, [0.0, turn, turn, 0.0], 1.0)
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][ends[3], 2]) < 0.1 * turn
+
+
 @pytest.mark.parametrize('speed', [1.0, 3.0, 9.0])
 def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, random):
     """After a minute and a half nothing tells the one from the other; the end of it does."""

@@ -57,6 +57,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     give_up_first_bias,
     interrupt_slow_turn,
     is_back,
+    note_fast_turn,
     update_slow_turn,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
@@ -197,6 +198,7 @@ def track_bias(
     run = rest['run']
     hand_on_block(rest, state['other_rest'])
     note_swing(state['swing'], rest, lengths)
+    note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_rest'], lengths)
     take_standing(state, lengths['block_seconds'], settings['bias_max'])

@@ -17,7 +17,9 @@
 A gyroscope alone can't tell the one from the other, so such a rate is a turn unless it stays for
 longer than robots turn slowly. Gravity tells them apart sooner: a turn about any axis but the
 vertical would move it. Where it stands the bias has jumped, as when a sensor is switched on anew,
-takes its own bias off, or has had a blow.
+takes its own bias off, or has had a blow. And so it has changed where the body stands with this
+rate, turns elsewhere at a rate that no bias has, and stands with it again: as the bias of a sensor
+that warms up faster than it is expected to.
 """
 
 import math
@@ -26,14 +28,16 @@ from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.noise import segment_variance
-from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.rest.segment import first_mean, last_mean, segment_mean
+from gyro_drift_filter.core.rest.records import Rest, RestLengths
+from gyro_drift_filter.core.rest.segment import block_moments, first_mean, last_mean, segment_mean
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 # A turn lasts no longer than this: then it is the bias after all.
 LONGEST_TURN = 90.0  # s
 # It stays where a segment lies within so many deviations of the one before.
 SAME_TURN_GATE = 4.0
+# A body that has turned by so much in between, in rad, has not kept on turning slowly meanwhile.
+TURN_BETWEEN = 1.0
 # Gravity denies a turn that should have moved it by so much, three times what it may move and still
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
@@ -50,7 +54,7 @@ class SlowTurnOutcome(IntEnum):
 
     TURN = 0  # a turn, as far as is known
     DENIED = 1  # another bias: gravity stands, and would have moved with a turn
-    LASTED = 2  # another bias, as it has stayed for longer than a turn
+    LASTED = 2  # another bias, as it has stayed for longer than a turn, or over a faster turn
 
 
 class SlowTurn(TypedDict):
@@ -58,6 +62,7 @@ class SlowTurn(TypedDict):
 
     rate: PerAxis  # rad/s, of the last segment
     seconds: float  # for how long rest has had it
+    turned: float  # rad, by which the body has turned since, at rates that no bias has
     # the stillness under way, for as long as it has had this rate and gravity has stood
     standing_seconds: float
     angle: PerAxis  # rad, by which the body would have turned
@@ -75,6 +80,7 @@ SLOW_TURN = record(SlowTurn)
 def forget_slow_turn(turn: SlowTurn) -> None:
     """Begin anew: the bias is known."""
     turn['seconds'] = 0.0
+    turn['turned'] = 0.0
     interrupt_slow_turn(turn)
 
 
@@ -84,6 +90,19 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
     turn['standing_seconds'] = 0.0
     for axis in range(3):
         turn['angle'][axis] = 0.0
+
+
+@kernel
+def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: float) -> None:
+    """Note by how much the body turns in the full block, at a rate beyond `bias_max` (rad/s)."""
+    if turn['seconds'] == 0.0 or 2 * rest['count'] < lengths['block']:
+        return
+    rate = 0.0
+    for axis in range(3):
+        mean, _ = block_moments(rest, rest['signals'][axis])
+        rate = max(rate, abs(mean))
+    if rate > bias_max:
+        turn['turned'] += rate * lengths['block_seconds']
 
 
 @kernel
@@ -120,7 +139,8 @@ def update_slow_turn(
     uncertain = standing * (standing * variance + seconds * noise)
     if _is_denied(turn, rest, uncertain):
         return SlowTurnOutcome.DENIED
-    return SlowTurnOutcome.LASTED if turn['seconds'] >= LONGEST_TURN else SlowTurnOutcome.TURN
+    lasted = turn['seconds'] >= LONGEST_TURN or turn['turned'] > TURN_BETWEEN
+    return SlowTurnOutcome.LASTED if lasted else SlowTurnOutcome.TURN
 
 
 @kernel
