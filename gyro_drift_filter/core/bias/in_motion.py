@@ -67,6 +67,7 @@ from gyro_drift_filter.core.bias.shared import (
     PerState,
     limit_prior,
     settle_growth,
+    tracks_scale,
     widen_shift,
 )
 from gyro_drift_filter.core.bias.vibration import interrupt_vibration, note_vibration
@@ -104,8 +105,7 @@ LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
 # speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s. A body that walks and turns
 # has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
-# in m/s^2, of 0.7 m/s at 0.7 rad/s. Errors of scale would be taken for the bias, too, so that they
-# are noise there.
+# in m/s^2, of 0.7 m/s at 0.7 rad/s.
 WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
 # The first direction is that of the mean acceleration over so many s.
 WIDE_DIRECTION_SECONDS = 1.0
@@ -452,7 +452,7 @@ def _predict_covariance(
             covariance[i, k] = covariance[k, i] = product[i, k] * forward[k, k]
     # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
     angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
-    share = SCALE_ERROR if state['wide'] else NONLINEARITY
+    share = NONLINEARITY if tracks_scale(state) else SCALE_ERROR
     for axis in range(3):
         walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths)
         covariance[axis, axis] += walk * seconds

@@ -138,7 +138,6 @@ MOTION_BIAS = record(MotionBias)
 def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
     """Begin with a shift (3,) in rad/s and its variance (3,), infinite where it is not known."""
     state['speed_deviation'] = SPEED
-    forget_scale(state)
     for axis in range(3):
         known = variance[axis] < np.inf
         largest_prior = LARGEST_PRIOR if known else UNKNOWN_PRIOR
@@ -146,6 +145,26 @@ def set_shift(state: MotionBias, shift: PerAxis, variance: PerAxis) -> None:
         state['bias_at_rest']['known'][axis] = known
         state['rectified'][axis] = prior if known else 0.0
         _replace_shift(state, axis, shift[axis], prior)
+
+
+@kernel
+def tracks_scale(state: MotionBias) -> bool:
+    """Return whether errors of the scale are states; else they are noise of each turn."""
+    return bool(state['covariance'][SCALE, SCALE] > 0.0)
+
+
+@kernel
+def _start_scale(state: MotionBias, variance: PerAxis) -> None:
+    """Track errors of the scale from where the bias is known, as each would be taken for the other.
+
+    `variance` (3,) is that of the bias, in (rad/s)^2.
+    """
+    if state['wide'] or tracks_scale(state):
+        return
+    for axis in range(3):
+        if variance[axis] > UNKNOWN * UNKNOWN:
+            return
+    forget_scale(state)
 
 
 @kernel
@@ -238,6 +257,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
     state['vertical_angle'] = 0.0
     state['carried'] = 0.0
     state['moving'] = False
+    _start_scale(state, variance)
 
 
 @kernel
@@ -245,9 +265,9 @@ def start_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis) -> Non
     """Begin with a bias (3,) in rad/s, all of its variance (3,) tracked and no shift."""
     for axis in range(3):
         _replace_shift(state, axis, 0.0, 0.0)
+    state['wide'] = True
     start_motion_bias(state, bias, variance)
     state['speed_deviation'] = SPEED
-    state['wide'] = True
 
 
 @kernel
