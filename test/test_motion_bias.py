@@ -496,6 +496,21 @@ def test_gravity_shows_errors_of_the_scale(random):
     assert (np.abs(motion['state_vector'][first] - scale[:, 0]) < 3.0 * deviations).all()
 
 
+def test_errors_of_the_scale_are_states_from_where_the_bias_is_known(random):
+    """Before that each would be taken for the other."""
+    filter_ = Filter()
+    turn, push = by_hand(random, 20.0)
+    rates, accelerations = at_rest(random, 20.0)
+    run(filter_, rates + turn, accelerations + push)
+    assert not filter_.state['bias']['known']
+    assert not filter_.state['bias']['motion']['covariance'][SCALE:].any()
+    run(filter_, rates[:500], accelerations[:500], start=START + 20 * 10**9)
+    assert filter_.state['bias']['known']
+    for motion, variance in (('motion', SCALE_ERROR**2), ('unknown', 0.0)):
+        own = np.diag(filter_.state['bias'][motion]['covariance'])[SCALE:]
+        np.testing.assert_array_equal(own, variance)
+
+
 def test_another_sensor_has_another_scale(random):
     filter_ = Filter()
     run(filter_, *rolled(random, 0.01 * random.standard_normal((3, 3))))
