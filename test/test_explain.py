@@ -283,13 +283,8 @@ def test_a_bridged_repeat_ends_no_outliers_in_a_row(tmp_path, capsys, random):
         assert f' {axis}       2 ' in page
 
 
-@pytest.mark.parametrize('piece', [1, 7, 10_000])
-@pytest.mark.parametrize('method', ['adaptive', 'sage_husa'])
-def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
-    rates, forces = rates_and_forces
-    rates[11 * SECOND :: 37, 0] += 0.4  # many more
-    stamps = START + 10_000_000 * np.arange(len(rates))
-    filter_ = Filter(Parameters(method=method))
+def logged(filter_, stamps, rates, forces, piece):
+    """Return the messages that a filter has taken, and the log that took them so many at a time."""
     imus = np.zeros(len(rates), IMU)
     imus['kind'] = ImuKind.GOOD
     imus['sample']['angular_velocity'] = rates
@@ -297,6 +292,16 @@ def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
     log = FlaggedLog(filter_)
     for begin in range(0, len(imus), piece):
         log.take(imus[begin : begin + piece], stamps[begin : begin + piece])
+    return imus, log
+
+
+@pytest.mark.parametrize('piece', [1, 7, 10_000])
+@pytest.mark.parametrize('method', ['adaptive', 'sage_husa'])
+def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
+    rates, forces = rates_and_forces
+    rates[11 * SECOND :: 37, 0] += 0.4  # many more
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    imus, log = logged(Filter(Parameters(method=method)), stamps, rates, forces, piece)
     flagged = imus['result']['outlier'] > 0.0
     assert ((imus['result']['reason'] == UNUSABLE) == np.isnan(rates)).all()
     samples = np.zeros(3, int)
@@ -405,14 +410,8 @@ def test_each_sample_is_told_once(bag, tmp_path):
 def test_unflagged_samples_are_counted_within_the_times_asked_for(piece, random):
     rates, forces = at_rest(random, 12)
     rates[1050:1100, 2] = 0.001  # a driver that hangs
-    stamps, filter_ = START + 10_000_000 * np.arange(len(rates)), Filter(Parameters())
-    imus = np.zeros(len(rates), IMU)
-    imus['kind'] = ImuKind.GOOD
-    imus['sample']['angular_velocity'] = rates
-    imus['result'] = filter_.run(stamps, rates, forces)
-    log = FlaggedLog(filter_)
-    for begin in range(0, len(imus), piece):
-        log.take(imus[begin : begin + piece], stamps[begin : begin + piece])
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    imus, log = logged(Filter(Parameters()), stamps, rates, forces, piece)
     reason = imus['result']['reason'][:, 2]
     samples = {one.reason_name: one for one in log.unflagged(START, 0.0, np.inf) if one.axis == 2}
     assert 'CONSTANT' in samples
