@@ -28,7 +28,6 @@ from gyro_drift_filter.core.bias.shared import (
     forget_scale,
     limit_prior,
     motion_variance,
-    tracks_scale,
 )
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
@@ -175,8 +174,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
     lose_direction(bias['motion'])
     lose_direction(bias['unknown'])
-    if tracks_scale(bias['motion']):
-        forget_scale(bias['motion'])
+    forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
     lacking = deviation * deviation - bias['growth']
     if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):

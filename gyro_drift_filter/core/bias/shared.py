@@ -164,12 +164,19 @@ def _start_scale(state: MotionBias, variance: PerAxis) -> None:
     for axis in range(3):
         if variance[axis] > UNKNOWN * UNKNOWN:
             return
-    forget_scale(state)
+    _expect_any_scale(state)
 
 
 @kernel
 def forget_scale(state: MotionBias) -> None:
-    """Expect errors of scale and alignment of any gyroscope, whatever this one has shown."""
+    """Forget what is known of the errors of the scale: another sensor measures from now on."""
+    if tracks_scale(state):
+        _expect_any_scale(state)
+
+
+@kernel
+def _expect_any_scale(state: MotionBias) -> None:
+    """Expect the errors of scale and alignment that a factory leaves."""
     vector, covariance = state['state_vector'], state['covariance']
     for i in range(SCALE, STATES):
         vector[i] = 0.0
