@@ -290,9 +290,7 @@ def innovation_limits(filter_: 'FilterRecord', axis: int) -> tuple[float, float]
     The first limit is by noise, the second one by what a body can do.
     """
     if filter_['settings']['method'] == ADAPTIVE:
-        state = filter_['state']['methods']['adaptive'][axis]
-        workspace = filter_['workspace']['methods']['adaptive']['axes'][axis]
-        return adaptive.limits_of(state, workspace)
+        return adaptive.limits_of(filter_['workspace']['methods']['adaptive']['axes'][axis])
     return 0.0, 0.0
 
 

@@ -83,12 +83,12 @@ from gyro_drift_filter.core.methods.outliers import (
     decision_of,
     derive_limits,
     feel_jolt,
+    fill_innovation_limits,
     find_reason,
     jump_by_shake,
     lies_at_accepted,
     note_held,
     note_innovation,
-    note_limits,
     note_missing,
     note_rate_change,
     note_repeat,
@@ -391,8 +391,11 @@ def update(
     prediction, typical = own['prediction'], own['typical_innovation']
     dropout, last_accepted = circumstances['dropout'], state['last_accepted']
     unmeasured = doubt['unmeasured']
-    note_limits(doubt, typical, circumstances, limits)
-    reason = find_reason(doubt, sample, prediction, last_accepted, circumstances, limits)
+    innovation_limits = own['innovation_limits']
+    fill_innovation_limits(innovation_limits, doubt, typical, circumstances['still'], limits)
+    reason = find_reason(
+        doubt, innovation_limits, sample, prediction, last_accepted, circumstances, limits
+    )
     # After the judgement, which it overrules; called for every sample, as it counts them.
     constant = note_repeat(doubt, sample, noise['variance'])
     cut_off = own['at_limit'] and _is_behind(sample, prediction, typical)
@@ -457,17 +460,17 @@ def update(
 
 
 @kernel
-def limits_of(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> tuple[float, float]:
+def limits_of(workspace: AdaptiveAxisWorkspace) -> tuple[float, float]:
     """Return the two limits that the innovation just taken in was held against, in rad/s.
 
     Both are 0 where something else decided, and one of them where it is infinite.
     """
-    doubt, reason = state['doubt'], workspace['reason']
+    limits, reason = workspace['innovation_limits'], workspace['reason']
     failed = reason == Reason.DROPOUT or reason == Reason.DROPOUT_GOES_ON
     if failed or reason == Reason.CONSTANT or reason >= Reason.REPEATED:
         return 0.0, 0.0
-    least_jump = doubt['body_jump'] if reason == Reason.BEYOND_BODY else doubt['least_jump']
-    return _finite(doubt['innovation_threshold']), _finite(least_jump)
+    least_jump = limits['body_jump'] if reason == Reason.BEYOND_BODY else limits['least_jump']
+    return _finite(limits['innovation_threshold']), _finite(least_jump)
 
 
 @kernel

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import record
 from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
 from gyro_drift_filter.core.methods.noise import Noise
-from gyro_drift_filter.core.methods.outliers import Doubt, Jolt
+from gyro_drift_filter.core.methods.outliers import Doubt, InnovationLimits, Jolt
 
 VarianceKey = Annotated[NDArray[np.float64], np.float64, (4,)]
 ErrorKey = Annotated[NDArray[np.float64], np.float64, (3,)]
@@ -95,6 +95,7 @@ class AdaptiveAxisWorkspace(TypedDict):
     prediction_variance: float  # of the innovation
     # rad/s, by which outliers are judged: as if the noise was white, in the geometric mean
     typical_innovation: float
+    innovation_limits: InnovationLimits  # of the sample
     reason: int  # of the decision on the sample: a member of Reason
     accepted_before: float  # `last_accepted` before it, rad/s
     # it lies where the last accepted sample did, after one that was held back

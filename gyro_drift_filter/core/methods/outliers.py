@@ -226,10 +226,6 @@ class Doubt(TypedDict):
     step: float  # rad/s, from the last but one to the last; 0 where these do not follow each other
     typical_innovation: float  # rad/s, when the first one came
     first_size: float  # rad/s, of its innovation; 0 where it was not measured
-    # What the innovation of the sample at hand has to exceed to be doubtful, in rad/s.
-    innovation_threshold: float  # `outlier.threshold` typical or usual innovations
-    least_jump: float  # by `outlier.acceleration`, or less where the sensor is still
-    body_jump: float  # beyond this it is doubtful whatever the other two are
     # of every sample
     before_restart: float  # rad/s, the accepted one before all modes last started anew
     usual_innovation: float  # rad/s, of the last samples
@@ -237,6 +233,14 @@ class Doubt(TypedDict):
     last_sample: float  # as it came, rad/s
     repeats: int  # how often it has come before
     share_held: float  # of the last samples, not counting drop-outs
+
+
+class InnovationLimits(TypedDict):
+    """What the innovation of the sample at hand has to exceed to be doubtful, in rad/s."""
+
+    innovation_threshold: float  # `outlier.threshold` typical or usual innovations
+    least_jump: float  # by `outlier.acceleration`, or less where the sensor is still
+    body_jump: float  # beyond this it is doubtful whatever the other two are
 
 
 class Jolt(TypedDict):
@@ -253,6 +257,7 @@ class Jolt(TypedDict):
 CIRCUMSTANCES = record(Circumstances)
 OUTLIER_LIMITS = record(OutlierLimits)
 DOUBT = record(Doubt)
+INNOVATION_LIMITS = record(InnovationLimits)
 JOLT = record(Jolt)
 
 
@@ -346,9 +351,6 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
     doubt['unmeasured'] = 0
     doubt['confirmations'] = 0
     doubt['behind_gap'] = False
-    doubt['innovation_threshold'] = 0.0
-    doubt['least_jump'] = 0.0
-    doubt['body_jump'] = 0.0
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
     doubt['usual_rate_change'] = LEAST_USUAL
@@ -358,31 +360,36 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
 
 
 @kernel
-def note_limits(
-    doubt: Doubt, typical_innovation: float, circumstances: Circumstances, limits: OutlierLimits
+def fill_innovation_limits(
+    innovation_limits: InnovationLimits,
+    doubt: Doubt,
+    typical_innovation: float,
+    still: bool,
+    limits: OutlierLimits,
 ) -> None:
-    """Note what the innovation of a sample has to exceed to be doubtful, before `find_reason`.
+    """Fill in what the innovation of a sample has to exceed, before `find_reason`.
 
     The typical innovation, in rad/s, is what the modes expect of white noise.
     """
     usual = limits['threshold'] * doubt['usual_innovation']
-    still = circumstances['still']
-    doubt['innovation_threshold'] = max(limits['threshold'] * typical_innovation, usual)
-    doubt['least_jump'] = limits['least_jump_while_still'] if still else limits['least_jump']
+    innovation_limits['innovation_threshold'] = max(limits['threshold'] * typical_innovation, usual)
+    least_jump = limits['least_jump_while_still'] if still else limits['least_jump']
+    innovation_limits['least_jump'] = least_jump
     # No body jumps this far, whatever the modes expect, except back from where outliers led.
-    doubt['body_jump'] = max(limits['jolt_limit'], limits['body_limit'], usual)
+    innovation_limits['body_jump'] = max(limits['jolt_limit'], limits['body_limit'], usual)
 
 
 @kernel
 def find_reason(
     doubt: Doubt,
+    innovation_limits: InnovationLimits,
     sample: float,
     prediction: float,
     last_accepted: float,
     circumstances: Circumstances,
     limits: OutlierLimits,
 ) -> Reason:
-    """Return the reason for the decision on a sample, after `note_limits`.
+    """Return the reason for the decision on a sample, after `fill_innovation_limits`.
 
     Arguments in rad/s: the sample, its prediction, and the last sample that was accepted.
     """
@@ -391,8 +398,9 @@ def find_reason(
     if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
-    beyond = apart > doubt['body_jump']
-    doubtful = beyond or (size > doubt['innovation_threshold'] and size > doubt['least_jump'])
+    beyond = apart > innovation_limits['body_jump']
+    threshold = innovation_limits['innovation_threshold']
+    doubtful = beyond or (size > threshold and size > innovation_limits['least_jump'])
     possible_change = _possible_change(doubt, circumstances, limits)
     if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
         if doubtful:
@@ -400,7 +408,7 @@ def find_reason(
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     if held > 0:
         return _reason_behind_held(
-            doubt, sample, prediction, last_accepted, beyond, circumstances, limits
+            doubt, threshold, sample, prediction, last_accepted, beyond, circumstances, limits
         )
     if dropout:
         return Reason.DROPOUT
@@ -438,6 +446,7 @@ def _jolt_limit(circumstances: Circumstances, limits: OutlierLimits) -> float:
 @kernel
 def _reason_behind_held(
     doubt: Doubt,
+    threshold: float,
     sample: float,
     prediction: float,
     last_accepted: float,
@@ -447,7 +456,8 @@ def _reason_behind_held(
 ) -> Reason:
     """Return the reason for the decision on a sample that comes behind some that were held back.
 
-    Arguments as for `find_reason`; `beyond` is true of a sample that no body reaches.
+    Arguments as for `find_reason`; `threshold` is `innovation_threshold`, and `beyond` is true of a
+    sample that no body reaches.
     """
     innovation, size = sample - prediction, abs(sample - prediction)
     held, offset = doubt['held'], doubt['offset']
@@ -460,7 +470,7 @@ def _reason_behind_held(
     held_jump = limits['threshold'] * doubt['typical_innovation']
     near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction, on its other side, it is back as well: the prediction was off.
-    away = same_side and size > 0.5 * doubt['innovation_threshold'] and size > RETURN * abs(offset)
+    away = same_side and size > 0.5 * threshold and size > RETURN * abs(offset)
     change = abs(sample - doubt['last_sample'])
     # A sample that lies by those held back belongs to them, wherever the prediction has gone.
     nearer = size < change or offset == 0.0
