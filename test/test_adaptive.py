@@ -771,6 +771,24 @@ def test_a_hand_that_never_rests_is_no_noise_at_a_low_rate(rate, random):
     assert not results['outlier'].any()
 
 
+@pytest.mark.parametrize('rate', [50.0, 60.0, 75.0])
+def test_fast_motion_from_power_on_is_no_noise(rate, random):
+    """At such rates a block of motion looks like noise now and then: R was 20 to 30 times it."""
+    ratios = []
+    for _ in range(8):
+        n = round(30 * rate)
+        frequencies = np.fft.rfftfreq(n, 1.0 / rate)[:, None]
+        spectrum = random.standard_normal((len(frequencies), 3, 2)) @ [1.0, 1j]
+        shape = (frequencies > 0.0) * (frequencies <= 25.0) * (1.0 + frequencies**2) ** -0.75
+        truth = np.fft.irfft(shape * spectrum, n, axis=0)
+        truth *= 2.0 / truth.std(axis=0)
+        z = truth + 5e-3 * random.standard_normal(truth.shape)
+        results = run(z, rate)
+        error = results['angular_velocity'] + results['bias'] - truth
+        ratios.append(np.sqrt(np.mean(error**2)) / 5e-3)
+    assert max(ratios) < 1.1
+
+
 @pytest.mark.parametrize('rate', [10.0, 20.0, 30.0])
 def test_a_sensor_that_never_rests_at_a_low_rate_has_an_honest_deviation(rate, random):
     seconds = np.arange(60 * rate) / rate

@@ -63,10 +63,10 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.noise import (
     FORGETTING_SECONDS,
     LEAST_NOISE_BLOCK,
-    LONGEST_WHITE_PERIOD,
     NOISE_BLOCK_SECONDS,
     interrupt_block,
     is_begun,
+    largest_white_variance,
     learn_noise_from_sample,
     restart_block,
     start_noise,
@@ -132,7 +132,7 @@ class AdaptiveCoefficients(TypedDict):
     modes: ModeSet
     limits: OutlierLimits
     calm_samples: int
-    is_dense: bool  # samples lie close enough to tell motion from white noise
+    largest_white: float  # (rad/s)^2, see `largest_white_variance`
     block_samples: int
     block_forgetting: float  # b of equation (13), from block to block of noise
 
@@ -166,7 +166,7 @@ def derive(
     derive_limits(settings, period, coefficients['limits'])
     coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
     samples = max(LEAST_NOISE_BLOCK, int(NOISE_BLOCK_SECONDS / period))
-    coefficients['is_dense'] = period <= LONGEST_WHITE_PERIOD
+    coefficients['largest_white'] = largest_white_variance(period)
     coefficients['block_samples'] = samples
     exponent = NOISE_BLOCK_SECONDS / FORGETTING_SECONDS
     coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
@@ -450,8 +450,8 @@ def update(
         state['last_accepted'] = sample
     if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
         length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
-        noise_alone, is_dense = circumstances['noise_alone'], coefficients['is_dense']
-        learn_noise_from_sample(noise, sample, noise_alone, is_dense, length, forgetting)
+        noise_alone, largest_white = circumstances['noise_alone'], coefficients['largest_white']
+        learn_noise_from_sample(noise, sample, noise_alone, largest_white, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     else:

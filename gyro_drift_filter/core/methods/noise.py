@@ -23,8 +23,8 @@ Before the first rest motion may be in all that is measured, so R is kept low. T
 of white noise have 20 times its variance. A block that looks like white noise gives the geometric
 mean of its variance and of what its third differences show; any other, and every block at low
 rates, gives a small share of the latter. R falls in motion where these show less. Fast motion looks
-like noise, too, where a block holds few samples, so such a block counts for no more than the blocks
-before it allow.
+like noise, too, where a block holds few samples or these lie far apart, so such a block counts for
+no more than the blocks before it allow, and only if it is as quiet as common gyroscopes.
 """
 
 import math
@@ -47,12 +47,14 @@ KNOWN_BLOCKS = 10  # that a noise level given by the user is worth
 LEAST_THIRDS = 10  # third differences, without which a block says nothing
 
 # Before the first rest a block may be noise alone where third differences carry at least this share
-# of its variance, and where that is no larger than the noise of any gyroscope. At rates below 50 Hz
-# none does: a hand moves at up to some 10 Hz, and looks as white as noise in samples that are so
-# far apart.
+# of its variance, and where that is no larger than the noise of any gyroscope. A body moves at up
+# to some 25 Hz: where that is more than a quarter of the sample rate, one in 30 blocks of fast
+# motion looks as white as noise. There only a block counts that is no louder than common
+# gyroscopes. At rates below 50 Hz none does, as nearly all motion looks white.
 WHITE = 0.3
-LONGEST_WHITE_PERIOD = 0.0204  # s
+LONGEST_DENSE_PERIOD, LONGEST_WHITE_PERIOD = 0.0104, 0.0204  # s
 LARGEST_NOISE = 0.2  # rad/s
+LARGEST_COMMON_DENSITY = 0.002  # rad/s per root of Hz, twice that of the noisiest common ones
 LARGEST_BOUND = 2.0  # R in lowest bounds, at most: motion can only raise a bound
 # Of what third differences show of another block before the first rest, the share that is taken for
 # noise: a hand in motion shows 5 to 200 times the variance of a quiet sensor's noise. Too low costs
@@ -181,6 +183,19 @@ def largest_variance(noise: Noise) -> float:
 
 
 @kernel
+def largest_white_variance(period: float) -> float:
+    """Return up to which variance a block that looks white may be noise alone, in (rad/s)^2.
+
+    That is by the sample period in s, before the first rest.
+    """
+    if period > LONGEST_WHITE_PERIOD:
+        return 0.0
+    if period > LONGEST_DENSE_PERIOD:
+        return LARGEST_COMMON_DENSITY**2 / (2.0 * period)
+    return LARGEST_NOISE**2
+
+
+@kernel
 def usual_deviation(noise: Noise) -> float:
     """Return by how much samples differ by noise alone, in rad/s: no less than a step."""
     return float(max(math.sqrt(noise['variance']), noise['resolution']))
@@ -218,15 +233,15 @@ def learn_noise_from_sample(
     noise: Noise,
     sample: float,
     noise_alone: bool,
-    is_dense: bool,
+    largest_white: float,
     block_samples: int,
     block_forgetting: float,
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
     `noise_alone` is whether the last samples are that (`rest/`), as far as is known before this
-    one; `is_dense` whether samples lie close enough to tell motion from white noise;
-    `block_forgetting` is b of equation (13) from one block to the next.
+    one; `largest_white` is that of `largest_white_variance`; `block_forgetting` is b of equation
+    (13) from one block to the next.
     """
     before, run = noise['before'], noise['run']
     if noise['count'] == 0:
@@ -258,7 +273,7 @@ def learn_noise_from_sample(
     noise['run'] = run + 1
     full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_NOISE_BLOCK)
     if full and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, noise_alone, is_dense, block_forgetting)
+        _judge_block(noise, noise_alone, largest_white, block_forgetting)
         _next_block(noise)
 
 
@@ -271,7 +286,9 @@ def _next_block(noise: Noise) -> None:
 
 
 @kernel
-def _judge_block(noise: Noise, noise_alone: bool, is_dense: bool, block_forgetting: float) -> None:
+def _judge_block(
+    noise: Noise, noise_alone: bool, largest_white: float, block_forgetting: float
+) -> None:
     """Take blocks into the statistics, weighted as in equation (13), in place of (16).
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
@@ -289,7 +306,7 @@ def _judge_block(noise: Noise, noise_alone: bool, is_dense: bool, block_forgetti
         noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
     elif not noise_alone:
         variance = noise['waiting_variance']
-        white = is_dense and rough > WHITE * variance and variance <= LARGEST_NOISE**2
+        white = rough > WHITE * variance and variance <= largest_white
         if white:
             # It may be motion in part, or noise that is correlated: R lies between the two.
             between = min(variance, math.sqrt(rough * variance))
