@@ -31,6 +31,7 @@ from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.rest.detection import close_block
+from gyro_drift_filter.core.rest.force import note_force
 from gyro_drift_filter.core.rest.noise import doubt_noise
 from gyro_drift_filter.core.rest.records import (
     HALF,
@@ -863,6 +864,71 @@ def test_reads_of_the_accelerometer_that_fail_hide_no_rest(failed, random):
     accelerations[random.random(len(rates)) < 0.05] = failed
     results = run(Filter(), rates, accelerations)
     assert (results['at_rest'][ends] == 1.0).all()
+
+
+def with_spikes(random, accelerations, size, share, held=1):
+    """Return accelerations of which an axis is wrong now and then; each is repeated `held` times.
+
+    It is `size` in m/s^2, or 0.
+    """
+    wrong = accelerations[::held].copy()
+    rows = np.flatnonzero(random.random(len(wrong)) < share)
+    wrong[rows, random.integers(0, 3, len(rows))] = size * random.choice([-1.0, 1.0], len(rows))
+    return np.repeat(wrong, held, axis=0)[: len(accelerations)]
+
+
+@pytest.mark.parametrize('held', [1, 4])
+@pytest.mark.parametrize('share', [0.005, 0.02])
+@pytest.mark.parametrize('size', [0.0, 15.0, 40.0, 490.0])
+def test_an_axis_of_the_accelerometer_that_is_wrong_now_and_then_hides_no_rest(
+    size, share, held, random
+):
+    """Two in a row that are wrong do hide a segment."""
+    rates, accelerations, ends = rests_in_poses(random, 16)
+    results = run(Filter(), rates, with_spikes(random, accelerations, size, share, held))
+    assert (results['at_rest'][ends] == 1.0).mean() > 0.85
+
+
+def test_what_stands_in_for_a_spike_of_the_accelerometer_is_its_last_value(random):
+    """What stays is no spike from the second sample on, nor is what shakes all the time."""
+    _, accelerations = at_rest(random, 5)
+    shaken = accelerations + 0.5 * (np.arange(len(accelerations)) % 3 == 0)[:, None]
+    spikes = accelerations.copy()
+    spikes[100::50, 2] += 15.0
+    moved = accelerations.copy()
+    moved[300:, 0] += 3.0
+    for given, axis, wrong in (
+        (accelerations, 0, []),
+        (spikes, 2, range(100, 500, 50)),
+        (moved, 0, [300]),
+    ):
+        expected = given.copy()
+        expected[wrong, axis] = given[np.array(wrong, dtype=int) - 1, axis]
+        np.testing.assert_array_equal(felt_in(given), expected)
+    differs = (felt_in(shaken) != shaken).any(axis=1)
+    assert not differs[50:].any()
+
+
+def felt_in(accelerations):
+    """Return the accelerations that rest sees."""
+    force = Filter().state['bias']['rest']['force']
+    felt = []
+    for acceleration in accelerations:
+        note_force(force, acceleration, 13)
+        felt.append(force['felt'].copy())
+    return np.array(felt)
+
+
+@pytest.mark.parametrize('held', [3, 12])
+def test_an_acceleration_that_is_repeated_is_a_spike_for_less_than_a_block(held, random):
+    """Of an accelerometer that is slow; one that stays after that is that of a simulator."""
+    _, accelerations = at_rest(random, 12)
+    accelerations = np.repeat(accelerations[::held], held, axis=0)
+    accelerations[900 : 900 + held, 2] = 30.0
+    accelerations[1100:] = 0.0, 1.0, 2.0
+    felt = felt_in(accelerations)
+    assert felt[:1100, 2].max() < 10.0
+    assert np.flatnonzero(felt[:, 2] == 2.0).tolist() == list(range(1113, 1200))
 
 
 def test_an_accelerometer_that_measures_every_fourth_sample_hides_no_rest(random):

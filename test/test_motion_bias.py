@@ -146,6 +146,23 @@ def test_a_robot_that_drives_forward_keeps_its_tilt(speed, random):
     assert tilts[True] < tilts[False] < 0.8 * DEGREE
 
 
+@pytest.mark.parametrize('at_rest_too', [False, True])
+def test_what_is_no_gravity_at_rest_tilts_nothing(at_rest_too, random):
+    """A push that ends the rest at any place in a block, and wrong values at rest."""
+    directions = []
+    for start in range(1000, 1013):
+        rates, accelerations = at_rest(random, start / 100.0 + 0.01)
+        accelerations[start:, 0] += 3.0
+        if at_rest_too:
+            accelerations[600::30, 1] = 490.0
+        accelerations = np.concatenate([accelerations, np.tile(accelerations[-1:], (20, 1))])
+        rates = np.concatenate([rates, at_rest(random, 0.2)[0]])
+        filter_ = Filter()
+        run(filter_, rates, accelerations + 0.02 * random.standard_normal(accelerations.shape))
+        directions.append(filter_.state['bias']['motion']['state_vector'][:2].copy())
+    assert np.abs(directions).max() < 0.003
+
+
 def _tilt(rates, rate):
     """Return the largest tilt in rad of what turns at rates (n, 3) in rad/s."""
     attitude, largest = Rotation.identity(), 0.0

@@ -194,7 +194,7 @@ def track_bias(
         return
     for axis in range(3):
         note_count(rest, axis, likely_count(quantisation, axis))
-        note_count(rest, 3 + axis, rest['force_resolution'][axis])
+        note_count(rest, 3 + axis, rest['force']['resolution'][axis])
     run = rest['run']
     hand_on_block(rest, state['other_rest'])
     note_swing(state['swing'], rest, lengths)

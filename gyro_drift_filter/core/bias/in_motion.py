@@ -74,6 +74,7 @@ from gyro_drift_filter.core.bias.vibration import interrupt_vibration, note_vibr
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms, vector_length
 from gyro_drift_filter.core.rest.noise import random_walk_of
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
+from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -220,7 +221,7 @@ def _take_value(
     if rest['at_rest']:
         state['moving'] = False
         interrupt_vibration(state['vibration'])
-        _follow_accelerometer(state)
+        _follow_accelerometer(state, rest)
         return
     if not state['wide'] and note_vibration(state['vibration'], state['angle'], speed, seconds):
         widen_shift(state)
@@ -236,14 +237,23 @@ def _take_value(
 
 
 @kernel
-def _follow_accelerometer(state: MotionBias) -> None:
-    """Let the direction follow the acceleration of the value, as at rest that is gravity."""
-    vector, speed = state['state_vector'], state['speed']
+def _follow_accelerometer(state: MotionBias, rest: Rest) -> None:
+    """Let the direction follow the acceleration of the value, as at rest that is gravity.
+
+    What noise does not reach is none: a spike, or the motion that is about to end the rest.
+    """
+    vector, speed, seconds = state['state_vector'], state['speed'], state['seconds']
+    for axis in range(3):
+        signal = rest['signals'][3 + axis]
+        distance = speed[axis] / seconds - signal['waiting_mean']
+        spread = signal['variance'] + signal['scatter']
+        if distance * distance > MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread:
+            return
     size = vector_length(speed[0], speed[1], speed[2])
     if size > 0.0:
         for axis in range(3):
             step = speed[axis] / size - vector[DIRECTION + axis]
-            vector[DIRECTION + axis] += min(state['seconds'] / REST_SECONDS, 1.0) * step
+            vector[DIRECTION + axis] += min(seconds / REST_SECONDS, 1.0) * step
 
 
 @kernel

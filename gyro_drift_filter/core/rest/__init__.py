@@ -38,8 +38,9 @@ for beside the one that is known. How much more the means of segments vary than 
 them say, as slow noise makes them, is begun with the correlation of one block and the next, and
 learned from one segment to the next.
 
-`detection.py` takes samples in and says where there is rest, `segment.py` keeps the sums,
-`stationarity.py` judges them, `noise.py` learns the noise from them, `other_noise.py` finds that it
-is another one by now, `standing.py` has the mean rate while gravity stands, rest or not, and
-`records.py` declares what they share.
+`detection.py` takes samples in and says where there is rest, `force.py` has the accelerations
+without spikes, `spikes.py` finds those of the rates, `segment.py` keeps the sums, `stationarity.py`
+judges them, `noise.py` learns the noise from them, `other_noise.py` finds that it is another one by
+now, `standing.py` has the mean rate while gravity stands, rest or not, and `records.py` declares
+what they share.
 """

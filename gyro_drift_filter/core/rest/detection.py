@@ -14,7 +14,8 @@
 
 """Samples in, rest out: values make blocks, still blocks make segments."""
 
-from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
+from gyro_drift_filter.core.rest.force import forget_force, note_force
 from gyro_drift_filter.core.rest.noise import learn_noise_from_segment, learn_variance_ratio
 from gyro_drift_filter.core.rest.records import (
     HALF,
@@ -46,7 +47,7 @@ from gyro_drift_filter.core.rest.stationarity import (
     obstacle_of_block,
     tilts,
 )
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Sample, finer, is_one_value
+from gyro_drift_filter.core.sample import Sample
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
 # Before anything is known a segment may be called steady from so many blocks on.
@@ -54,7 +55,6 @@ LEAST_STEADY_BLOCKS = 6
 # So long after the noise has been doubted, and without a rest since, the accelerations of the one
 # before are no bound any more. A noise that is known is kept: else a road would be a rest.
 FORGET_CALM_SECONDS = 300.0
-FINEST_RESOLUTION = 1e-5  # m/s^2, of any accelerometer; less is rounding of a calibration
 
 
 @kernel
@@ -67,6 +67,7 @@ def start_rest(rest: Rest) -> None:
     start_segment(rest)
     forget_segment_before(rest)
     forget_waiting(rest['waiting'])
+    forget_force(rest['force'])
 
 
 @inlined_kernel
@@ -121,10 +122,11 @@ def _add_sample(
     rest['samples'] += 1 + missing
     if trusted:
         rest['averaged'] += 1
-        _note_force(rest, sample['linear_acceleration'])
+        force = rest['force']
+        note_force(force, sample['linear_acceleration'], lengths['value'] * lengths['block'])
         for axis in range(3):
             rest['signals'][axis]['value'] += rate[axis]
-            rest['signals'][3 + axis]['value'] += rest['force'][axis]
+            rest['signals'][3 + axis]['value'] += force['felt'][axis]
     if rest['samples'] < lengths['value']:
         return False
     # Without missing samples it is one: the division is for the others, as it takes its time.
@@ -133,26 +135,6 @@ def _add_sample(
         add_value(rest)
     start_value(rest)
     return bool(rest['index'] >= lengths['block'])
-
-
-@inlined_kernel
-def _note_force(rest: Rest, acceleration: PerAxis) -> None:
-    """Note an acceleration (3,) in m/s^2, and the smallest change of it.
-
-    A read that failed gives no number, or one value on all axes. The last one that was measured
-    stands in for it: else one in a hundred of them would hide every rest. Who has no accelerometer
-    has zeros all the time.
-    """
-    force, resolution = rest['force'], rest['force_resolution']
-    if is_one_value(acceleration):
-        return
-    for axis in range(3):
-        if not abs(acceleration[axis]) <= LARGEST_ACCELERATION:
-            continue
-        change = abs(acceleration[axis] - force[axis])
-        if force[axis] != 0.0 and change > FINEST_RESOLUTION:
-            resolution[axis] = finer(resolution[axis], change)
-        force[axis] = acceleration[axis]
 
 
 @kernel

@@ -19,6 +19,7 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.rest.force import FORCE, Force
 from gyro_drift_filter.core.rest.spikes import WAITING, Waiting
 
 VALUE_SECONDS = 0.01
@@ -116,8 +117,7 @@ class Rest(TypedDict):
 
     waiting: Annotated[Waiting, WAITING, ()]
     signals: Annotated[Sequence[Signal], SIGNAL, (SIGNALS,)]
-    force: PerAxis  # m/s^2, the last acceleration that was measured; 0 before the first
-    force_resolution: PerAxis  # m/s^2, the smallest change of it; 0 before the first
+    force: Annotated[Force, FORCE, ()]
     known: bool  # what the noise is
     calm_known: bool  # what that of the accelerations was, where `known` was doubted
     learned: int  # segments that it was learned from

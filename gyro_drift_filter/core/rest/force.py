@@ -1,0 +1,111 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The acceleration that rest sees: without the reads that failed, and without spikes.
+
+A read that failed gives no number, or one value on all axes: the last acceleration that was
+measured stands in for it. Or it gives a wrong value on a single axis, in one measurement. So where
+an axis jumps by more than noise does, its last value stands in until the next measurement: what
+moves a body lasts, or shows in its rates. Else one wrong value in a hundred would hide every rest,
+as a block has a dozen.
+"""
+
+from typing import TypedDict
+
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.core.rest.spikes import (
+    LARGEST_SIZE,
+    SPIKE_COUNTS,
+    SPIKE_RATIO,
+    USUAL_SAMPLES,
+)
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, finer, is_one_value, is_zero
+
+FINEST_RESOLUTION = 1e-5  # m/s^2, of any accelerometer; less is rounding of a calibration
+
+
+class Force(TypedDict):
+    """What an accelerometer has measured, in m/s^2, and what of it rest sees."""
+
+    felt: PerAxis  # what rest sees; 0 before the first
+    measured: PerAxis  # the last one that was measured; 0 before the first
+    repeats: int  # how often it has come before in a row
+    doubted: CountPerAxis  # 1 where an axis has jumped with it, and another value stands in
+    usual: PerAxis  # change from one measurement to the next
+    seen: int  # changes that are in it, up to `USUAL_SAMPLES`
+    resolution: PerAxis  # the smallest change; 0 before the first
+
+
+FORCE = record(Force)
+
+
+@kernel
+def forget_force(force: Force) -> None:
+    """Begin with the next acceleration: what came before it is of another time."""
+    for axis in range(3):
+        force['felt'][axis] = force['measured'][axis] = 0.0
+        force['doubted'][axis] = 0
+
+
+@kernel
+def note_force(force: Force, acceleration: PerAxis, longest: int) -> None:
+    """Note an acceleration (3,) in m/s^2, and the smallest change of it.
+
+    One that has come for more than `longest` samples in a row is no single wrong measurement. Who
+    has no accelerometer has zeros all the time.
+    """
+    if is_one_value(acceleration):
+        return
+    first = is_zero(force['measured'])
+    if _is_repeat(force, acceleration):
+        # Of an accelerometer that measures more slowly than the gyroscope.
+        force['repeats'] += 1
+        if force['repeats'] < longest:
+            return
+    else:
+        force['repeats'] = 0
+        force['seen'] = min(force['seen'] + (0 if first else 1), USUAL_SAMPLES)
+    for axis in range(3):
+        now = acceleration[axis]
+        if not abs(now) <= LARGEST_ACCELERATION:
+            continue
+        jumps = not first and force['repeats'] == 0 and _note_change(force, axis, now)
+        force['doubted'][axis] = 1 if jumps and force['doubted'][axis] == 0 else 0
+        force['measured'][axis] = now
+        if force['doubted'][axis] == 0:
+            force['felt'][axis] = now
+
+
+@kernel
+def _is_repeat(force: Force, acceleration: PerAxis) -> bool:
+    """Return whether no axis has another value than the last one that was measured."""
+    for axis in range(3):
+        now = acceleration[axis]
+        if abs(now) <= LARGEST_ACCELERATION and now != force['measured'][axis]:
+            return False
+    return True
+
+
+@kernel
+def _note_change(force: Force, axis: int, now: float) -> bool:
+    """Note by how much an axis has changed; return whether that is more than noise does."""
+    before, usual = force['measured'][axis], force['usual'][axis]
+    step, change = abs(now - before), abs(now - force['felt'][axis])
+    if before != 0.0 and step > FINEST_RESOLUTION:
+        force['resolution'][axis] = finer(force['resolution'][axis], step)
+    counted = min(change, LARGEST_SIZE * usual) if usual > 0.0 else change
+    force['usual'][axis] += (counted - usual) / force['seen']
+    # Nothing is usual for a device that has given one value so far.
+    least = max(SPIKE_RATIO * usual, SPIKE_COUNTS * force['resolution'][axis])
+    return force['seen'] == USUAL_SAMPLES and usual > 0.0 and change > least
