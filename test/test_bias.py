@@ -909,17 +909,20 @@ def test_what_stands_in_for_a_spike_of_the_accelerometer_is_its_last_value(rando
     assert not differs[50:].any()
 
 
+LONGEST = 6  # samples: half a block at 100 Hz
+
+
 def felt_in(accelerations):
     """Return the accelerations that rest sees."""
     force = Filter().state['bias']['rest']['force']
     felt = []
     for acceleration in accelerations:
-        note_force(force, acceleration, 13)
+        note_force(force, acceleration, LONGEST)
         felt.append(force['felt'].copy())
     return np.array(felt)
 
 
-@pytest.mark.parametrize('held', [3, 12])
+@pytest.mark.parametrize('held', [3, 6])
 def test_an_acceleration_that_is_repeated_is_a_spike_for_less_than_a_block(held, random):
     """Of an accelerometer that is slow; one that stays after that is that of a simulator."""
     _, accelerations = at_rest(random, 12)
@@ -928,7 +931,54 @@ def test_an_acceleration_that_is_repeated_is_a_spike_for_less_than_a_block(held,
     accelerations[1100:] = 0.0, 1.0, 2.0
     felt = felt_in(accelerations)
     assert felt[:1100, 2].max() < 10.0
-    assert np.flatnonzero(felt[:, 2] == 2.0).tolist() == list(range(1113, 1200))
+    assert np.flatnonzero(felt[:, 2] == 2.0).tolist() == list(range(1100 + LONGEST, 1200))
+
+
+def measured_at(numbers, accelerations, between):
+    """Return accelerations at these numbers of samples, with what a driver sends `between`."""
+    if between is None:
+        last = np.zeros(len(accelerations), int)
+        last[numbers] = numbers
+        return accelerations[np.maximum.accumulate(last)]
+    sent = np.full_like(accelerations, between)
+    sent[numbers] = accelerations[numbers]
+    return sent
+
+
+@pytest.mark.parametrize('between', [None, np.nan, 0.0])
+@pytest.mark.parametrize('every', [7, 8, 13, 20, 33, 50, 100, 200])
+def test_a_slow_accelerometer_hides_no_rest(every, between, random):
+    """It shows no noise within a block, or a jump, so that rest sees none."""
+    rates, accelerations, ends = rests_in_poses(random, 16)
+    numbers = np.arange(0, len(rates), every)
+    results = run(Filter(), rates, measured_at(numbers, accelerations, between))
+    assert (results['at_rest'][ends] == 1.0).mean() > 0.85
+
+
+@pytest.mark.parametrize(('every', 'delay'), [(6, 1), (7, 1), (8, 2), (10, 4)])
+def test_delays_do_not_make_an_accelerometer_slow_and_fast_by_turns(every, delay, random):
+    rates, accelerations, ends = rests_in_poses(random, 16)
+    numbers = np.arange(0, len(rates), every)
+    numbers[1:] += random.integers(-delay, delay + 1, len(numbers) - 1)
+    numbers = numbers[numbers < len(rates)]
+    results = run(Filter(), rates, measured_at(numbers, accelerations, None))
+    assert (results['at_rest'][ends] == 1.0).mean() > 0.85
+
+
+def test_what_a_slow_accelerometer_has_shown_long_ago_is_no_gravity_that_stands(random):
+    """Until it is fast: else the mean rate of a motion would be that of a body that stands."""
+    rates, accelerations = moving_and_resting(random, [(60.0, True)], lambda time: np.zeros(3))
+    filter_ = Filter()
+    slow = measured_at(np.arange(0, len(rates), 200), accelerations, None)
+    results = run(filter_, rates, slow)
+    rest = filter_.state['bias']['rest']
+    assert rest['steady_seconds'] == 0.0
+    assert rest['standing_blocks'] == 0
+    assert not results['at_rest'].any()
+    _, later = at_rest(random, 1.0)
+    felt = felt_in(np.concatenate([slow, later]))
+    np.testing.assert_array_equal(felt[:6000], np.tile(slow[0], (6000, 1)))
+    np.testing.assert_array_equal(felt[6020:], later[20:])
 
 
 def test_an_accelerometer_that_measures_every_fourth_sample_hides_no_rest(random):

@@ -244,6 +244,8 @@ def _follow_accelerometer(state: MotionBias, rest: Rest) -> None:
     """
     vector, speed, seconds = state['state_vector'], state['speed'], state['seconds']
     for axis in range(3):
+        if rest['force']['late'] > 0:
+            break  # rest sees nothing of it
         signal = rest['signals'][3 + axis]
         distance = speed[axis] / seconds - signal['waiting_mean']
         spread = signal['variance'] + signal['scatter']

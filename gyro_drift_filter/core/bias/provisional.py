@@ -141,6 +141,8 @@ def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
 def _replace_direction(state: Bias, standing: bool) -> None:
     """Take the mean acceleration for gravity, whose direction has turned with the bias so far."""
     rest = state['rest']
+    if rest['force']['late'] > 0:
+        return  # rest sees an acceleration of long ago
     if standing:
         gravity = rest['gravity']
         take_direction(state['motion'], gravity[0], gravity[1], gravity[2])

@@ -118,12 +118,13 @@ def _add_sample(
     rest: Rest, sample: Sample, trusted: bool, missing: int, lengths: RestLengths
 ) -> bool:
     """Add a sample to the value under way, as `note_sample` says."""
-    rate = sample['angular_velocity']
+    rate, force = sample['angular_velocity'], rest['force']
     rest['samples'] += 1 + missing
+    force['repeats'] += missing if trusted else 1 + missing
     if trusted:
         rest['averaged'] += 1
-        force = rest['force']
-        note_force(force, sample['linear_acceleration'], lengths['value'] * lengths['block'])
+        longest = lengths['value'] * lengths['block'] // 2
+        note_force(force, sample['linear_acceleration'], longest)
         for axis in range(3):
             rest['signals'][axis]['value'] += rate[axis]
             rest['signals'][3 + axis]['value'] += force['felt'][axis]

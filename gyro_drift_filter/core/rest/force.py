@@ -19,6 +19,10 @@ measured stands in for it. Or it gives a wrong value on a single axis, in one me
 an axis jumps by more than noise does, its last value stands in until the next measurement: what
 moves a body lasts, or shows in its rates. Else one wrong value in a hundred would hide every rest,
 as a block has a dozen.
+
+An accelerometer that measures less than twice in a block shows no noise in it, or a jump alone. So
+what comes later than half a block after the last change is not felt, as if there were no
+accelerometer.
 """
 
 from typing import TypedDict
@@ -33,6 +37,11 @@ from gyro_drift_filter.core.rest.spikes import (
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, finer, is_one_value, is_zero
 
 FINEST_RESOLUTION = 1e-5  # m/s^2, of any accelerometer; less is rounding of a calibration
+# A coarse accelerometer at rest may stay the same for long, and then changes by one count.
+MORE_THAN_A_COUNT = 1.5
+# So many more changes that come late than in time, and an accelerometer is slow: by fewer, the
+# delays of messages would make it slow and fast by turns.
+LATE_CHANGES = 8
 
 
 class Force(TypedDict):
@@ -45,6 +54,8 @@ class Force(TypedDict):
     usual: PerAxis  # change from one measurement to the next
     seen: int  # changes that are in it, up to `USUAL_SAMPLES`
     resolution: PerAxis  # the smallest change; 0 before the first
+    late: int  # changes that came late less those that came in time, up to `LATE_CHANGES`
+    slow: bool  # so many have come late that nothing is felt until as many more come in time
 
 
 FORCE = record(Force)
@@ -62,29 +73,31 @@ def forget_force(force: Force) -> None:
 def note_force(force: Force, acceleration: PerAxis, longest: int) -> None:
     """Note an acceleration (3,) in m/s^2, and the smallest change of it.
 
-    One that has come for more than `longest` samples in a row is no single wrong measurement. Who
-    has no accelerometer has zeros all the time.
+    The next one of an accelerometer that is fast enough comes within `longest` samples. What stays
+    for longer is no single wrong measurement. Who has no accelerometer has zeros all the time.
     """
-    if is_one_value(acceleration):
-        return
-    first = is_zero(force['measured'])
-    if _is_repeat(force, acceleration):
+    first, failed = is_zero(force['measured']), is_one_value(acceleration)
+    comes_late = False
+    if failed or _is_repeat(force, acceleration):
         # Of an accelerometer that measures more slowly than the gyroscope.
         force['repeats'] += 1
-        if force['repeats'] < longest:
+        if failed or force['repeats'] < longest or force['late'] > 0:
             return
     else:
+        comes_late = not first and _note_pace(force, acceleration, longest)
+        if not first and not comes_late:
+            force['seen'] = min(force['seen'] + 1, USUAL_SAMPLES)
         force['repeats'] = 0
-        force['seen'] = min(force['seen'] + (0 if first else 1), USUAL_SAMPLES)
     for axis in range(3):
         now = acceleration[axis]
         if not abs(now) <= LARGEST_ACCELERATION:
             continue
-        jumps = not first and force['repeats'] == 0 and _note_change(force, axis, now)
-        force['doubted'][axis] = 1 if jumps and force['doubted'][axis] == 0 else 0
+        if not comes_late:
+            jumps = not first and force['repeats'] == 0 and _note_change(force, axis, now)
+            force['doubted'][axis] = 1 if jumps and force['doubted'][axis] == 0 else 0
+            if force['doubted'][axis] == 0:
+                force['felt'][axis] = now
         force['measured'][axis] = now
-        if force['doubted'][axis] == 0:
-            force['felt'][axis] = now
 
 
 @kernel
@@ -95,6 +108,26 @@ def _is_repeat(force: Force, acceleration: PerAxis) -> bool:
         if abs(now) <= LARGEST_ACCELERATION and now != force['measured'][axis]:
             return False
     return True
+
+
+@kernel
+def _note_pace(force: Force, acceleration: PerAxis, longest: int) -> bool:
+    """Note whether an acceleration that has changed comes within `longest` samples of the last.
+
+    Return whether it is not felt, as it comes later, or has done so of late.
+    """
+    late, changed = force['repeats'] >= longest, False
+    for axis in range(3):
+        step = abs(acceleration[axis] - force['measured'][axis])
+        changed = changed or step > MORE_THAN_A_COUNT * force['resolution'][axis]
+    if changed:
+        change = 1 if late else -1
+        force['late'] = min(max(force['late'] + change, 0), LATE_CHANGES)
+        if force['late'] == LATE_CHANGES:
+            force['slow'] = True
+        elif force['late'] == 0:
+            force['slow'] = False
+    return force['slow'] or (late and force['late'] > 0)
 
 
 @kernel

@@ -47,7 +47,7 @@ def note_gravity(rest: Rest, block_seconds: float) -> None:
     if has_moved:
         for axis in range(3):
             gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
-    if has_moved or size < LEAST_GRAVITY * LEAST_GRAVITY:
+    if has_moved or size < LEAST_GRAVITY * LEAST_GRAVITY or rest['force']['late'] > 0:
         rest['steady_seconds'] = 0.0
         rest['standing_blocks'] = 0
         return
