@@ -252,6 +252,70 @@ def test_a_rate_behind_one_that_is_no_number_is_not_the_end_of_the_range(wrong, 
     assert not filter_.state['checks']['range_end'].any()
 
 
+def faster_and_faster(random):
+    """Return 60 s of turns to and fro whose rates (n, 3) grow to 8 rad/s."""
+    time = np.arange(6000) / RATE
+    turns = np.sin(2 * np.pi * time[:, None] * [0.7, 0.9, 1.1])
+    return 8.0 * np.clip(time / 50.0 - 0.2, 0.0, 1.0)[:, None] * turns + 0.005 * (
+        random.standard_normal((6000, 3))
+    )
+
+
+def limits_met(filter_, rates, random):
+    """Return (n, 3) True where a rate is said to be at the end of the range."""
+    met = np.zeros(rates.shape, bool)
+    forces = at_rest(random, len(rates) / RATE)[1]
+    for k, (rate, force) in enumerate(zip(rates, forces, strict=True)):
+        run(filter_, rate[None], force[None], k)
+        met[k] = filter_.state['checks']['at_limit']
+    return met
+
+
+@pytest.mark.parametrize('axes', [[0], [0, 1]])
+def test_a_turn_in_which_an_axis_has_hung_is_not_at_the_end_of_the_range(axes, random):
+    """A bus hangs for 60 ms while the body turns faster than ever; later it turns faster still."""
+    rates = faster_and_faster(random)
+    before = np.maximum.accumulate(np.abs(rates[:, 0]))
+    fastest = (np.abs(rates[1:, 0]) > before[:-1]) & (before[:-1] > 1.5)
+    hung = 1 + np.flatnonzero(fastest)[5::20]
+    filter_, hangs = Filter(), np.zeros(len(rates), bool)
+    for k in hung:
+        rates[k + 1 : k + 6, axes] = rates[k, axes]
+        hangs[k : k + 6] = True
+    met = limits_met(filter_, rates, random)
+    assert len(hung) > 5
+    assert met[hangs].any()  # nobody can know while it hangs
+    assert not met[~hangs].any()
+
+
+def test_a_rate_that_falls_does_not_meet_the_end_of_the_range(random):
+    """Though the axis hangs on its way."""
+    rates = faster_and_faster(random)
+    falls = np.diff(np.abs(rates[:, 0])) < -0.02
+    hung = 1 + np.flatnonzero(falls & (np.abs(rates[1:, 0]) > 2.0))[5::40]
+    for k in hung:
+        rates[k + 1 : k + 6, 0] = rates[k, 0]
+    filter_ = Filter()
+    assert len(hung) > 5
+    assert not limits_met(filter_, rates, random).any()
+    assert not filter_.state['checks']['clipped'].any()
+
+
+@pytest.mark.parametrize('bias', [0.0, 0.03, -0.03])
+def test_each_side_has_its_own_end_of_the_range(bias, random):
+    """A driver subtracts a bias, so that the ends are not alike; single outliers undo none."""
+    rates = np.clip(faster_and_faster(random), -4.0, 4.0)
+    clipped = np.abs(rates) == 4.0
+    rates -= bias
+    for k in np.flatnonzero(clipped[:-1, 0] & clipped[1:, 0])[::40]:
+        rates[k, 0] *= 1.5
+        clipped[k, 0] = False
+    met = limits_met(Filter(), rates, random)
+    assert clipped.sum() > 2000
+    assert met[clipped].mean() > 0.99
+    assert not met[~clipped].any()
+
+
 def test_a_rate_that_a_body_has_passed_is_not_the_end_of_the_range():
     """At the top of a turn a coarse rate comes three times, and faster turns have been seen."""
     time = np.arange(3000) / 200.0

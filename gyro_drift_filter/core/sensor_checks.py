@@ -42,8 +42,10 @@ STUCK_SAMPLES = 20
 CROSS_STEPS = 100.0
 LEAST_PUSH = 1.0
 # A rate that comes CLIPPED_SAMPLES times in a row is the end of the range if the step to it was
-# more than so many steps of the resolution, which it is not at the top of a turn, and if no larger
-# rate was held like this. It exceeds CLIPPED_RATE (rad/s): the smallest range is 75 deg/s.
+# more than so many steps of the resolution, which it is not at the top of a turn, if it led away
+# from zero, as the end is met from below, and if no larger rate was held like this. It exceeds
+# CLIPPED_RATE (rad/s): the smallest range is 75 deg/s. Drivers subtract a bias, so that each side
+# has its own end.
 CLIPPED_RATE = 1.25
 CLIPPED_STEPS = 10.0
 CLIPPED_SAMPLES = 3
@@ -53,7 +55,8 @@ CLIPPED_SAMPLES = 3
 # the change varies by less than FLAT deviations, as noise does by chance in one of six.
 CORNER, FLAT, FLAT_SAMPLES = 20.0, 0.5, 5
 MIXED = 0.06  # the largest share of other axes, which moves the end of the range by as much
-# No rate is the end of the range that so many samples in a row have passed: outliers are fewer.
+# No rate is the end of the range that so many samples in a row have passed: outliers are fewer. An
+# axis that hangs in a turn shows one rate for a while, too, but turns on, and faster.
 PASSED_SAMPLES = 4
 
 
@@ -79,6 +82,10 @@ class Stays(TypedDict):
 
 STAYS = record(Stays)
 
+# The sides of positive and of negative rates.
+ABOVE, BELOW = 0, 1
+PerSide = Annotated[NDArray[np.float64], np.float64, (2, 3)]
+
 
 class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
@@ -86,10 +93,10 @@ class SensorChecks(TypedDict):
     measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
     linear_acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
-    range_end: PerAxis  # largest |rate| so far that was the end of the range, rad/s; 0 before
-    passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row were at least, rad/s
+    range_end: PerSide  # largest |rate| so far that was the end of the range, rad/s; 0 before
+    passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row reached, rad/s
     at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
-    last_change: PerAxis  # size of the last one of the rate that was not 0, rad/s
+    last_step: PerAxis  # last change of the rate that was not 0, rad/s
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
@@ -317,47 +324,73 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
 @kernel
 def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: Rest) -> bool:
     """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
-    size, range_end = abs(rate), checks['range_end']
+    size, side, range_end = abs(rate), _side(rate), checks['range_end']
     earlier, before = checks['step_before'][axis], checks['step'][axis]
     changed = _note_change(checks, axis, rate)
-    if size <= CLIPPED_RATE or _is_passed(checks, axis, size):
+    if size <= CLIPPED_RATE or _is_far_passed(checks, axis, size):
         checks['flat'][axis] = 0
         return False
-    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * range_end[axis]:
-        checks['clipped_calibrated'][axis] = 0  # it was none: there are larger ones
-        range_end[axis] = 0.0
+    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * _largest(range_end, axis):
+        _forget_range_end(checks, axis)
     if _note_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
-        range_end[axis] = max(range_end[axis], size)
+        range_end[side, axis] = max(range_end[side, axis], size)
         checks['clipped_calibrated'][axis] = 1
         checks['clipped'][axis] += 1
         return True
     if not _is_known_limit(checks, axis, size):
-        resolution = checks['resolution'][axis]
-        if same or changed or checks['last_change'][axis] <= CLIPPED_STEPS * resolution:
+        if same or changed or not _may_be_limit(checks, axis, rate):
             return False
-        range_end[axis] = max(range_end[axis], size)
-        if size < range_end[axis] - resolution:
-            return False
+        range_end[side, axis] = size
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
         checks['clipped'][axis] += 1
     return True
+
+
+@kernel
+def _side(rate: float) -> int:
+    """Return the side of a rate."""
+    return ABOVE if rate > 0.0 else BELOW
+
+
+@kernel
+def _largest(values: PerSide, axis: int) -> float:
+    """Return the larger one of the values of both sides."""
+    return float(max(values[ABOVE, axis], values[BELOW, axis]))
+
+
+@kernel
+def _forget_range_end(checks: SensorChecks, axis: int) -> None:
+    """Forget an end of the range that was none."""
+    for side in range(2):
+        checks['range_end'][side, axis] = 0.0
+    checks['clipped_calibrated'][axis] = 0
+
+
+@kernel
+def _may_be_limit(checks: SensorChecks, axis: int, rate: float) -> bool:
+    """Return whether a rate in rad/s that stays the same may be the end of the range."""
+    side, step = _side(rate), checks['last_step'][axis]
+    resolution = checks['resolution'][axis]
+    outward = step if side == ABOVE else -step
+    largest = checks['range_end'][side, axis]
+    return bool(outward > CLIPPED_STEPS * resolution and abs(rate) >= largest - resolution)
 
 
 @inlined_kernel
 def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
     """Note a rate beside those before it, and by how much it has changed; return whether it has."""
     step, resolution = rate - checks['measured'][axis], checks['resolution']
-    change = abs(step)
+    change, from_zero = abs(step), False
     if checks['living'][axis] == 0:
         if change > 0.0:
             checks['living'][axis] = 1
             checks['comes_alive'] = True
         else:
-            change = abs(rate)  # a rate is a number of steps, too
+            change, from_zero = abs(rate), True  # a rate is a number of steps, too
     if 0.0 < change < np.inf:
-        checks['last_change'][axis] = change
+        checks['last_step'][axis] = rate if from_zero else step
         resolution[axis] = finer(resolution[axis], change)
-    if abs(rate) > CLIPPED_RATE and abs(rate) > checks['passed'][axis]:
+    if abs(rate) > CLIPPED_RATE:
         _note_passed(checks, axis, rate)  # by the steps before this one
     checks['step_before'][axis] = checks['step'][axis]
     checks['step'][axis] = step
@@ -367,20 +400,28 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
 
 @kernel
 def _note_passed(checks: SensorChecks, axis: int, rate: float) -> None:
-    """Note the rate that this sample and the three before it have passed to one side."""
+    """Note the rate that this sample and the three before it have passed to one side.
+
+    Where other axes are mixed in, they move the end of the range. Where they are not, no rate is
+    beyond it.
+    """
     first = checks['measured'][axis]
     second = first - checks['step'][axis]
     third = second - checks['step_before'][axis]
-    if rate * first > 0.0 and rate * second > 0.0 and rate * third > 0.0:
-        slowest = min(min(abs(rate), abs(first)), min(abs(second), abs(third)))
-        checks['passed'][axis] = max(checks['passed'][axis], slowest)
-    if _is_passed(checks, axis, checks['range_end'][axis]):
-        checks['range_end'][axis] = 0.0  # it was none
-        checks['clipped_calibrated'][axis] = 0
+    if not (rate * first > 0.0 and rate * second > 0.0 and rate * third > 0.0):
+        return
+    slowest = min(min(abs(rate), abs(first)), min(abs(second), abs(third)))
+    checks['passed'][axis] = max(checks['passed'][axis], slowest)
+    side, range_end = _side(rate), checks['range_end']
+    is_beyond = slowest > range_end[side, axis] + checks['resolution'][axis]
+    if _is_far_passed(checks, axis, _largest(range_end, axis)):
+        _forget_range_end(checks, axis)
+    elif is_beyond and not checks['clipped_calibrated'][axis]:
+        range_end[side, axis] = 0.0
 
 
 @kernel
-def _is_passed(checks: SensorChecks, axis: int, size: float) -> bool:
+def _is_far_passed(checks: SensorChecks, axis: int, size: float) -> bool:
     """Return whether rates were faster than this size in rad/s, beyond what other axes mix in."""
     return bool((1.0 - MIXED) * checks['passed'][axis] > (1.0 + MIXED) * size)
 
@@ -408,17 +449,17 @@ def _note_flat(
 
 @kernel
 def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
-    """Return whether rates were stopped at this size before: on this axis, or else on another."""
+    """Return whether rates were stopped at this size before, on any axis, to either side."""
     clipped, range_end = checks['clipped'], checks['range_end']
     if checks['clipped_calibrated'][axis]:
-        return bool(size >= (1.0 - MIXED) * range_end[axis])
-    resolution = checks['resolution'][axis]
-    if clipped[axis] > 0 and range_end[axis] > 0.0:
-        return bool(size >= range_end[axis] - resolution)
+        return bool(size >= (1.0 - MIXED) * _largest(range_end, axis))
     for other in range(3):
-        near = MIXED * range_end[other] if checks['clipped_calibrated'][other] else resolution
-        if clipped[other] > 0 and abs(size - range_end[other]) <= near:
-            return True
+        for side in range(2):
+            end = range_end[side, other]
+            mixed = checks['clipped_calibrated'][other]
+            near = MIXED * end if mixed else checks['resolution'][axis]
+            if clipped[other] > 0 and end > 0.0 and abs(size - end) <= near:
+                return True
     return False
 
 
