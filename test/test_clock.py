@@ -27,6 +27,7 @@ from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sample import SampleStatus
 from support.paths import RECORDINGS
+from support.sensor import at_rest, by_hand
 
 MS = 1_000_000
 START = 10**18
@@ -177,6 +178,33 @@ def test_zero_stamps_are_filtered_sample_by_sample():
     b = feed(stamped, regular(300))
     assert (a['angular_velocity'] == b['angular_velocity']).all()
     assert clock(filter_) == QUIET | {'zero_stamps': 300}
+
+
+@pytest.mark.parametrize(
+    'stamp_of',
+    [
+        lambda stamps: np.full_like(stamps, START),
+        lambda stamps: stamps // 1000,
+        lambda stamps: stamps // MS,
+        lambda stamps: stamps // 10**9 * 10**9,
+        lambda stamps: bursts(len(stamps), 40),
+    ],
+    ids=['one stamp', 'microseconds', 'milliseconds', 'whole seconds', 'bursts'],
+)
+def test_the_bias_becomes_uncertain_whether_stamps_tell_the_time_or_not(stamp_of, random):
+    """Stamps that stand, or in another unit, tell none; those of bursts do, with the next one."""
+    rates, accelerations = at_rest(random, 320.0)
+    motion, shake = by_hand(random, 300.0)
+    rates[2000:] += motion
+    accelerations[2000:] += shake
+    stamps = regular(len(rates))
+    filters, known = (Filter(), Filter()), Filter()
+    known.run(stamps[:2000], rates[:2000], accelerations[:2000])
+    for filter_, times in zip(filters, (stamps, stamp_of(stamps)), strict=True):
+        filter_.run(times, rates, accelerations)
+    even, other = (filter_.bias_deviation for filter_ in filters)
+    assert (even > 2.0 * known.bias_deviation).all()
+    np.testing.assert_allclose(other, even, rtol=0.03)
 
 
 def bursts(n, size, period=10 * MS):

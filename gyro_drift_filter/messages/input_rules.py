@@ -17,6 +17,7 @@
 import math
 
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
+from gyro_drift_filter.core.clock.envelope import LEAST_TOLD, TOLD_SHARE
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault
@@ -32,11 +33,6 @@ _SLOW_LOW_PASS = 15.0
 _BACKWARD_SHARE = 0.05
 # So many samples in the window show that their stamps always jump: one pause is none of them.
 _LEAST_STEPS = 5
-# Of the time that the samples in the window took by their period: stamps that tell less of it stand
-# still, or are in another unit. So much of it, in s, is judged, as some drivers stamp in whole
-# seconds.
-_TOLD_SHARE, _LEAST_TOLD = 0.1, 5.0
-
 # No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
 # accelerometer by more than this, in m/s^2. In degrees, 0.06 deg/s of noise pass for 0.06 rad/s.
 _LARGEST_NOISE, _CALM = 0.03, 0.1
@@ -83,8 +79,8 @@ def _stamps_stand(span: Span) -> bool:
     again = now.not_measured - first.not_measured + now.repeats - first.repeats
     lasted = (span.recent - again) * now.period
     told = 1e-9 * (now.stamp - first.stamp)
-    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= _LEAST_TOLD
-    return judged and told < _TOLD_SHARE * lasted
+    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= LEAST_TOLD
+    return judged and told < TOLD_SHARE * lasted
 
 
 def _has_noise_in_degrees(span: Span) -> bool:
@@ -351,8 +347,9 @@ INPUT_RULES = (
         'standing stamps',
         Level.WARN,
         _stamps_stand,
-        'the stamps hardly advance from message to message, so that a bias that changes is not '
-        'followed: stamp each message with the time of its measurement, in seconds and nanoseconds',
+        'the stamps hardly advance from message to message, so that samples are counted at '
+        'sample_rate, or at 100 Hz where it is 0: stamp each message with the time of its '
+        'measurement, in seconds and nanoseconds, or set sample_rate',
     ),
     Rule('wrong rate', Level.WARN, beyond(_rate_error, *_RATE_ERROR), _rate_text),
     Rule(

@@ -38,6 +38,10 @@ is taken for the period if it makes at most half as many more samples missing as
 nothing was found missing.) Where delays come near a period as well, losses and delays can't be told
 apart.
 
+The bias walks for as long as stamps say, and so for all of a gap. Where they have told less than a
+tenth of the time of the samples for five seconds, they stand still or are in another unit, and each
+sample takes a period, as without stamps.
+
 Every effect of a stamp is counted:
 
 ==================  ==========================================================================

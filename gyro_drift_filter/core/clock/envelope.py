@@ -51,6 +51,10 @@ LEAST_STRETCH_SAMPLES = 20
 ANCHOR_SAMPLES = 16
 # The bias walks no further than in this time, whatever the stamps say, in s.
 LONGEST_ABSENCE = 86_400.0
+# Of the time that samples take by their period: stamps that tell less of it, for so long (s), stand
+# still, or are in another unit. No period is learned so wrong, and units differ by 1,000. Some
+# drivers stamp in whole seconds, or deliver so late.
+TOLD_SHARE, LEAST_TOLD = 0.1, 5.0
 
 
 @kernel
@@ -88,10 +92,21 @@ def lengthen_period(clock: Clock, times: float, sample_rate: float) -> None:
 
 @kernel
 def elapsed_seconds(clock: Clock, stamp: int) -> float:
-    """Return the time in s from the last sample to a stamp (ns), as far as the stamps say."""
+    """Return the time in s from the last sample to a stamp (ns); a period where no stamp says."""
+    period = float(clock['period'])
     if stamp == 0 or not clock['started']:
-        return float(clock['period'])
-    return float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+        return period
+    told = float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+    return max(told, period) if _stamps_stand(clock, told) else told
+
+
+@kernel
+def _stamps_stand(clock: Clock, told: float) -> bool:
+    """Return whether stamps tell no time, by the `told` seconds of the one that comes."""
+    standing = TOLD_SHARE * LEAST_TOLD
+    untold = clock['untold'] + TOLD_SHARE * clock['period'] - told
+    clock['untold'] = min(max(untold, 0.0), standing)
+    return bool(clock['untold'] >= standing)
 
 
 @inlined_kernel
