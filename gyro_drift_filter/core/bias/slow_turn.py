@@ -29,7 +29,13 @@ from typing import TypedDict
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import block_moments, first_mean, last_mean, segment_mean
+from gyro_drift_filter.core.rest.segment import (
+    block_moments,
+    first_mean,
+    is_block_filled,
+    last_mean,
+    segment_mean,
+)
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 # A turn lasts no longer than this: then it is the bias after all.
@@ -95,7 +101,7 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 @kernel
 def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: float) -> None:
     """Note by how much the body turns in the full block, at a rate beyond `bias_max` (rad/s)."""
-    if turn['seconds'] == 0.0 or 2 * rest['count'] < lengths['block']:
+    if turn['seconds'] == 0.0 or not is_block_filled(rest, lengths):
         return
     rate = 0.0
     for axis in range(3):

@@ -23,7 +23,7 @@ from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Obstacle, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments, is_block_filled
 from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS, obstacle_of_block
 
 # A swing is remembered for so long, in s: about as long as a boat takes to roll to and fro. From 15
@@ -111,7 +111,7 @@ def _correlation(swing: Swing, axis: int) -> float:
 @kernel
 def _is_gentle(rest: Rest, lengths: RestLengths) -> bool:
     """Return whether the values of the block vary no more than the noise does."""
-    if not rest['known'] or 2 * rest['count'] < lengths['block']:
+    if not rest['known'] or not is_block_filled(rest, lengths):
         return False
     for i in range(SIGNALS):
         if obstacle_of_block(rest, rest['signals'][i]) == Obstacle.VARIES:

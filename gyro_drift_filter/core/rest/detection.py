@@ -32,6 +32,7 @@ from gyro_drift_filter.core.rest.segment import (
     add_waiting_block,
     drop_early_half,
     forget_segment_before,
+    is_block_filled,
     let_block_wait,
     segment_mean,
     start_block,
@@ -146,8 +147,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
         has to be called.
     """
-    length = lengths['block']
-    still = 2 * rest['count'] >= length
+    still = is_block_filled(rest, lengths)
     if still:
         for i in range(SIGNALS):
             obstacle = obstacle_of_block(rest, rest['signals'][i])
@@ -192,7 +192,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         rest['halves'] = Halves.LATER if rest['known'] else Halves.WHOLE
         rest['run'] = 2
         return BlockOutcome.NOTHING
-    learn_noise_from_segment(rest, length)
+    learn_noise_from_segment(rest, lengths['block'])
     return BlockOutcome.SEGMENT
 
 

@@ -15,7 +15,7 @@
 """The sums over a value, a block and a segment, and the means and variances that follow."""
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Halves, Rest, Signal
+from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Halves, Rest, RestLengths, Signal
 
 # Of a signal in its unit squared: a coarse sensor shows none at rest.
 LEAST_VARIANCE = 1e-10
@@ -54,6 +54,12 @@ def start_block(rest: Rest) -> None:
         signal = rest['signals'][i]
         signal['sum'] = 0.0
         signal['squares'] = 0.0
+
+
+@kernel
+def is_block_filled(rest: Rest, lengths: RestLengths) -> bool:
+    """Return whether half of the values of a full block, or more, were measured."""
+    return bool(2 * rest['count'] >= lengths['block'])
 
 
 @kernel
