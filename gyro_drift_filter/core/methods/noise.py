@@ -22,9 +22,10 @@ next one, it is predicted.
 Before the first rest motion may be in all that is measured, so R is kept low. The third differences
 of white noise have 20 times its variance. A block that looks like white noise gives the geometric
 mean of its variance and of what its third differences show; any other, and every block at low
-rates, gives a small share of the latter. R falls in motion where these show less. Fast motion looks
-like noise, too, where a block holds few samples or these lie far apart, so such a block counts for
-no more than the blocks before it allow, and only if it is as quiet as common gyroscopes.
+rates, gives a small share of the latter, up to what a quiet sensor has. R falls in motion where
+these show less. Fast motion looks like noise, too, where a block holds few samples or these lie far
+apart, so such a block counts for no more than the blocks before it allow, and only if it is as
+quiet as common gyroscopes.
 """
 
 import math
@@ -65,6 +66,9 @@ RISE = 4.0
 # No MEMS gyroscope is quieter at 100 Hz, in rad/s; so is R until something is known. With less, as
 # of a simulator, the fastest mode would not follow a body that is shaken.
 LEAST_NOISE = 1e-4
+# Too little smoothing costs nothing in motion, and too much costs motion. So a share of motion is
+# taken for no more than the noise of a quiet common gyroscope at 50 Hz, in rad/s.
+QUIET_NOISE = 4e-4
 LARGEST_CORRELATION = 0.995  # that a block can tell
 # Where more than this share of the variance can be predicted, the autocorrelation is lowered as if
 # white noise were added, which leaves a share of 0.55 to 0.78: with more, a smooth motion would be
@@ -179,7 +183,7 @@ def largest_variance(noise: Noise) -> float:
         return noise['variance']
     if noise['bound'] == Bound.NONE:
         return LARGEST_NOISE**2
-    return float(LEAST_SHOWN * noise['variance'] / UNKNOWN_SHARE)
+    return float(LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE)
 
 
 @kernel
@@ -338,6 +342,8 @@ def _bound_noise(noise: Noise, variance: float, bound: Bound) -> None:
     mean = noise['variance'] + (variance - noise['variance']) / noise['bounds']
     largest = LARGEST_BOUND if bound == Bound.OF_NOISE else 1.0
     noise['variance'] = min(mean, largest * noise['lowest'])
+    if bound == Bound.OF_MOTION:
+        noise['variance'] = min(noise['variance'], QUIET_NOISE**2)
 
 
 @kernel
