@@ -546,6 +546,21 @@ def test_fast_motion_from_power_on_is_not_taken_for_noise():
     assert np.median(worst) < 1.1
 
 
+def test_motion_is_not_taken_for_the_noise_of_a_coarse_sensor_at_its_first_rest():
+    """Where noise is a part of a count, rates stay the same at rest, as if the bus had hung."""
+    step, deviation = 0.005, 0.001
+    for seed in range(8):
+        world = make_world(50.0, deviation, 'autoregressive', seed)
+        for trial in world.trials:
+            first = np.flatnonzero(~trial.rest)[0] + 75
+            z = trial.truth[first:] + world.noise[: len(trial.truth) - first]
+            z = step * np.round(z / step)
+            results = Filter(Parameters()).run(stamps(len(z), 50.0), z, trial.acceleration[first:])
+            assert results['at_rest'].any()
+            noise = np.sqrt(results['measurement_noise'][-1]).max()
+            assert noise < 1.5 * np.hypot(deviation, step / np.sqrt(12.0)), seed
+
+
 @pytest.fixture
 def stops(random):
     """Motion that ends after 25 s, on a gyroscope that has stood still for 20 s before."""

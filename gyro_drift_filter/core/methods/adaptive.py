@@ -64,6 +64,7 @@ from gyro_drift_filter.core.methods.noise import (
     FORGETTING_SECONDS,
     LEAST_NOISE_BLOCK,
     NOISE_BLOCK_SECONDS,
+    forget_blocks,
     interrupt_block,
     is_begun,
     largest_white_variance,
@@ -322,7 +323,7 @@ def compare_axes(
     for axis in range(3):
         state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
-        own['hangs'] = _hangs(state, checks, axis)
+        own['hangs'] = _hangs(state, checks, axis, circumstances['still'])
         if not tracking[axis]:
             continue
         if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
@@ -343,12 +344,19 @@ def compare_axes(
 
 
 @kernel
-def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int) -> bool:
-    """Return whether an axis has shown one rate more often in a row than its noise lets it."""
+def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int, still: bool) -> bool:
+    """Return whether an axis has shown one rate more often in a row than its noise lets it.
+
+    Before the first rest motion may be in the noise, so that a body that stands `still` says
+    nothing: a sensor of coarse steps shows one rate then.
+    """
     if checks['equal'][axis] < LEAST_HANG or checks['at_limit'][axis]:
         return False
-    step = state['noise']['resolution']
-    return bool(0.0 < step * step < state['noise']['variance'])
+    noise = state['noise']
+    if still and noise['blocks'] == 0:
+        return False
+    step = noise['resolution']
+    return bool(0.0 < step * step < noise['variance'])
 
 
 @kernel
@@ -454,6 +462,9 @@ def update(
         learn_noise_from_sample(noise, sample, noise_alone, largest_white, length, forgetting)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
+    elif own['hangs'] and noise['blocks'] == 0:
+        # The body may have come to rest meanwhile, so motion before it tells nothing of the rest.
+        forget_blocks(noise)
     else:
         interrupt_block(noise)
     return sample - prediction, decision == Decision.HOLD

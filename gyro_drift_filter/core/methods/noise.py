@@ -225,6 +225,14 @@ def restart_block(noise: Noise) -> None:
 
 
 @kernel
+def forget_blocks(noise: Noise) -> None:
+    """Forget the block under way, and the one that waits."""
+    restart_block(noise)
+    noise['waiting'] = False
+    noise['waiting_variance'] = 0.0
+
+
+@kernel
 def interrupt_block(noise: Noise) -> None:
     """Pass over a sample that is missing or not accepted; the block goes on after it."""
     noise['run'] = 0
