@@ -404,6 +404,20 @@ def test_a_driver_that_hangs_in_motion_does_not_let_the_rate_run_away(random):
     assert np.abs(out['angular_velocity'][1700:] - truth[1700:]).max() < 0.1
 
 
+@pytest.mark.parametrize(('rate', 'largest'), [(50.0, 0.1), (100.0, 0.3), (200.0, 0.3)])
+def test_losses_in_the_first_second_of_fast_motion_are_no_outliers(rate, largest):
+    """What a gap is shows only after some samples: nobody knows yet by how much stamps vary."""
+    n = round(4 * rate)
+    truth, times = fast_turn(n, rate), stamps(n, rate)
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        kept = random.random(n) > 0.1
+        z = truth + 0.005 * random.standard_normal(truth.shape)
+        results = Filter(Parameters()).run(times[kept], z[kept], upright(random, n)[kept])
+        assert not results['outlier'].any(), seed
+        assert np.abs(results['angular_velocity'] - truth[kept]).max() < largest, seed
+
+
 @pytest.mark.parametrize('whole', [True, False])
 @pytest.mark.parametrize('seconds', [0.1, 0.3, 0.5, 1.0, 1.5, 3.0])
 def test_the_samples_after_a_bus_has_hung_are_no_outliers(seconds, whole, random):

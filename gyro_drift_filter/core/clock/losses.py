@@ -37,12 +37,14 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     """Return how many samples may be missing before one for which `advance_clock` found none.
 
     There may be some where the step of `elapsed` s is long for the period in s, and where samples
-    have been missing before: delays may hide a loss until later stamps show it. Where stamps are so
+    have been missing before: delays may hide a loss until later stamps show it. So may there be in
+    the first block, as no loss is found until it shows how far delays vary. Where stamps are so
     irregular that losses do not show, one may be missing before any sample.
     """
     if clock['irregularity'] >= REGULAR and elapsed <= LATE_STEP * period:
         return 1
-    if clock['missing_samples'] == 0 or elapsed <= LATE_STEP * period:
+    shown = clock['missing_samples'] > 0 or clock['blocks'] == 0
+    if not shown or elapsed <= LATE_STEP * period:
         return 0
     return min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
 
