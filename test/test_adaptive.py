@@ -561,6 +561,17 @@ def test_motion_is_not_taken_for_the_noise_of_a_coarse_sensor_at_its_first_rest(
             assert noise < 1.5 * np.hypot(deviation, step / np.sqrt(12.0)), seed
 
 
+@pytest.mark.parametrize('rate', [50.0, 100.0, 200.0])
+def test_the_noise_of_a_motor_that_has_stopped_is_forgotten(rate, random):
+    """It was ten times the sensor's own; four seconds later little of it is left in R."""
+    loud, still = round(10 * rate), round(4 * rate)
+    z = 0.005 * random.standard_normal((loud + still, 3))
+    z[:loud] *= 10.0
+    out = Filter(Parameters()).run(stamps(len(z), rate), z, still_accelerations(random, len(z)))
+    assert np.sqrt(out['measurement_noise'][loud - 1]).min() > 0.045
+    assert np.sqrt(out['measurement_noise'][-1]).max() < 0.0125
+
+
 @pytest.fixture
 def stops(random):
     """Motion that ends after 25 s, on a gyroscope that has stood still for 20 s before."""

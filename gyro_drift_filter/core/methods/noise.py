@@ -306,6 +306,10 @@ def _judge_block(
     A motion is noticed some time after it has begun, so a block waits for the next one.
     """
     rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
+    if noise['blocks'] > 0:
+        # It falls at once where even the roughness, motion's included, is far below it, as where a
+        # motor has stopped; a mean over blocks would take seconds.
+        noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
     # When the first rest is found, it has already lasted for longer than a block.
     if noise_alone and (
         noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)
@@ -313,10 +317,8 @@ def _judge_block(
         _learn_from_rest(noise, block_forgetting)
     _let_wait(noise, rough)
     noise['waiting'] = noise_alone
-    if not noise_alone and noise['blocks'] > 0:
-        # In motion R never rises, and falls where even the motion's roughness is far below it.
-        noise['variance'] = min(noise['variance'], LEAST_SHOWN * rough / noise['roughness'])
-    elif not noise_alone:
+    # In motion R never rises.
+    if not noise_alone and noise['blocks'] == 0:
         variance = noise['waiting_variance']
         white = rough > WHITE * variance and variance <= largest_white
         if white:
