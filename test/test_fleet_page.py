@@ -122,7 +122,7 @@ def test_the_page_in_a_browser(browser, fleet, tmp_path):
     for k in range(3):
         node = f"document.querySelectorAll('.plot')[{k}]"
         browser.execute_script(f'{node}.scrollIntoView()')
-        wait_for(lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
+        wait_for(browser, lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
         drawn = browser.execute_script(f'return {node}.data.map(t => [t.name, t.x.length])')
         assert drawn == [[axis, 9] for axis in (*'xyz', *'xyz', *'xyz', '')]
     lines = 'return document.querySelectorAll(".plot")[{}]._fullLayout.shapes.map(s => s.x0)'
@@ -140,4 +140,4 @@ def test_the_page_in_a_browser(browser, fleet, tmp_path):
     browser.execute_script(
         "document.querySelectorAll('.plot')[1].emit('plotly_click', {points: [{customdata: 3}]})"
     )
-    wait_for(lambda: browser.title == 'the report on a bag')
+    wait_for(browser, lambda: browser.title == 'the report on a bag')

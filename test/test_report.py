@@ -388,23 +388,23 @@ def test_the_page_in_a_browser(browser, source, tmp_path):
     for k in range(count):
         node = f"document.querySelectorAll('.plot')[{k}]"
         browser.execute_script(f'{node}.scrollIntoView()')
-        wait_for(lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
+        wait_for(browser, lambda node=node: browser.execute_script(f'return Boolean({node}.drawn)'))
     browser.execute_script("document.querySelectorAll('.plot')[4].scrollIntoView()")
     # A zoom by a button, by a key and within a figure moves all figures over time.
     click(browser, 'button[data-action=closer]')
-    wait_for(lambda: range_of(browser, 4) == pytest.approx([10.0, 30.0], abs=0.1))
+    wait_for(browser, lambda: range_of(browser, 4) == pytest.approx([10.0, 30.0], abs=0.1))
     browser.execute_script(
         "document.querySelectorAll('.plot')[4].dispatchEvent(new KeyboardEvent('keydown', "
         "{key: 'ArrowRight', bubbles: true}))"
     )
-    wait_for(lambda: range_of(browser, 4) == pytest.approx([15.0, 35.0], abs=0.1))
+    wait_for(browser, lambda: range_of(browser, 4) == pytest.approx([15.0, 35.0], abs=0.1))
     browser.execute_script(
         "Plotly.relayout(document.querySelectorAll('.plot')[4], "
         "{'xaxis.range[0]': 25, 'xaxis.range[1]': 26})"
     )
     for k in (3, 0):
         browser.execute_script(f"document.querySelectorAll('.plot')[{k}].scrollIntoView()")
-        wait_for(lambda k=k: range_of(browser, k) == pytest.approx([25.0, 26.0]))
+        wait_for(browser, lambda k=k: range_of(browser, k) == pytest.approx([25.0, 26.0]))
     # So close, each sample is there.
     points = browser.execute_script(
         "return document.querySelectorAll('.plot')[0].data.find(t => t.name === 'x raw').x.length"

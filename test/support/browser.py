@@ -22,6 +22,25 @@ from contextlib import contextmanager
 
 import pytest
 
+ARGUMENTS = (
+    '--headless=new',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--window-size=1200,900',
+    # A container may have little shared memory, which ROS 2 uses as well.
+    '--disable-dev-shm-usage',
+    # A page that is taken for one in the background gets no frames, and so never learns what is in
+    # sight.
+    '--disable-background-timer-throttling',
+    '--disable-backgrounding-occluded-windows',
+    '--disable-renderer-backgrounding',
+)
+# What a page shows of itself where something that was waited for did not come.
+STATE = (
+    'return {visibility: document.visibilityState, ready: document.readyState, at: scrollY, '
+    'drawn: [...document.querySelectorAll(".plot")].map((node) => Boolean(node.drawn))}'
+)
+
 
 @contextmanager
 def chromium():
@@ -34,7 +53,7 @@ def chromium():
 
     options = webdriver.ChromeOptions()
     options.binary_location = programs[0]
-    for argument in ('--headless=new', '--no-sandbox', '--disable-gpu', '--window-size=1200,900'):
+    for argument in ARGUMENTS:
         options.add_argument(argument)
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     service = Service(programs[1], env=os.environ | {'SE_OFFLINE': 'true'})
@@ -45,11 +64,16 @@ def chromium():
         driver.quit()
 
 
-def wait_for(condition):
-    """Wait until a condition holds."""
-    end = time.monotonic() + 120.0  # a busy machine starts a browser slowly
+def wait_for(browser, condition):
+    """Wait until a condition holds in the page that is open."""
+    begin = time.monotonic()
     while not condition():
-        assert time.monotonic() < end
+        waited = time.monotonic() - begin
+        # A busy machine starts a browser slowly.
+        assert waited < 120.0, (browser.execute_script(STATE), browser.get_log('browser'))
+        if waited > 1.0:
+            # A browser without a window may put its next frame off for ever; a picture needs one.
+            browser.get_screenshot_as_png()
         time.sleep(0.02)
 
 
@@ -58,7 +82,9 @@ def opened(browser, page):
     for log in ('browser', 'performance'):  # of the page before
         browser.get_log(log)
     browser.get(page.as_uri())
-    wait_for(lambda: browser.execute_script('return Number(document.body.dataset.drawn || 0)'))
+    wait_for(
+        browser, lambda: browser.execute_script('return Number(document.body.dataset.drawn || 0)')
+    )
 
 
 def check_quiet(browser, page):
