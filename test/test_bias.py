@@ -61,7 +61,7 @@ from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS
 from gyro_drift_filter.core.sample import SAMPLE
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
-from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, motion_below
+from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, idling, motion_below
 
 
 def run(filter_, rates, accelerations, rate=100.0, start=START):
@@ -479,13 +479,6 @@ def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
     assert np.abs(results['bias']).max() < 1e-4
 
 
-def idling(random, seconds, bias, vibration=0.02):
-    """Return rates and accelerations of a body that its motors shake, faster than it could move."""
-    rates, accelerations = at_rest(random, seconds, bias)
-    shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
-    return rates + vibration * shake, accelerations + 0.5 * shake
-
-
 @pytest.mark.parametrize('begins', [1.5, 2.0])
 def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
     """Its motors run, and it never rests: its first second has to do."""
@@ -499,6 +492,24 @@ def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
     assert np.abs(results['bias'][125:] - truth).max() < 6e-3
     deviations = np.sqrt(results['angular_velocity_variance'][[20, 125]]).max(axis=1)
     assert deviations[1] < 0.3 * deviations[0]
+
+
+def test_an_initial_bias_that_fits_is_kept_and_known(random):
+    """From `identify`, say. A noisy mean is no better, but it says that the guess is right."""
+    truth = np.array([-0.002, 0.021, 0.077])
+    rates, accelerations = idling(random, 60, truth)
+    turn, push = by_hand(random, 58)
+    rates[200:] += turn
+    accelerations[200:] += push
+    filter_ = Filter(Parameters(bias_initial=tuple(truth + 1e-3)))
+    results = run(filter_, rates, accelerations)
+    assert (filter_.state['bias']['bias'] == truth + 1e-3).all()
+    assert np.abs(results['bias'] - truth).max() < 6e-3
+    deviations = np.sqrt(results['angular_velocity_variance'][[20, 200]]).max(axis=1)
+    assert deviations[1] < 0.3 * deviations[0]
+    # One that does not fit is replaced.
+    wrong = Filter(Parameters(bias_initial=tuple(truth + 0.03)))
+    assert np.abs(run(wrong, rates, accelerations)['bias'][200:] - truth).max() < 6e-3
 
 
 def test_with_a_provisional_bias_gravity_is_where_the_accelerometer_says(random):
@@ -804,7 +815,7 @@ def set_segment(state, means, noises):
 
 def test_what_is_taken_back_leaves_no_trace():
     state = np.zeros(1, BIAS_RECORD)[0]
-    bias_at_rest.start_bias(state, np.zeros(3), np.full(3, 1e-6), np.nan)
+    bias_at_rest.start_bias(state, np.zeros(3), np.full(3, 1e-6), True, np.nan)
     known = 'bias', 'variance'
     before = []
     for step in (0.0, 2e-3, 4e-3):

@@ -119,9 +119,10 @@ def start_state(filter_: NDArray[np.void]) -> None:
     start_clock(state['clock'], filter_[0]['settings']['sample_rate'])
 
 
-@entry_kernel(FILTER, np.float64, np.float64, np.float64, np.float64)
+@entry_kernel(FILTER, bool, np.float64, np.float64, np.float64, np.float64)
 def set_bias(
     filter_: NDArray[np.void],
+    known: bool,
     bias: NDArray[np.float64],
     variance: NDArray[np.float64],
     shift: NDArray[np.float64],
@@ -129,11 +130,11 @@ def set_bias(
 ) -> None:
     """Start a zeroed bias at rest, and its shift in motion: (3,) in rad/s.
 
-    The variances are infinite where nothing is known.
+    The variances are infinite where nothing is known; what is not `known` the first rest replaces.
     """
     state, settings = filter_[0]['state']['bias'], filter_[0]['settings']
     set_shift(state['motion'], shift, variance_of_shift)
-    start_bias(state, bias, variance, settings['bias_turn_on_deviation'])
+    start_bias(state, bias, variance, known, settings['bias_turn_on_deviation'])
 
 
 @entry_kernel(FILTER, np.float64, np.float64)

@@ -117,6 +117,7 @@ class Filter:
         bias: Sequence[float],
         deviation: Sequence[float] | None = None,
         shift: BiasShift = NO_SHIFT,
+        known: bool = True,
     ) -> None:
         """Start with a bias from elsewhere, and forget what was learned of rest.
 
@@ -125,6 +126,7 @@ class Filter:
             deviation: (3,) its standard deviation in rad/s; None where it is a mere guess that the
                 first rest replaces, as uncertain as `bias.turn_on_deviation` says.
             shift: Of the bias in motion from that at rest.
+            known: False where a rest is asked for all the same, and replaces it.
         """
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
         fresh, before = np.zeros(1, BIAS_RECORD), self.record['state']['bias']
@@ -132,7 +134,8 @@ class Filter:
             fresh[name] = before[name]
         self.record['state']['bias'] = fresh
         values = bias, variance, shift.shift, np.square(shift.deviation)
-        commands.set_bias(self.record, *(np.array(value, np.float64) for value in values))
+        arrays = (np.array(value, np.float64) for value in values)
+        commands.set_bias(self.record, known, *arrays)
 
     def hint(self, moves: bool) -> None:
         """Take a hint of the robot on whether it moves; it holds for a second."""

@@ -64,3 +64,10 @@ def fast_turn(n: int, rate: float) -> Array:
     return np.column_stack(
         [size * np.sin(2 * np.pi * hertz * time) for size, hertz in ((6, 1.3), (4, 2.1), (9, 0.7))]
     )
+
+
+def idling(random, seconds, bias, vibration=0.02):
+    """Return rates and accelerations of a body that its motors shake, faster than it could move."""
+    rates, accelerations = at_rest(random, seconds, bias)
+    shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
+    return rates + vibration * shake, accelerations + 0.5 * shake

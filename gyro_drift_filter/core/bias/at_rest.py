@@ -104,18 +104,23 @@ HINT_SECONDS = 1.0
 
 
 @kernel
-def start_bias(state: Bias, bias: PerAxis, variance: PerAxis, turn_on_deviation: float) -> None:
-    """Begin with a bias (3,) in rad/s and its variance (3,), infinite where nothing is known.
+def start_bias(
+    state: Bias, bias: PerAxis, variance: PerAxis, known: bool, turn_on_deviation: float
+) -> None:
+    """Begin with a bias (3,) in rad/s and its variance (3,), infinite where it is a mere guess.
 
-    Where it is infinite, `turn_on_deviation` (rad/s) takes its place. Call `set_shift` before.
+    Where it is infinite, `turn_on_deviation` (rad/s) takes its place. What is not `known` is
+    replaced by the first rest. Call `set_shift` before.
     """
     leave_rest(state)
-    state['known'] = True
+    state['known'] = known
+    state['guessed'] = False
     for axis in range(3):
         state['bias'][axis] = bias[axis]
         state['variance'][axis] = variance[axis]
         if not variance[axis] < np.inf:
             state['known'] = False
+            state['guessed'] = True
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional_variance'][axis] = 0.0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
@@ -136,7 +141,7 @@ def forget_bias(state: Bias, turn_on_deviation: float) -> None:
     for axis in range(3):
         state['bias'][axis] = 0.0
         state['variance'][axis] = np.inf
-    start_bias(state, state['bias'], state['variance'], turn_on_deviation)
+    start_bias(state, state['bias'], state['variance'], False, turn_on_deviation)
 
 
 @kernel

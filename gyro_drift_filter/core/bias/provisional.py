@@ -88,22 +88,35 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
             give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
-    _replace_bias(state, standing, hidden_rate)
+    if _fits_guess(state, standing, hidden_rate):
+        _keep_guess(state, standing, hidden_rate)
+    else:
+        _replace_bias(state, standing, hidden_rate)
+    _begin_provisional(state, standing)
     _replace_direction(state, standing)
 
 
 @kernel
 def _tells_more(state: Bias, standing: bool, hidden_rate: float) -> bool:
-    """Return whether the mean is more certain than the bias, and differs from a guessed one."""
-    significant = has_provisional(state) or state['known']
+    """Return whether the mean is more certain than the bias."""
     total = before = 0.0
+    for axis in range(3):
+        total += _variance(state['rest'], axis, standing, hidden_rate)
+        before += bias_variance(state, axis)
+    return bool(total < before)
+
+
+@kernel
+def _fits_guess(state: Bias, standing: bool, hidden_rate: float) -> bool:
+    """Return whether the bias is still the initial one, and the mean does not differ from it."""
+    if not state['guessed']:
+        return False
     for axis in range(3):
         variance = _variance(state['rest'], axis, standing, hidden_rate)
         distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
-        significant = significant or distance * distance > SIGNIFICANT * SIGNIFICANT * variance
-        total += variance
-        before += bias_variance(state, axis)
-    return bool(significant and total < before)
+        if distance * distance > SIGNIFICANT * SIGNIFICANT * variance:
+            return False
+    return True
 
 
 @kernel
@@ -119,15 +132,31 @@ def _lies_far(state: Bias, standing: bool, hidden_rate: float) -> bool:
 
 
 @kernel
+def _keep_guess(state: Bias, standing: bool, hidden_rate: float) -> None:
+    """Make the initial bias the provisional one, as certain as the mean lets it be."""
+    for axis in range(3):
+        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
+        variance = _variance(state['rest'], axis, standing, hidden_rate)
+        state['variance'][axis] = variance + distance * distance
+
+
+@kernel
 def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
     """Make the mean the provisional bias."""
+    for axis in range(3):
+        state['bias'][axis] = _mean(state['rest'], axis, standing)
+        state['variance'][axis] = _variance(state['rest'], axis, standing, hidden_rate)
+    state['guessed'] = False
+
+
+@kernel
+def _begin_provisional(state: Bias, standing: bool) -> None:
+    """Begin to track the provisional bias in motion, and to count what it may have done since."""
     rest = state['rest']
     for axis in range(3):
-        state['bias'][axis] = _mean(rest, axis, standing)
         # Scaled to the length of a segment, as later segments are compared with it.
         share = rest['standing_blocks'] / SEGMENT_BLOCKS if standing else 1.0
         state['provisional_variance'][axis] = _scatter(rest, axis, standing) * share
-        state['variance'][axis] = _variance(rest, axis, standing, hidden_rate)
         signal = rest['signals'][axis]
         noise = standing_scatter(rest, axis) if standing else value_variance(rest, signal)
         limit_shift(state['motion'], axis, noise)

@@ -62,6 +62,7 @@ class Bias(TypedDict):
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
+    guessed: bool  # the bias is still `bias.initial`, which nothing has refuted
     motion: MotionBias  # the bias in motion
     unknown: MotionBias  # the same by a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
@@ -103,6 +104,12 @@ def bias_variance(state: Bias, axis: int) -> float:
 def has_provisional(state: Bias) -> bool:
     """Return whether the bias is a provisional one (`provisional.py`)."""
     return bool(state['provisional_variance'][0] > 0.0)
+
+
+@kernel
+def has_another_provisional(state: Bias) -> bool:
+    """Return whether the bias is a provisional one, and no longer `bias.initial`."""
+    return bool(has_provisional(state) and not state['guessed'])
 
 
 @kernel
