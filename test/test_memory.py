@@ -14,12 +14,16 @@
 
 """The file that remembers the bias: what is damaged, foreign, stale or can't be written."""
 
+import dataclasses
 import json
 import os
 import time
 
+import numpy as np
 import pytest
 
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.bias.records import has_provisional
 from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
@@ -28,11 +32,17 @@ from gyro_drift_filter.messages.memory_file import (
     recall,
     remember,
 )
+from support.messages import START
+from support.sensor import at_rest, idling
 
 NODE, FRAME = '/robot1/gyro_drift_filter', 'imu_link'
 BIAS, DEVIATION = [0.01, -0.02, 0.005], [1e-4, 2e-4, 3e-4]
 SHIFT = BiasShift((2e-4, -8e-4, 1e-3), (3e-4, 2e-4, 1e-4))
 REMEMBERED = RememberedBias(BIAS, DEVIATION, SHIFT)
+
+
+def run(filter_, rates, accelerations, start=START):
+    filter_.run(start + 10_000_000 * np.arange(len(rates)), rates, accelerations)
 
 
 @pytest.fixture
@@ -50,6 +60,42 @@ def test_what_is_remembered_is_recalled(path):
     remember(path, NODE, FRAME, RememberedBias(DEVIATION, DEVIATION, SHIFT))
     assert recall(path, NODE, FRAME, 0.1).bias == tuple(DEVIATION)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_file_from_before_there_were_provisional_ones_is_of_a_rest(path):
+    remember(path, NODE, FRAME, dataclasses.replace(REMEMBERED, provisional=True))
+    assert recall(path, NODE, FRAME, 0.1).provisional
+    content = json.loads(path.read_text())
+    del content['provisional']
+    path.write_text(json.dumps(content))
+    assert not recall(path, NODE, FRAME, 0.1).provisional
+
+
+def test_what_no_rest_has_shown_is_a_guess_in_the_next_run(random):
+    """A provisional bias may be a slow turn; that of a rest is believed within half a deg/s."""
+    truth = np.array([-0.002, 0.021, 0.077])
+    fresh = Filter()
+    assert RememberedBias.of(fresh) is None
+    run(fresh, *idling(random, 2.0, truth))
+    provisional = RememberedBias.of(fresh)
+    assert provisional is not None
+    assert provisional.provisional
+    np.testing.assert_allclose(provisional.bias, truth, atol=3e-3)
+    started = Filter()
+    provisional.give(started)
+    assert started.state['bias']['bias'].tolist() == provisional.bias
+    assert (started.bias_deviation >= Parameters().bias_turn_on_deviation).all()
+    assert not started.state['bias']['known']
+    # What fits the rest of a run before is as good as that.
+    of_rest = dataclasses.replace(provisional, provisional=False)
+    of_rest.give(started)
+    assert (started.bias_deviation < 0.3 * Parameters().bias_turn_on_deviation).all()
+    run(started, *idling(random, 2.0, truth))
+    assert has_provisional(started.state['bias'])
+    assert not RememberedBias.of(started, of_rest).provisional
+    assert RememberedBias.of(started, provisional).provisional
+    run(started, *at_rest(random, 5, truth), start=START + 10**10)
+    assert not RememberedBias.of(started, provisional).provisional
 
 
 @pytest.mark.parametrize(
@@ -102,6 +148,8 @@ def test_a_damaged_file_is_refused(content, path):
         ({'bias': [10**400, 0, 0]}, 'is damaged'),
         ({'time': None}, 'is damaged'),
         ({'time': float('nan')}, 'is damaged: its time is not finite'),
+        ({'time': 1e300}, 'is damaged: its time is no date'),
+        ({'provisional': 'no'}, 'is damaged: provisional is neither true nor false'),
         ({'node': '/other'}, 'of another node or frame'),
         ({'frame': 'other'}, 'of another node or frame'),
         ({'format': 1, 'shift': None}, 'of another version of this package'),

@@ -31,7 +31,7 @@ from gyro_drift_filter.simulation.bag import FRAME, imu_message
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import START, doubles_of, imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
-from support.sensor import DEGREE, at_rest, by_hand
+from support.sensor import DEGREE, at_rest, by_hand, idling
 
 pytestmark = pytest.mark.node
 
@@ -95,6 +95,26 @@ def test_an_end_by_interrupt_saves_what_came_since_the_last_time(home, random):
         live.play(serialized(*at_rest(random, 10, TRUTH), start=10))
     assert live.returncode == 0
     assert file_of(NODE, FRAME).read_text() != before
+
+
+def test_a_flight_without_a_rest_is_remembered_at_its_end(home, random):
+    rates, accelerations = idling(random, 5, TRUTH)
+    turn, push = by_hand(random, 3)
+    rates[200:] += turn
+    accelerations[200:] += push
+    with LiveNode(home=home) as live:
+        live.play(serialized(rates, accelerations))
+    remembered = recall(file_of(NODE, FRAME), NODE, FRAME, 0.2)
+    assert remembered.provisional
+    np.testing.assert_allclose(remembered.bias, TRUTH, atol=0.3 * DEGREE)
+    data = serialized(*at_rest(random, 0.1, TRUTH), start=1000)
+    with LiveNode(home=home) as live:
+        out = live.play(data)
+        status = diagnostics(live, lambda statuses: FILTER in statuses)[FILTER]
+    first = rates_of(data[:1])[0] - rates_of(out[:1])[0]
+    # In motion what is known of the shift counts, too.
+    np.testing.assert_allclose(first, remembered.bias, atol=1e-4)
+    assert status.message == 'no bias known yet: stand still for 3 seconds'
 
 
 def test_the_bias_of_another_frame_is_not_kept_as_that_of_this_one(home, random):

@@ -33,7 +33,7 @@ from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from support.bags import read, write
 from support.messages import START, STORE
-from support.sensor import DEGREE, at_rest, by_hand
+from support.sensor import DEGREE, at_rest, by_hand, idling
 
 
 def imus(rates, accelerations):
@@ -170,6 +170,29 @@ def test_a_chain_of_recordings_keeps_the_bias(tmp_path, random):
     for k, (rate, acceleration) in enumerate(zip(*moved, strict=True)):
         result = filter_.step(START + 10_000_000 * k, rate, acceleration)
         assert (found[k].x, found[k].y, found[k].z) == tuple(result['bias'])
+
+
+def test_a_chain_of_flights_without_a_rest_keeps_what_the_first_seconds_show(tmp_path, random):
+    """The first flight begins with all of the turn-on bias, the next one with next to none."""
+    truth, memory = np.array([-0.002, 0.021, 0.077]), tmp_path / 'bias.json'
+    lost = []
+    for name in ('first', 'second'):
+        rates, accelerations = idling(random, 20, truth)
+        turn, push = by_hand(random, 18)
+        rates[200:] += turn
+        accelerations[200:] += push
+        source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imus(rates, accelerations)})
+        out = tmp_path / f'{name}_filtered'
+        replay(source, out, parameters=Parameters(), memory=memory, diagnostics=True)
+        assert recall(memory, None, FRAME, 1.0, START * 1e-9).provisional
+        written, _ = read(out)
+        found = (
+            STORE.deserialize_cdr(data, VECTOR_TYPE).vector
+            for _, data in written['/gyro_drift_filter/bias']
+        )
+        lost.append(np.abs([np.array((v.x, v.y, v.z)) - truth for v in found]).mean(axis=0).max())
+    assert lost[0] > 3e-3
+    assert lost[1] < 0.5 * lost[0]
 
 
 def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplog):

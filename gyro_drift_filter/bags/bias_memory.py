@@ -57,6 +57,7 @@ class ReplayBiasMemory:
         self._messages, self._filter = messages, messages.filter
         self._frame: str | None = None
         self._time = 0.0
+        self._recalled: RememberedBias | None = None
 
     def note(self, piece: Piece, imus: Any) -> None:
         """Recall the bias before the Imu messages of a piece go through the filter."""
@@ -75,12 +76,12 @@ class ReplayBiasMemory:
     def _recall(self, now: float) -> None:
         largest = self._filter.parameters.bias_max
         try:
-            found = recall(self._path, None, self._frame or '', largest, now)
+            self._recalled = recall(self._path, None, self._frame or '', largest, now)
         except MemoryFileError as error:
             _log.warning('the bias of the last recording is not used: %s', error)
             return
-        if found is not None:
-            found.give(self._filter)
+        if self._recalled is not None:
+            self._recalled.give(self._filter)
 
     def save(self) -> None:
         """Write what was learned, if anything was.
@@ -88,7 +89,8 @@ class ReplayBiasMemory:
         Raises:
             MemoryFileError: The disk does not take it.
         """
-        if self._frame is None or self._filter.state['bias']['segments'] == 0:
+        learned = RememberedBias.of(self._filter, self._recalled)
+        if self._frame is None or learned is None:
             return
         if self._messages.report().frame_changes:
             _log.warning(
@@ -96,5 +98,4 @@ class ReplayBiasMemory:
                 self._frame,
             )
             return
-        bias = RememberedBias.of(self._filter)
-        remember(self._path, self._node, self._frame, bias, self._time)
+        remember(self._path, self._node, self._frame, learned, self._time)

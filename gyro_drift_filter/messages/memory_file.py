@@ -33,6 +33,7 @@ from urllib.parse import quote
 import numpy as np
 
 from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core.bias.records import has_provisional
 from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 from gyro_drift_filter.whole_file import write_whole
@@ -44,6 +45,7 @@ REPEATABILITY = 8.7e-3
 LONGEST_AGE = 30 * 86_400.0
 # A clock may be wrong by this much before a file from the future is refused, in s.
 CLOCK_ERROR = 86_400.0
+_LONGEST_TIME = 1e11  # s: some thousand years
 _LONGEST_NAME = 200
 LARGEST_FILE = 100_000  # bytes
 _LONGEST_BEGINNING = 100  # bytes, of which the first key is
@@ -61,23 +63,41 @@ class RememberedBias:
         bias: (3,) in rad/s.
         deviation: (3,) its standard deviation in rad/s.
         shift: Of the bias in motion from that at rest.
+        provisional: No rest has shown it, neither in that run nor before.
         age: Since it was written, in s.
     """
 
     bias: Sequence[float]
     deviation: Sequence[float]
     shift: BiasShift
+    provisional: bool = False
     age: float = 0.0
 
     @classmethod
-    def of(cls, filter_: Filter) -> Self:
-        """Return what a filter has learned."""
-        bias = filter_.state['bias']['bias'].tolist()
-        return cls(bias, filter_.bias_deviation.tolist(), filter_.bias_shift)
+    def of(cls, filter_: Filter, before: Self | None = None) -> Self | None:
+        """Return what a filter has learned, None where that is nothing.
+
+        Args:
+            filter_: The filter.
+            before: What it was started with.
+        """
+        state = filter_.state['bias']
+        if state['segments'] == 0 and not has_provisional(state):
+            return None
+        # One that does not fit what a rest has shown before is not taken, see `provisional.py`.
+        shown = state['segments'] > 0 or (before is not None and not before.provisional)
+        bias, deviation = state['bias'].tolist(), filter_.bias_deviation.tolist()
+        return cls(bias, deviation, filter_.bias_shift, provisional=not shown)
 
     def give(self, filter_: Filter) -> None:
-        """Start a filter with it, less certain, as it changes when the sensor is switched on."""
-        filter_.set_bias(self.bias, np.hypot(self.deviation, REPEATABILITY).tolist(), self.shift)
+        """Start a filter with it, less certain, as it changes when the sensor is switched on.
+
+        A provisional one may have been a slow turn, so it is as uncertain as if it were not known.
+        """
+        turn_on_deviation = filter_.parameters.bias_turn_on_deviation
+        added = turn_on_deviation if self.provisional else REPEATABILITY
+        deviation = np.hypot(self.deviation, added).tolist()
+        filter_.set_bias(self.bias, deviation, self.shift, known=not self.provisional)
 
 
 def file_of(node: str, frame: str) -> Path:
@@ -134,9 +154,14 @@ def recall(
         shift = BiasShift(_three(content['shift']), _three(content['shift_deviation']))
         if min(*deviation, *shift.deviation) < 0.0:
             raise ValueError('a deviation is negative')
+        provisional = content.get('provisional', False)
+        if not isinstance(provisional, bool):
+            raise ValueError('provisional is neither true nor false')
         age = (time.time() if now is None else now) - float(content['time'])
         if not math.isfinite(age):
             raise ValueError('its time is not finite')
+        if abs(age) > _LONGEST_TIME:
+            raise ValueError('its time is no date')
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -156,7 +181,7 @@ def recall(
         )
     if max(map(abs, bias)) > largest:
         raise MemoryFileError(f'{path} holds {list(bias)} rad/s, which is beyond bias.max')
-    return RememberedBias(bias, deviation, shift, max(age, 0.0))
+    return RememberedBias(bias, deviation, shift, provisional, max(age, 0.0))
 
 
 def remember(
@@ -182,6 +207,7 @@ def remember(
         'deviation': list(bias.deviation),
         'shift': list(bias.shift.shift),
         'shift_deviation': list(bias.shift.deviation),
+        'provisional': bias.provisional,
         'unit': 'rad/s',
         'time': time.time() if now is None else now,
     }

@@ -46,8 +46,10 @@ class NodeBiasMemory:
         self._messages = messages
         self._filter = messages.filter
         self._frame = ''
+        self._recalled: RememberedBias | None = None
+        self._saved: RememberedBias | None = None
         self._saved_segments = 0
-        self._saved_at = -np.inf
+        self._saved_at = time.monotonic()
         self._warned = False
 
     def recall(self, data: bytes) -> None:
@@ -70,28 +72,33 @@ class NodeBiasMemory:
             return
         if found is None:
             return
+        self._recalled = found
         found.give(self._filter)
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
         log.info(f'bias of {found.age / 3600.0:.1f} h ago, {degrees} deg/s, from {path}')
 
     def save_if_due(self) -> None:
-        """Save what was learned, if the last time is long enough ago."""
-        if time.monotonic() - self._saved_at >= _SAVE_SECONDS:
+        """Save what was learned, if this is the first rest, or the last time is long enough ago."""
+        is_first_rest = self._saved_segments == 0 < self._filter.state['bias']['segments']
+        if is_first_rest or time.monotonic() - self._saved_at >= _SAVE_SECONDS:
             self.save()
 
     def save(self) -> None:
         """Save what was learned since the last time, if anything was."""
-        segments = int(self._filter.state['bias']['segments'])
-        if not self._filter.parameters.bias_memory or segments in (0, self._saved_segments):
+        if not self._filter.parameters.bias_memory:
+            return
+        learned = RememberedBias.of(self._filter, self._recalled)
+        if learned in (None, self._saved):
             return
         if self._messages.report().frame_changes:
             self._warn(f'frame_id is no longer {self._frame}, so the sensor may be another one')
             return
-        self._saved_segments, self._saved_at = segments, time.monotonic()
+        self._saved_segments = int(self._filter.state['bias']['segments'])
+        self._saved, self._saved_at = learned, time.monotonic()
         try:
             name = self._node.get_fully_qualified_name()
             path = file_of(name, self._frame)
-            remember(path, name, self._frame, RememberedBias.of(self._filter))
+            remember(path, name, self._frame, learned)
         except (MemoryFileError, RuntimeError) as error:
             self._warn(f'{error}; set bias.memory to false if that is intended')
 
