@@ -45,7 +45,9 @@ PROVISIONAL_SECONDS = 3.0
 PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at low rates
 PROVISIONAL_DEVIATION = 0.8e-3  # rad/s, beside that of the mean
 LESS_STEADY = 9.0  # times the variance of its mean: not by chance
-SIGNIFICANT = 2.0  # deviations from the initial bias: below, a rest in a second or two does better
+# Where the driver subtracts the bias, zero is closer to it than the mean of a second. It is kept
+# within so many deviations of that mean.
+SIGNIFICANT = 2.0
 # Gravity has to stand for so many s that a tilt too small to show is a small rate. It is not looked
 # at in so many blocks: the first ones and the one under way.
 STANDING_SECONDS, SKIPPED_BLOCKS = 10.0, 3
@@ -88,8 +90,8 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
             give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
-    if _fits_guess(state, standing, hidden_rate):
-        _keep_guess(state, standing, hidden_rate)
+    if state['zero_so_far'] and _fits_zero(state, standing, hidden_rate):
+        _keep_zero(state, standing, hidden_rate)
     else:
         _replace_bias(state, standing, hidden_rate)
     _begin_provisional(state, standing)
@@ -107,14 +109,12 @@ def _tells_more(state: Bias, standing: bool, hidden_rate: float) -> bool:
 
 
 @kernel
-def _fits_guess(state: Bias, standing: bool, hidden_rate: float) -> bool:
-    """Return whether the bias is still the initial one, and the mean does not differ from it."""
-    if not state['guessed']:
-        return False
+def _fits_zero(state: Bias, standing: bool, hidden_rate: float) -> bool:
+    """Return whether the mean does not differ from zero."""
     for axis in range(3):
         variance = _variance(state['rest'], axis, standing, hidden_rate)
-        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
-        if distance * distance > SIGNIFICANT * SIGNIFICANT * variance:
+        mean = _mean(state['rest'], axis, standing)
+        if mean * mean > SIGNIFICANT * SIGNIFICANT * variance:
             return False
     return True
 
@@ -132,12 +132,12 @@ def _lies_far(state: Bias, standing: bool, hidden_rate: float) -> bool:
 
 
 @kernel
-def _keep_guess(state: Bias, standing: bool, hidden_rate: float) -> None:
-    """Make the initial bias the provisional one, as certain as the mean lets it be."""
+def _keep_zero(state: Bias, standing: bool, hidden_rate: float) -> None:
+    """Make zero the provisional bias, as certain as the mean lets it be."""
     for axis in range(3):
-        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
+        mean = _mean(state['rest'], axis, standing)
         variance = _variance(state['rest'], axis, standing, hidden_rate)
-        state['variance'][axis] = variance + distance * distance
+        state['variance'][axis] = variance + mean * mean
 
 
 @kernel
@@ -146,7 +146,7 @@ def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
     for axis in range(3):
         state['bias'][axis] = _mean(state['rest'], axis, standing)
         state['variance'][axis] = _variance(state['rest'], axis, standing, hidden_rate)
-    state['guessed'] = False
+    state['zero_so_far'] = False
 
 
 @kernel

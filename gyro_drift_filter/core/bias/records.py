@@ -62,7 +62,8 @@ class Bias(TypedDict):
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
-    guessed: bool  # the bias is still `bias.initial`, which nothing has refuted
+    # the bias is zero, as of a driver that subtracts it, and nothing has refuted that
+    zero_so_far: bool
     motion: MotionBias  # the bias in motion
     unknown: MotionBias  # the same by a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
@@ -108,8 +109,8 @@ def has_provisional(state: Bias) -> bool:
 
 @kernel
 def has_another_provisional(state: Bias) -> bool:
-    """Return whether the bias is a provisional one, and no longer `bias.initial`."""
-    return bool(has_provisional(state) and not state['guessed'])
+    """Return whether the bias is a provisional one, and no longer zero as at the start."""
+    return bool(has_provisional(state) and not state['zero_so_far'])
 
 
 @kernel
