@@ -76,7 +76,7 @@ from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_othe
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import segment_mean
 from gyro_drift_filter.core.rest.stationarity import note_obstacle
-from gyro_drift_filter.core.sample import Sample, is_zero
+from gyro_drift_filter.core.sample import Sample
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -121,7 +121,6 @@ def start_bias(
             state['known'] = False
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional_variance'][axis] = 0.0
-    state['zero_so_far'] = not state['known'] and is_zero(bias)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['unknown'], state['bias'], state['variance'])
     state['walk'] = 1.0

@@ -37,6 +37,7 @@ from gyro_drift_filter.core.rest.standing import (
     standing_scatter,
     variance_of_standing_mean,
 )
+from gyro_drift_filter.core.sample import is_zero
 
 # Robots are switched on while they stand. In the first seconds a bias is taken from less than rest,
 # as of a drone that idles, until the first rest replaces it. On seven flights of EuRoC such a bias
@@ -90,7 +91,8 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
             give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
-    if state['zero_so_far'] and _fits_zero(state, standing, hidden_rate):
+    is_start = is_zero(state['bias']) and not state['known']
+    if is_start and _fits_zero(state, standing, hidden_rate):
         _keep_zero(state, standing, hidden_rate)
     else:
         _replace_bias(state, standing, hidden_rate)
@@ -146,7 +148,6 @@ def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
     for axis in range(3):
         state['bias'][axis] = _mean(state['rest'], axis, standing)
         state['variance'][axis] = _variance(state['rest'], axis, standing, hidden_rate)
-    state['zero_so_far'] = False
 
 
 @kernel

@@ -23,6 +23,7 @@ from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
 from gyro_drift_filter.core.rest.records import Rest
+from gyro_drift_filter.core.sample import is_zero
 
 RECENT = 8  # segments of one rest that have to agree
 
@@ -62,8 +63,6 @@ class Bias(TypedDict):
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
-    # the bias is zero, as of a driver that subtracts it, and nothing has refuted that
-    zero_so_far: bool
     motion: MotionBias  # the bias in motion
     unknown: MotionBias  # the same by a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
@@ -109,8 +108,8 @@ def has_provisional(state: Bias) -> bool:
 
 @kernel
 def has_another_provisional(state: Bias) -> bool:
-    """Return whether the bias is a provisional one, and no longer zero as at the start."""
-    return bool(has_provisional(state) and not state['zero_so_far'])
+    """Return whether the bias is a provisional one, and not zero as at the start."""
+    return bool(has_provisional(state) and not is_zero(state['bias']))
 
 
 @kernel
