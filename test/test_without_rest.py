@@ -27,6 +27,8 @@ from benchmark.without_rest import (
 )
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.without_rest import _across
+from gyro_drift_filter.messages.memory_file import RememberedBias
+from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES
 from support.messages import START
 from support.paths import FLIGHTS, REPOSITORY
@@ -100,6 +102,19 @@ def test_a_rest_replaces_what_motion_has_shown(walk, random):
     run_on = slice(round(100 * SAMPLE_RATE), round(160 * SAMPLE_RATE))
     filter_.run(walk.stamps[run_on] + 10**10, walk.rates[run_on], walk.accelerations[run_on])
     assert filter_.state['bias']['corrected'] == corrected
+
+
+def test_the_next_run_begins_with_what_motion_has_shown(walk):
+    first, second = Filter(), Filter()
+    run(walk, first, 120.0)
+    learned = RememberedBias.of(first)
+    assert learned.provisional
+    learned.give(second)
+    start = slice(0, round(20.0 * SAMPLE_RATE))
+    off = run(walk, second, 20.0)['bias'] - walk.bias[start]
+    across = rotate(walk.orientations[start], off)[:, :2]
+    raw = rotate(walk.orientations[start], walk.bias[start])[:, :2]
+    assert np.linalg.norm(across, axis=1).mean() < 0.3 * np.linalg.norm(raw, axis=1).mean()
 
 
 def test_it_is_off_where_the_bias_in_motion_is(walk):
@@ -251,6 +266,7 @@ def test_the_benchmark_fails_where_much_is_left(monkeypatch, capsys):
         'errors_across',
         lambda of, followed: np.full(round(SECONDS * SAMPLE_RATE), left[followed]),
     )
+    monkeypatch.setattr(benchmark, 'errors_of_next_run', lambda of, seed: np.array([50.0, 12.0]))
     assert benchmark.main(['--only', 'hand', '--seeds', '2', '--check']) == 1
     assert 'FALLS SHORT  hand, uncalibrated: an error of 20.0' in capsys.readouterr().out
     left[True] = 4.0

@@ -82,10 +82,11 @@ class RememberedBias:
             before: What it was started with.
         """
         state = filter_.state['bias']
-        if state['segments'] == 0 and not has_provisional(state):
+        at_rest, in_motion = state['segments'] > 0, state['corrected'] > 0
+        if not (at_rest or in_motion or has_provisional(state)):
             return None
         # One that does not fit what a rest has shown before is not taken, see `provisional.py`.
-        shown = state['segments'] > 0 or (before is not None and not before.provisional)
+        shown = at_rest or (before is not None and not before.provisional)
         bias, deviation = state['bias'].tolist(), filter_.bias_deviation.tolist()
         return cls(bias, deviation, filter_.bias_shift, provisional=not shown)
 
