@@ -33,7 +33,6 @@ from urllib.parse import quote
 import numpy as np
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.bias.records import has_provisional
 from gyro_drift_filter.core.bias.shared import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 from gyro_drift_filter.whole_file import write_whole
@@ -83,7 +82,7 @@ class RememberedBias:
         """
         state = filter_.state['bias']
         at_rest, in_motion = state['segments'] > 0, state['corrected'] > 0
-        if not (at_rest or in_motion or has_provisional(state)):
+        if not (at_rest or in_motion or state['provisional_variance'][0] > 0.0):
             return None
         # One that does not fit what a rest has shown before is not taken, see `provisional.py`.
         shown = at_rest or (before is not None and not before.provisional)

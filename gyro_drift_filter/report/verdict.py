@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.bias.records import has_another_provisional
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
@@ -309,7 +308,7 @@ class RunWatch:
             source = BiasSource.REST
         elif self._given:
             source = BiasSource.GIVEN
-        elif has_another_provisional(state):
+        elif state['provisional_variance'][0] > 0.0 and state['bias'].any():
             source = BiasSource.PROVISIONAL
         elif state['corrected'] > 0:
             source = BiasSource.MOTION
