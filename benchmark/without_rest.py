@@ -161,7 +161,7 @@ def _errors_of(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments)
+    options = parsed(__doc__, arguments, list(VEHICLES))
     later = (f'after {seconds} s: off  on' for seconds in AFTER)
     rows = [['', 'at the start', *later, 'next run: forgotten  remembered']]
     missed = []

@@ -32,7 +32,7 @@ from gyro_drift_filter.rotations import (
     running_products,
     to_vectors,
 )
-from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
+from gyro_drift_filter.simulation.vehicles import VEHICLES, ride, train
 from support.paths import REPOSITORY
 
 PERIOD = 0.005
@@ -90,6 +90,12 @@ def test_a_car_that_keeps_its_speed_is_not_taken_for_one_that_tilts():
     """Speed that lasts was taken for tilt, and moved the bias by 1.7e-3 rad/s."""
     judged = [judge(ride(VEHICLES['car'], seed, 300.0, warm_up=0.0)) for seed in range(4)]
     assert np.mean([one.on[2] for one in judged]) < 1.0
+
+
+def test_a_train_that_speeds_up_for_a_minute_is_not_taken_for_one_that_tilts():
+    """What it had gained in speed was a tilt of 0.1 rad, and moved the bias by 0.8e-3 rad/s."""
+    judged = [judge(ride(train, seed, 300.0, warm_up=0.0)) for seed in range(4)]
+    assert np.mean([one.on[2] for one in judged]) < 0.5
 
 
 def made(off, on):

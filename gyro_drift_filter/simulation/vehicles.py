@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Drones, cars, robots on legs and hands with known truth: what an Imu on each of them shows.
+"""Drones, cars, trains, robots on legs and hands with known truth: what an Imu on them shows.
 
 A vehicle is where its motion puts it: velocities and attitudes are laid down first, and rates and
 specific forces follow from them. What shakes the sensor besides (rotors, road, feet) comes on top.
@@ -113,7 +113,7 @@ def ride(
     """Return what an Imu shows on a vehicle.
 
     Args:
-        vehicle: One of VEHICLES.
+        vehicle: One of VEHICLES, or `train`.
         seed: Of all random numbers.
         seconds: Length.
         sample_rate: In Hz.
@@ -241,6 +241,46 @@ def car(random: np.random.Generator, seconds: float, sample_rate: float) -> Driv
         attitudes.as_quat(),
         shaken,
         pushed,
+        np.zeros(len(time)),
+        speed > 0.0,
+    )
+
+
+def train(random: np.random.Generator, seconds: float, sample_rate: float) -> Driven:
+    """Return a train: up to a minute of speeding up, curves with some cant, and stations."""
+    speeds, bends, at = [(0.0, 0.0), (12.0, 0.0)], [(0.0, 0.0)], 12.0
+    while at < seconds - 40.0:
+        cruise = random.uniform(15.0, 35.0)
+        at += cruise / random.uniform(0.3, 0.7)
+        speeds.append((at, cruise))
+        end = at + random.uniform(30.0, 120.0)
+        at += 5.0
+        while at < end - 15.0:
+            curve = random.uniform(-0.001, 0.001)
+            bends += [(at, 0.0), (at + 4.0, curve)]
+            at += random.uniform(8.0, 25.0)
+            bends += [(at, curve), (at + 4.0, 0.0)]
+            at += 4.0 + random.uniform(3.0, 20.0)
+        at = max(at, end)
+        speeds.append((at, cruise))
+        at += cruise / random.uniform(0.4, 0.8)
+        speeds.append((at, 0.0))
+        at += random.uniform(20.0, 40.0)
+        speeds.append((at, 0.0))
+    time = _times(seconds, sample_rate)
+    speed, bend = _path(speeds, time, 2.0), _path(bends, time, 1.0)
+    drive = np.clip(speed / 10.0, 0.0, 1.0)[:, None]
+    sway = drive * smooth(random, len(time), sample_rate, 3.0) * [0.15, 0.1, 0.0] * DEGREE
+    hills = _slopes(random, speed, sample_rate, 300.0, np.array([0.0, 0.5]) * DEGREE)[:, 1]
+    yaw = np.cumsum(bend * speed) / sample_rate
+    roll = sway[:, 0] - np.arctan(0.6 * speed * speed * bend / GRAVITY)
+    attitudes = Rotation.from_euler('ZYX', np.column_stack([yaw, hills + sway[:, 1], roll]))
+    rough = drive * random.standard_normal((len(time), 3))
+    return Driven(
+        speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw), -np.sin(hills)]),
+        attitudes.as_quat(),
+        0.002 * rough[::-1],
+        0.15 * rough,
         np.zeros(len(time)),
         speed > 0.0,
     )

@@ -28,6 +28,11 @@ been of late, and anew as much later. A robot drives forward, which is one direc
 axes, and without m what presses outwards in its turns would be a tilt. The heading is not in the
 state, so that nothing leaks into it: a bias about the vertical is left as it is.
 
+An acceleration that lasts, as of a train, is told from a tilt by what the gyroscope knows. At the
+end of a rest the accelerometer has shown the direction of gravity but for its own bias, which goes
+with it in the covariance, so that the two together explain no acceleration. From there on the
+direction is as uncertain as the rates leave it, and the velocity that is beyond that is one.
+
 State and measurement are taken every hundredth of a second or so, covariances every
 `MOTION_BLOCK_SECONDS` by the transition over the block. As directions turn with the body,
 R = exp(-[angle]) of each value, it needs their product T over the block and the integral M of what
@@ -36,7 +41,8 @@ is left of it to the end:
     ds = T ds0 - [s]x M db
     du = l T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da + (1 - l) dm
 
-where l is what is left of a velocity after the time t of the block. An error of E counts as one of
+where l is what is left of a velocity after the time t of the block: all, but less until a bias is
+known, as it would be taken for speed. An error of E counts as one of
 the bias, in proportion to the mean of w - b over the block. It tilts what turns one way, and leaves
 what turns to and fro; as noise of each turn it would hide the bias of a hand. What is subtracted is
 b alone: the rates keep their scale.
@@ -87,18 +93,20 @@ LONGEST_GAP = 0.05
 
 # A velocity is another one after SPEED_SECONDS; above `SPEED` it lasts longer in proportion, as a
 # car accelerates no more than a hand. A higher speed, and the mean velocity, are remembered for
-# SPEED_MEMORY s. The
+# SPEED_MEMORY s, and for MEMORY_VELOCITIES times as long as a velocity lasts. The
 # deviation is the largest velocity over SPEED_DEVIATIONS, as a swing or a constant velocity goes no
-# further. LARGEST_SPEED (m/s) is beyond robots on the road and in the air, so that a tilt that is
-# taken for speed does not feed itself.
-SPEED_SECONDS, SPEED_MEMORY = 2.1, 120.0
+# further. A deviation of LARGEST_SPEED (m/s) is beyond robots on the road and in the air: there a
+# tilt has been taken for speed, so that the direction is looked for anew.
+SPEED_SECONDS, SPEED_MEMORY, MEMORY_VELOCITIES = 2.1, 120.0, 10.0
 SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 # Standard deviations at the start: of the direction, the velocity in m/s and the accelerometer's
-# bias in m/s^2; the second direction is that of a rest.
-START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.03, 1.0, 0.1
-# Random walks of direction and velocity, per square root of a second: of what is in no model, such
-# as vibration. That of the noise at rest comes on top.
-DIRECTION_WALK, VELOCITY_WALK = 1e-3, 0.05
+# bias in m/s^2; the second direction is that of a rest, beside what the bias makes of it.
+START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.003, 1.0, 0.1
+# Random walks of direction and velocity, per square root of a second: of what is in no model. That
+# of the noise at rest comes on top, and that of vibration. A motor's may be aliased to rates and
+# accelerations that are as slow as motion: those of the simulated drones, at up to 200 Hz, are
+# noise with the spectral density of the vibration's variance over a quarter of a second.
+DIRECTION_WALK, VELOCITY_WALK, VIBRATION_SECONDS = 1e-3, 0.05, 0.3
 # What a turn leaves beside a constant error of scale, as a share of it. Data sheets have gyroscopes
 # linear within 0.1 to 0.2 %.
 NONLINEARITY = 0.002
@@ -108,8 +116,9 @@ LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
 # has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
 # in m/s^2, of 0.7 m/s at 0.7 rad/s.
 WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
-# The first direction is that of the mean acceleration over so many s.
-WIDE_DIRECTION_SECONDS = 1.0
+# The first direction is that of the mean acceleration over so many s; that of a rest has a wider
+# deviation, and goes with nothing.
+WIDE_DIRECTION_SECONDS, WIDE_REST_DIRECTION = 1.0, 0.03
 # At rest the direction follows the accelerometer with this time constant, in s.
 REST_SECONDS = 1.0
 
@@ -226,7 +235,7 @@ def _take_value(
     if not state['wide'] and note_vibration(state['vibration'], state['angle'], speed, seconds):
         widen_shift(state)
     if not state['moving']:
-        _start_motion(state, REST_DIRECTION)
+        _start_motion(state, True)
         return
     _turn_block(state, workspace)
     _take_acceleration(state)
@@ -262,7 +271,7 @@ def _follow_accelerometer(state: MotionBias, rest: Rest) -> None:
 def _take_acceleration(state: MotionBias) -> None:
     """Take the acceleration of the value into the velocity, and note what of it is vertical."""
     vector, seconds, speed = state['state_vector'], state['seconds'], state['speed']
-    left = math.exp(-seconds / _speed_seconds(state))
+    left = _velocity_left(state, seconds)
     for axis in range(3):
         state['vertical_angle'] += state['angle'][axis] * vector[DIRECTION + axis]
         state['carried'] += speed[axis] * vector[DIRECTION + axis]
@@ -285,6 +294,9 @@ def _end_block(
     _predict_covariance(state, workspace, rest, lengths)
     _expect_mean_velocity(state, workspace)
     _expect_length(state, workspace)
+    if not state['wide'] and state['speed_deviation'] > LARGEST_SPEED:
+        state['speed_deviation'] = SPEED
+        lose_direction(state)
 
 
 @kernel
@@ -307,7 +319,7 @@ def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
         _direct(state, x, y, z, state['block_seconds'])
         _forget_accelerations(state)
     if state['directed']:
-        _start_motion(state, START_DIRECTION)
+        _start_motion(state, False)
 
 
 @kernel
@@ -318,9 +330,15 @@ def _forget_accelerations(state: MotionBias) -> None:
 
 
 @kernel
-def _start_motion(state: MotionBias, direction: float) -> None:
-    """Begin to track, with a deviation of the direction; that of the bias is kept."""
+def _start_motion(state: MotionBias, rested: bool) -> None:
+    """Begin to track, with the direction of a rest or of any one acceleration.
+
+    The deviation of the bias is kept.
+    """
     vector, covariance = state['state_vector'], state['covariance']
+    direction = START_DIRECTION
+    if rested:
+        direction = WIDE_REST_DIRECTION if state['wide'] else REST_DIRECTION
     own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
     deviations = direction, START_SPEED, 0.0, own, _expected_speed(state)
     for part in range(5):
@@ -333,9 +351,26 @@ def _start_motion(state: MotionBias, direction: float) -> None:
             covariance[i, i] = deviations[part] * deviations[part]
             if part != 0:
                 vector[i] = 0.0
+    if rested and not state['wide']:
+        _doubt_direction(state, own * own)
     state['moving'] = True
     limit_prior(state)
     _start_block(state)
+
+
+@kernel
+def _doubt_direction(state: MotionBias, variance: float) -> None:
+    """Let a direction at rest be wrong by what the accelerometer's bias has across it.
+
+    `variance` is that of this bias, in (m/s^2)^2: the two make up for each other.
+    """
+    vector, covariance = state['state_vector'], state['covariance']
+    for i in range(3):
+        for k in range(3):
+            across = (1.0 if i == k else 0.0) - vector[DIRECTION + i] * vector[DIRECTION + k]
+            common = variance / GRAVITY * across
+            covariance[i, k] += common / GRAVITY
+            covariance[i, ACCELERATION + k] = covariance[ACCELERATION + k, i] = -common
 
 
 @kernel
@@ -410,7 +445,7 @@ def _fill_transition(state: MotionBias, forward: Covariance, mean_left: float) -
     """Fill in the transition over the block; `mean_left` is of the mean velocity."""
     vector, turn, integral = state['state_vector'], state['turn'], state['turn_integral']
     seconds = state['block_seconds']
-    left = math.exp(-seconds / _speed_seconds(state))
+    left = _velocity_left(state, seconds)
     for i in range(STATES):
         for k in range(STATES):
             forward[i, k] = 1.0 if i == k else 0.0
@@ -441,7 +476,7 @@ def _predict_covariance(
     vector, covariance = state['state_vector'], state['covariance']
     forward, product = workspace['transition'], workspace['product']
     seconds, turn = state['block_seconds'], state['turn']
-    mean, mean_left = _expected_speed(state), math.exp(-seconds / SPEED_MEMORY)
+    mean, mean_left = _expected_speed(state), math.exp(-seconds / _memory_seconds(state))
     _fill_transition(state, forward, mean_left)
     for axis in range(3):
         vector[MEAN_VELOCITY + axis] *= mean_left
@@ -465,12 +500,15 @@ def _predict_covariance(
     # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
     angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
     share = NONLINEARITY if tracks_scale(state) else SCALE_ERROR
+    calmest = state['vibration']['calmest']
+    turned = VIBRATION_SECONDS * (calmest[0] + calmest[1] + calmest[2]) / 3.0
+    pushed = VIBRATION_SECONDS * (calmest[3] + calmest[4] + calmest[5]) / 3.0
     for axis in range(3):
-        walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths)
+        walk = DIRECTION_WALK * DIRECTION_WALK + random_walk_of(rest, axis, lengths) + turned
         covariance[axis, axis] += walk * seconds
         covariance[axis, axis] += share * share * angle_square
         i = VELOCITY + axis
-        covariance[i, i] += VELOCITY_WALK * VELOCITY_WALK * seconds
+        covariance[i, i] += (VELOCITY_WALK * VELOCITY_WALK + pushed) * seconds
         i = MEAN_VELOCITY + axis
         covariance[i, i] += mean * mean * (1.0 - mean_left * mean_left)
     settle_growth(state)
@@ -480,6 +518,20 @@ def _predict_covariance(
 def _speed_seconds(state: MotionBias) -> float:
     """Return for how long a velocity lasts, in s."""
     return SPEED_SECONDS * _expected_speed(state) / SPEED
+
+
+@kernel
+def _velocity_left(state: MotionBias, seconds: float) -> float:
+    """Return what share of a velocity is left after so many s."""
+    if tracks_scale(state):
+        return 1.0
+    return math.exp(-seconds / _speed_seconds(state))  # else a bias would be taken for speed
+
+
+@kernel
+def _memory_seconds(state: MotionBias) -> float:
+    """Return for how long a higher speed, and the mean velocity, are remembered, in s."""
+    return max(SPEED_MEMORY, MEMORY_VELOCITIES * _speed_seconds(state))
 
 
 @kernel
@@ -511,13 +563,13 @@ def _expect_mean_velocity(state: MotionBias, workspace: MotionWorkspace) -> None
 @kernel
 def _note_speed(state: MotionBias, seconds: float) -> None:
     """Note how fast the body has been of late, at the end of so many s of motion."""
-    deviation = max((1.0 - seconds / SPEED_MEMORY) * state['speed_deviation'], SPEED)
+    deviation = max((1.0 - seconds / _memory_seconds(state)) * state['speed_deviation'], SPEED)
     for axis in range(3):
         i = VELOCITY + axis
         # What the velocity itself is uncertain by shows nothing.
         square = state['state_vector'][i] * state['state_vector'][i] - state['covariance'][i, i]
         deviation = max(deviation, math.sqrt(max(square, 0.0)) / SPEED_DEVIATIONS)
-    state['speed_deviation'] = min(deviation, LARGEST_SPEED)
+    state['speed_deviation'] = deviation
 
 
 @kernel
