@@ -96,8 +96,8 @@ CASES = {
     'diverged': ({'divergences': [0, 0, 1]}, {}, 'started anew: look at the raw rates'),
     'outliers': ({'outliers': [0, 110, 0]}, {'outliers': [40, 0, 0]}, 'raise outlier.threshold'),
     'large innovations': (
-        {'nis_sum': [0.0, 4100.0, 0.0]},
-        {'nis_sum': [2400.0, 0.0, 0.0]},
+        {'nis_sum': [0.0, 4100.0, 0.0], 'residual_sum': [0.0, 2100.0, 0.0]},
+        {'nis_sum': [9900.0, 0.0, 0.0], 'residual_sum': [900.0, 9900.0, 0.0]},
         'is it a vibration',
     ),
     'small innovations': (
@@ -145,7 +145,7 @@ BETWEEN = {
     'gaps': {'gaps': 2},
     'repeated samples': {'not_measured': 30},
     'outliers': {'outliers': [70, 0, 0]},
-    'large innovations': {'nis_sum': [0.0, 3000.0, 0.0]},
+    'large innovations': {'nis_sum': [0.0, 3000.0, 0.0], 'parameters': KALMAN},
     'small innovations': {'nis_sum': [1000.0, 150.0, 1000.0], 'parameters': KALMAN},
 }
 
@@ -697,7 +697,7 @@ def test_telemetry_is_that_of_the_state(random):
         'outlier_reason': counts['outlier_reason'],
         'last_outlier': counts['last_outlier'],
         'outlier_method': counts['outlier_method'],
-        **{name: counts[name] for name in ('nis_samples', 'nis_sum')},
+        **{name: counts[name] for name in ('nis_samples', 'nis_sum', 'residual_sum')},
         **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},
         'period': clock['mean_period'],
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},

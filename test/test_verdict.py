@@ -38,7 +38,7 @@ from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.bags import write
 from support.chunks import imus_of, piece_of
 from support.handling import HandlingSettings, simulate_handling
-from support.sensor import at_rest, by_hand
+from support.sensor import at_rest, by_hand, motion_below
 
 DEGREE = np.pi / 180
 
@@ -282,6 +282,23 @@ def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     assert 'Take the default method, adaptive' in headline(verdict)
     assert 'nothing unsound' not in as_text(verdict)
     assert judged(source, tmp_path).outcome == 'helped'
+
+
+@pytest.mark.parametrize('rate', [50, 100])
+def test_fast_motion_of_a_quiet_sensor_is_no_lag(rate, tmp_path, random):
+    """Its innovations are many times what is expected, and `adaptive` follows all the same."""
+    (rates, accelerations), motion = at_rest(random, 40, rate=rate), slice(15 * rate, 35 * rate)
+    rates *= 0.02
+    turn = motion_below(0.3 * rate, random, 20 * rate, rate)
+    window = np.minimum(1.0, np.minimum(np.arange(20 * rate), np.arange(20 * rate)[::-1]) / rate)
+    rates[motion] += 5.0 * window[:, None] * turn / turn.std()
+    accelerations[motion] += window[:, None] * by_hand(random, 20, rate)[1]
+    stamps = START + 10**9 // rate * np.arange(40 * rate)
+    source = bag(tmp_path / 'in', rates, accelerations, stamps)
+    verdict = judged(source, tmp_path)
+    assert verdict.lagging == 0.0
+    assert verdict.outcome == 'helped'
+    assert judged(source, tmp_path, Parameters(method='kalman')).outcome == 'harmed'
 
 
 def test_outliers_are_counted_where_they_are(tmp_path, random):

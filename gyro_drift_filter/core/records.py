@@ -53,6 +53,8 @@ class Counts(TypedDict):
     # Normalised innovation squared of the samples that were accepted: sum and number.
     nis_sum: PerAxis
     nis_samples: CountPerAxis
+    # Of the same samples: squared difference between sample and filtered rate, over R.
+    residual_sum: PerAxis
 
 
 COEFFICIENTS = record(Coefficients, in_cache_lines=True)

@@ -71,6 +71,9 @@ from gyro_drift_filter.core.settings import Settings
 
 # The most that one sample adds to the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
+# The same of what is taken off it: a filter that lags does so in many samples, while what was held
+# of a turn by mistake is given back over a few.
+LARGEST_RESIDUAL = 10.0
 
 
 @kernel
@@ -442,7 +445,8 @@ def _apply_calibration(settings: Settings, result: Result) -> None:
 
 @kernel
 def _count_result(filter_: FilterRecord) -> None:
-    counts, result = filter_['state']['counts'], filter_['state']['result']
+    state = filter_['state']
+    counts, result = state['counts'], state['result']
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             counts['outliers'][axis] += 1
@@ -459,6 +463,11 @@ def _count_result(filter_: FilterRecord) -> None:
             squared = innovation * innovation / result['innovation_variance'][axis]
             counts['nis_sum'][axis] += min(squared, LARGEST_NIS)
             counts['nis_samples'][axis] += 1
+            residual = state['taken'][axis] - state['filtered'][axis]
+            noise = result['measurement_noise'][axis]
+            if noise > 0.0:
+                squared = residual * residual / noise
+                counts['residual_sum'][axis] += min(squared, LARGEST_RESIDUAL)
 
 
 # numba takes arrays from Python faster than their records.

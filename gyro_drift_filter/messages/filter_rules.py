@@ -38,6 +38,8 @@ _OUTLIER_SHARE = 0.1, 0.05
 # A filter that fits has a mean of 1, and a third of that or so is no fault. At 4 innovations are
 # twice as large as expected, so the filter lags.
 _LARGE_INNOVATIONS = 4.0, 2.5
+# What a filter that fits takes off the samples has R as its variance at most. Twice that is motion.
+_LARGEST_RESIDUAL = 2.0
 # At 10 innovations are a third of what is expected, so that an outlier has to be three times as
 # large to be found.
 _SMALL_INNOVATIONS = 10.0, 5.0
@@ -56,6 +58,19 @@ def _noise_excess(span: Span) -> float:
         return 0.0
     least = -_largest([-value for value in span.nis])
     return 1.0 / least if least else math.inf
+
+
+def _lag(span: Span) -> float:
+    """Return the normalised innovation squared of the worst axis, as far as the filter lags.
+
+    A method that learns its noise at rest meets innovations of any size in motion that it follows,
+    as of a quiet sensor in the hand. It lags where it takes more off the samples than their noise.
+    """
+    if not span.advice.learns_noise:
+        return _largest(span.nis)
+    share = _LARGE_INNOVATIONS[0] / _LARGEST_RESIDUAL
+    pairs = zip(span.nis, span.residuals, strict=True)
+    return _largest([min(squared, share * residual) for squared, residual in pairs])
 
 
 def _has_no_bias(span: Span) -> bool:
@@ -134,7 +149,7 @@ FILTER_RULES = (
     Rule(
         'large innovations',
         Level.WARN,
-        beyond(lambda span: _largest(span.nis), *_LARGE_INNOVATIONS),
+        beyond(_lag, *_LARGE_INNOVATIONS),
         lambda span: (
             'innovations are much larger than the filter expects: ' + span.advice.large_innovations
         ),

@@ -179,6 +179,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Time since the last outlier (s)': seconds_since_outlier(state),
         'Outliers of late (%)': [100.0 * share for share in span.outlier_shares],
         'Normalised innovation squared': span.nis,
+        'Normalised residual squared': span.residuals,
         'Process noise Q ((rad/s)^2)': state.process_noise,
         'Measurement noise R ((rad/s)^2)': state.measurement_noise,
         'Rest the noise was learned from (s)': span.noise_seconds

@@ -43,6 +43,8 @@ class Span(NamedTuple):
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
+        residuals: Mean squared difference between sample and filtered rate over R, of the same
+            samples.
         not_measured: Share of the samples in the window that the sensor has not measured anew.
         low_pass: The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without
             one.
@@ -59,6 +61,7 @@ class Span(NamedTuple):
     is_rate_judged: bool
     outlier_shares: list[float]
     nis: list[float]
+    residuals: list[float]
     not_measured: float
     low_pass: float
 
@@ -95,13 +98,9 @@ def span_of(
     state, state_first = now.telemetry, first.telemetry
     recent = state.samples - state_first.samples
     outliers = zip(state.outliers, state_first.outliers, strict=True)
-    nis = zip(
-        state.nis_sum,
-        state_first.nis_sum,
-        state.nis_samples,
-        state_first.nis_samples,
-        strict=True,
-    )
+    judged = [a - b for a, b in zip(state.nis_samples, state_first.nis_samples, strict=True)]
+    nis = zip(state.nis_sum, state_first.nis_sum, judged, strict=True)
+    residuals = zip(state.residual_sum, state_first.residual_sum, judged, strict=True)
     sensor_rate = now.parameters.sample_rate
     if sensor_rate == 0.0:
         sensor_rate = 1.0 / state.period if state.blocks > 0 else math.nan
@@ -117,7 +116,8 @@ def span_of(
         expected_rate,
         is_rate_judged,
         [_share(a - b, recent) for a, b in outliers],
-        [_share(a - b, c - d) for a, b, c, d in nis],
+        [_share(a - b, count) for a, b, count in nis],
+        [_share(a - b, count) for a, b, count in residuals],
         _share(state.not_measured - state_first.not_measured, recent),
         _low_pass(state),
     )

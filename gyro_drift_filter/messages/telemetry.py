@@ -74,6 +74,7 @@ class Telemetry(NamedTuple):
     last_outlier: Counts
     nis_samples: Counts
     nis_sum: Values
+    residual_sum: Values
     period: float
     blocks: int
     gaps: int
@@ -224,6 +225,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['last_outlier'][axis] = counts['last_outlier'][axis]
         out['nis_samples'][axis] = counts['nis_samples'][axis]
         out['nis_sum'][axis] = counts['nis_sum'][axis]
+        out['residual_sum'][axis] = counts['residual_sum'][axis]
         out['divergences'][axis] = methods.divergences(filter_, axis)
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
