@@ -565,6 +565,22 @@ def texts(health, parts, filter_):
     return messages
 
 
+@pytest.mark.parametrize(('before', 'after'), [(100, 200), (200, 100), (100, 400), (400, 50)])
+def test_a_driver_that_changes_its_rate_has_no_second_publisher(before, after, random):
+    """Its messages are as many as their stamps say, whatever the period learned is so far."""
+    rates = np.repeat([before, after], [20 * before, 25 * after])
+    stamps = 10**18 + np.cumsum(10**9 // rates)
+    data = [
+        imu_message(stamp, 5e-3 * random.standard_normal(3), [0.0, 0.0, 9.8])
+        for stamp in stamps.tolist()
+    ]
+    parts = [data[before * k : before * (k + 1)] for k in range(20)]
+    parts += [data[20 * before + after * k : 20 * before + after * (k + 1)] for k in range(25)]
+    found = texts(Health(), parts, MessageFilter(Parameters()))
+    assert not [text for text in found if 'more messages come' in text]
+    assert found[-1] == 'receiving'
+
+
 def test_a_silence_is_no_wrong_rate(random):
     """Before the driver starts, while it pauses, and what was kept meanwhile."""
     data = quiet(4000, 5e-3, random)

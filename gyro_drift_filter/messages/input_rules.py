@@ -18,6 +18,7 @@ import math
 
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
 from gyro_drift_filter.core.clock.envelope import LEAST_TOLD, TOLD_SHARE
+from gyro_drift_filter.core.clock.periods import OTHER_PERIOD
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault
@@ -105,8 +106,22 @@ def _gaps_in_window(span: Span) -> float:
 
 def _rate_error(span: Span) -> float:
     """Return the share by which the rate is off; what can't be judged is not off."""
-    error = abs(span.rate / span.expected_rate - 1.0) if span.is_rate_judged else 0.0
+    if not span.is_rate_judged:
+        return 0.0
+    error = abs(span.rate / span.expected_rate - 1.0)
+    if span.now.parameters.sample_rate == 0.0:
+        # After a driver has changed its rate the window holds samples of both, and for some seconds
+        # the period is still the old one.
+        if _has_changed_rate(span):
+            return 0.0
+        error = min(error, abs(span.rate / span.stamped_rate - 1.0))
     return 0.0 if math.isnan(error) else error
+
+
+def _has_changed_rate(span: Span) -> bool:
+    """Return whether the sample period learned is another one than at the start of the window."""
+    now, first = span.now.telemetry, span.first.telemetry
+    return first.blocks > 0 and abs(now.period / first.period - 1.0) > OTHER_PERIOD
 
 
 def _rate_text(span: Span) -> str:

@@ -71,6 +71,21 @@ class Span(NamedTuple):
         return (1.0 - self.not_measured) * self.rate
 
     @property
+    def stamped_rate(self) -> float:
+        """The mean rate of messages in Hz that the stamps in the window tell, with those missing.
+
+        It is `expected_rate` where they tell none, as where a clock was set.
+        """
+        now, first = self.now.telemetry, self.first.telemetry
+        told = 1e-9 * (now.stamp - first.stamp)
+        set_back = now.backward_stamps > first.backward_stamps
+        untold = now.restarts > first.restarts or now.zero_stamps > first.zero_stamps
+        if first.stamp == 0 or told <= 0.0 or set_back or untold:
+            return self.expected_rate
+        missing = (now.missing_samples - first.missing_samples) / now.samples_per_message
+        return (self.recent + missing) / told
+
+    @property
     def noise_seconds(self) -> list[float]:
         """The time at rest that the noise was learned from, in s, of each axis."""
         state = self.now.telemetry
