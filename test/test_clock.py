@@ -266,6 +266,33 @@ def test_a_rate_that_changes_is_followed():
         assert filter_.state['clock']['gaps'] == gaps
 
 
+@pytest.mark.parametrize(('before', 'after'), [(200, 100), (400, 50), (100, 33)])
+@pytest.mark.parametrize('jitter', [0.0, 0.1])
+def test_a_driver_that_lowers_its_rate_has_lost_nothing(before, after, jitter, random):
+    filter_ = Filter()
+    fast = jittered(20 * before, before, jitter, random)
+    feed(filter_, fast)
+    feed(filter_, fast[-1] + 10**9 // after + jittered(40, after, jitter, random) - START)
+    assert clock(filter_) == QUIET
+    assert filter_.state['clock']['period'] == pytest.approx(1.0 / after, rel=0.02)
+
+
+def test_losses_that_come_often_stay_losses(random):
+    """Every second message for a while, or a third of them at random."""
+    filter_ = Filter()
+    stamps = regular(4000)
+    kept = np.ones(4000, bool)
+    kept[1000:1036:2] = False
+    feed(filter_, stamps[kept])
+    assert clock(filter_) == QUIET | {'gaps': 18, 'missing_samples': 18}
+    filter_ = Filter()
+    kept = random.random(4000) > 0.33
+    kept[:1000] = True
+    feed(filter_, stamps[kept])
+    assert clock(filter_)['missing_samples'] == pytest.approx(np.sum(~kept), rel=0.01)
+    assert filter_.state['clock']['period'] == pytest.approx(0.01, rel=1e-3)
+
+
 def late(n, rate, mean, random):
     """Stamped on arrival, by an exponential delay (s) late; none overtakes another."""
     stamps = START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)

@@ -27,6 +27,8 @@ is its delay.
   driver that sleeps between two readings, add up as well. If the delay is far beyond those of late,
   or most suspicions of late were right, samples are missing and are predicted through. If those
   after it come early by as much, none was missing, and the count is taken back.
+- Where samples are missing before each of twenty samples in a row, by steps of one length, the
+  driver has changed its rate: that length is the period, and none was missing.
 - Any other suspicion waits. If all samples after it stay late by a period, some were missing; they
   are counted, but not predicted through, as the filter has followed the samples since.
 - While stamps come in bursts a delay means nothing.

@@ -27,7 +27,12 @@ from gyro_drift_filter.core.clock.delays import (
     limit_delays,
     long_step,
 )
-from gyro_drift_filter.core.clock.losses import drop_suspicion, judge_suspicion, suspect
+from gyro_drift_filter.core.clock.losses import (
+    drop_suspicion,
+    judge_suspicion,
+    period_of_long_steps,
+    suspect,
+)
 from gyro_drift_filter.core.clock.periods import (
     BLOCK_SAMPLES,
     LONGEST_PERIOD,
@@ -144,6 +149,10 @@ def advance_clock(
         _start_envelope(clock)
         return 0, False
     missing = _follow_envelope(clock, elapsed)
+    other_period = period_of_long_steps(clock, elapsed, missing)
+    if other_period > 0.0:
+        _correct_period(clock, other_period, sample_rate)
+        return 0, False
     samples = clock['stretch_samples']
     if samples >= clock['stretch_length'] and (
         samples >= STRETCH_SAMPLES or stamp >= clock['stretch_end']
@@ -161,6 +170,7 @@ def _start_envelope(clock: Clock) -> None:
     clock['gap_steps'] = 0.0
     _forget_steps(clock)
     drop_suspicion(clock)
+    clock['long_run'] = 0
     clock['stretch_samples'] = 0
     _start_stretch(clock)
 

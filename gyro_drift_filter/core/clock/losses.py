@@ -27,6 +27,9 @@ MADE_UP = 0.6
 VERDICT_SAMPLES = 16
 VERDICT_PACE = 2.0
 SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
+# So many steps in a row that are equally long, up to this share, are no losses: a link does not
+# lose every second sample so evenly.
+LONG_RUN, EQUALLY_LONG = 20, 0.25
 # In periods: behind a longer step samples may be missing, even if delays explain it so far; and no
 # more than so many samples.
 LATE_STEP, MOST_POSSIBLE = 1.4, 5
@@ -71,6 +74,32 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     longest = max(clock['suspect_delay'], clock['longest_delay'])
     clock['verdict_samples'] = VERDICT_SAMPLES + int(VERDICT_PACE * longest / period)
     return missing
+
+
+@kernel
+def period_of_long_steps(clock: Clock, elapsed: float, missing: int) -> float:
+    """Return the sample period in s that a driver has changed to, or 0.
+
+    It has, where it was found that samples are missing before each of the last ones, the present
+    one included, which comes `elapsed` s behind the one before with `missing` in between. They were
+    not, and are no longer counted.
+    """
+    run, seconds = clock['long_run'], clock['long_run_seconds']
+    equal = abs(elapsed * run - seconds) <= EQUALLY_LONG * seconds
+    if missing == 0:
+        clock['long_run'] = 0
+        return 0.0
+    if run == 0 or not equal:
+        run, seconds = 0, 0.0
+        clock['gaps_before_run'] = clock['gaps'] - 1
+        clock['missing_before_run'] = clock['missing_samples'] - missing
+    clock['long_run'] = run + 1
+    clock['long_run_seconds'] = seconds + elapsed
+    if clock['long_run'] < LONG_RUN:
+        return 0.0
+    clock['gaps'] = clock['gaps_before_run']
+    clock['missing_samples'] = clock['missing_before_run']
+    return float(clock['long_run_seconds'] / LONG_RUN)
 
 
 @kernel

@@ -78,6 +78,11 @@ class Clock(TypedDict):
     suspect_least: float  # s, the least delay since
     suspect_missing: int  # samples that were counted at once
     suspect_gaps: int
+    # the steps in a row that are equally long, each over missing samples
+    long_run: int
+    long_run_seconds: float  # s, of all of them
+    gaps_before_run: int  # as counted before the first of them
+    missing_before_run: int
     # counts
     gaps: int
     missing_samples: int
