@@ -114,7 +114,7 @@ def examine(seen: Examined) -> list[Finding]:
     evenness = [judge_evenness(stamps, period)] if has_stamps else []
     refuted = set()
     if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
-        refuted.add('gaps')
+        refuted |= {'gaps', 'wrong order'}
     if not any(state.clipped_calibrated) and not any(map(is_clipped, seen.rates, seen.outliers)):
         refuted.add('clipped')
     findings += [

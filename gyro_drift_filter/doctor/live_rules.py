@@ -102,7 +102,8 @@ class RuleLog:
         ]
         state = span.now.telemetry
         missing = state.missing_samples / max(state.samples, 1)
-        if not {'gaps'} & (refuted | self.applied.keys()) and missing > _MISSING_SHARE:
+        told = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
+        if not told and missing > _MISSING_SHARE:
             found.append(
                 Finding(
                     'gaps',
@@ -166,6 +167,7 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
         f'a count is {math.degrees(max(span.now.telemetry.count_size)):.3g} deg/s'
     ),
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
+    'wrong order': lambda span: f'{span.now.telemetry.backward_stamps} stamps go backward',
     'restarted': lambda span: f'{span.now.telemetry.restarts} times',
     'malformed': lambda span: counted(span.now.malformed, 'message'),
     'changing frame': lambda span: f'{span.now.frame_changes} times',
@@ -219,7 +221,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         ),
         (
             {
-                *('gaps', 'restarted', 'always restarted', 'backward'),
+                *('gaps', 'restarted', 'always restarted', 'backward', 'wrong order'),
                 *('zero stamps', 'standing stamps', 'wrong rate'),
             },
             fine(

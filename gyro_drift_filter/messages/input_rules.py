@@ -99,9 +99,16 @@ def _frame_text(span: Span) -> str:
     return 'frame_id changes from message to message: two sensors on one topic?'
 
 
+def _swapped_in_window(span: Span) -> float:
+    """Return how many messages came after the next one: each leaves a gap and goes back into it."""
+    now, first = span.now.telemetry, span.first.telemetry
+    return float(min(now.gaps - first.gaps, now.backward_stamps - first.backward_stamps))
+
+
 def _gaps_in_window(span: Span) -> float:
-    """Return how many gaps there were."""
-    return float(span.now.telemetry.gaps - span.first.telemetry.gaps)
+    """Return how many gaps there were that no message has filled later."""
+    gaps = span.now.telemetry.gaps - span.first.telemetry.gaps
+    return gaps - _swapped_in_window(span)
 
 
 def _rate_error(span: Span) -> float:
@@ -351,6 +358,13 @@ INPUT_RULES = (
         _stamps_go_backward,
         'many stamps go backward: are there two publishers, or does the driver mix its messages '
         'up?',
+    ),
+    Rule(
+        'wrong order',
+        Level.WARN,
+        beyond(_swapped_in_window, *_GAPS),
+        'stamps leave gaps and go back into them: do messages come in the wrong order, as from a '
+        'relay with several threads or a link by UDP, or are stamps off by half a period and more?',
     ),
     Rule(
         'zero stamps',
