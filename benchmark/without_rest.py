@@ -29,6 +29,7 @@ further bias of some sizes in `--seeds` directions.
 
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -64,15 +65,11 @@ RECORDED_AFTER = (30, 40, 60, 80)  # s
 def started_in_motion(vehicle: str, seed: int, turn_on: float) -> Ride:
     """Return a ride that begins and ends in motion."""
     whole = ride(VEHICLES[vehicle], seed, SECONDS + START + END, SAMPLE_RATE, 0.0, turn_on)
-    part = slice(round(START * SAMPLE_RATE), -round(END * SAMPLE_RATE))
-    return Ride(
-        whole.stamps[part],
-        whole.rates[part],
-        whole.accelerations[part],
-        whole.orientations[part],
-        whole.bias[part],
-        whole.moving[part],
-    )
+    return _part(whole, slice(round(START * SAMPLE_RATE), -round(END * SAMPLE_RATE)))
+
+
+def _part(of: Ride, samples: slice) -> Ride:
+    return Ride(**{field.name: getattr(of, field.name)[samples] for field in fields(of)})
 
 
 def errors_across(of: Ride, followed: bool) -> Array:
@@ -99,15 +96,8 @@ def errors_of_next_run(of: Ride, seed: int) -> Array:
     errors_of(of, first)
     learned = RememberedBias.of(first)
     moved = REPEATABILITY * np.random.default_rng(seed).standard_normal(3)
-    part = slice(0, round(NEXT_SECONDS * SAMPLE_RATE))
-    start = Ride(
-        of.stamps[part],
-        of.rates[part] + moved,
-        of.accelerations[part],
-        of.orientations[part],
-        of.bias[part] + moved,
-        of.moving[part],
-    )
+    start = _part(of, slice(0, round(NEXT_SECONDS * SAMPLE_RATE)))
+    start = replace(start, rates=start.rates + moved, bias=start.bias + moved)
     forgotten, remembered = Filter(), Filter()
     if learned is not None:
         learned.give(remembered)
