@@ -61,7 +61,7 @@ from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS
 from gyro_drift_filter.core.sample import SAMPLE
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
-from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, idling, motion_below
+from support.sensor import DEGREE, NOISE, PHI, at_rest, by_hand, idling, motion_below, taking_off
 
 
 def run(filter_, rates, accelerations, rate=100.0, start=START):
@@ -483,11 +483,7 @@ def test_a_turn_that_tilts_gravity_is_seen_by_the_accelerometer(random):
 def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
     """Its motors run, and it never rests: its first second has to do."""
     truth = np.array([-0.002, 0.021, 0.077])
-    rates, accelerations = idling(random, 60, truth)
-    turn, push = by_hand(random, 60 - begins)
-    first = round(100 * begins)
-    rates[first:] += turn
-    accelerations[first:] += push
+    rates, accelerations = taking_off(random, 60, truth, begins)
     results = run(Filter(), rates, accelerations)
     assert np.abs(results['bias'][125:] - truth).max() < 6e-3
     deviations = np.sqrt(results['angular_velocity_variance'][[20, 125]]).max(axis=1)
@@ -496,12 +492,8 @@ def test_a_drone_that_takes_off_at_once_has_a_bias(begins, random):
 
 def test_a_zero_that_the_first_seconds_confirm_is_kept_and_known(random):
     """Where the driver subtracts the bias, a noisy mean is no better, but it says so."""
-    rates, accelerations = idling(random, 60, np.zeros(3))
-    turn, push = by_hand(random, 58)
-    rates[200:] += turn
-    accelerations[200:] += push
     filter_ = Filter()
-    results = run(filter_, rates, accelerations)
+    results = run(filter_, *taking_off(random, 60, np.zeros(3)))
     assert (filter_.state['bias']['bias'] == 0.0).all()
     assert np.abs(results['bias']).max() < 2e-3
     deviations = np.sqrt(results['angular_velocity_variance'][[20, 200]]).max(axis=1)
@@ -512,10 +504,7 @@ def test_a_zero_that_the_first_seconds_confirm_is_kept_and_known(random):
 def test_an_initial_bias_is_replaced_by_the_mean_of_the_first_seconds(off, random):
     """It has changed since it was identified, by more than that mean is off."""
     truth = np.array([-0.002, 0.021, 0.077])
-    rates, accelerations = idling(random, 60, truth)
-    turn, push = by_hand(random, 58)
-    rates[200:] += turn
-    accelerations[200:] += push
+    rates, accelerations = taking_off(random, 60, truth)
     known, unknown = Filter(Parameters(bias_initial=tuple(truth + off))), Filter()
     biases = [run(filter_, rates, accelerations)['bias'][200] for filter_ in (known, unknown)]
     np.testing.assert_allclose(biases[0], biases[1], atol=1e-4)

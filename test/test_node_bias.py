@@ -31,7 +31,7 @@ from gyro_drift_filter.simulation.bag import FRAME, imu_message
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import START, doubles_of, imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
-from support.sensor import DEGREE, at_rest, by_hand, idling
+from support.sensor import DEGREE, at_rest, by_hand, taking_off
 
 pytestmark = pytest.mark.node
 
@@ -98,12 +98,8 @@ def test_an_end_by_interrupt_saves_what_came_since_the_last_time(home, random):
 
 
 def test_a_flight_without_a_rest_is_remembered_at_its_end(home, random):
-    rates, accelerations = idling(random, 5, TRUTH)
-    turn, push = by_hand(random, 3)
-    rates[200:] += turn
-    accelerations[200:] += push
     with LiveNode(home=home) as live:
-        live.play(serialized(rates, accelerations))
+        live.play(serialized(*taking_off(random, 5, TRUTH)))
     remembered = recall(file_of(NODE, FRAME), NODE, FRAME, 0.2)
     assert remembered.provisional
     np.testing.assert_allclose(remembered.bias, TRUTH, atol=0.3 * DEGREE)

@@ -33,7 +33,7 @@ from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from support.bags import read, write
 from support.messages import START, STORE
-from support.sensor import DEGREE, at_rest, by_hand, idling
+from support.sensor import DEGREE, at_rest, by_hand, taking_off
 
 
 def imus(rates, accelerations):
@@ -177,11 +177,8 @@ def test_a_chain_of_flights_without_a_rest_keeps_what_the_first_seconds_show(tmp
     truth, memory = np.array([-0.002, 0.021, 0.077]), tmp_path / 'bias.json'
     lost = []
     for name in ('first', 'second'):
-        rates, accelerations = idling(random, 20, truth)
-        turn, push = by_hand(random, 18)
-        rates[200:] += turn
-        accelerations[200:] += push
-        source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imus(rates, accelerations)})
+        flight = taking_off(random, 20, truth)
+        source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imus(*flight)})
         out = tmp_path / f'{name}_filtered'
         replay(source, out, parameters=Parameters(), memory=memory, diagnostics=True)
         assert recall(memory, None, FRAME, 1.0, START * 1e-9).provisional

@@ -38,7 +38,7 @@ from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.bags import write
 from support.chunks import imus_of, piece_of
 from support.handling import HandlingSettings, simulate_handling
-from support.sensor import at_rest, by_hand, motion_below
+from support.sensor import at_rest, by_hand, motion_below, taking_off
 
 DEGREE = np.pi / 180
 
@@ -242,14 +242,8 @@ def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
 
 def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     """As of a drone that idles, and then flies."""
-    rates, accelerations = at_rest(random, 20, (0.0, 0.02, 0.08))
-    shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
-    turn, push = by_hand(random, 18)
-    rates += 0.02 * shake
-    accelerations += 0.5 * shake
-    rates[200:] += turn
-    accelerations[200:] += push
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    flight = taking_off(random, 20, (0.0, 0.02, 0.08))
+    verdict = judged(bag(tmp_path / 'in', *flight), tmp_path)
     assert verdict.bias.source == 'provisional'
     assert 'provisional: x' in as_text(verdict)
     np.testing.assert_allclose(verdict.bias.rates, (0.0, 0.02, 0.08), atol=6e-3)

@@ -66,8 +66,25 @@ def fast_turn(n: int, rate: float) -> Array:
     )
 
 
-def idling(random, seconds, bias, vibration=0.02):
+def idling(
+    random: np.random.Generator,
+    seconds: float,
+    bias: Sequence[float] | Array,
+    vibration: float = 0.02,
+) -> tuple[Array, Array]:
     """Return rates and accelerations of a body that its motors shake, faster than it could move."""
     rates, accelerations = at_rest(random, seconds, bias)
     shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
     return rates + vibration * shake, accelerations + 0.5 * shake
+
+
+def taking_off(
+    random: np.random.Generator, seconds: float, bias: Sequence[float] | Array, idles: float = 2.0
+) -> tuple[Array, Array]:
+    """Return rates and accelerations of a body that idles for so many s, and then moves."""
+    rates, accelerations = idling(random, seconds, bias)
+    turn, push = by_hand(random, seconds - idles)
+    first = round(100 * idles)
+    rates[first:] += turn
+    accelerations[first:] += push
+    return rates, accelerations
