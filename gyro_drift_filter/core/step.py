@@ -464,10 +464,8 @@ def _count_result(filter_: FilterRecord) -> None:
             counts['nis_sum'][axis] += min(squared, LARGEST_NIS)
             counts['nis_samples'][axis] += 1
             residual = state['taken'][axis] - state['filtered'][axis]
-            noise = result['measurement_noise'][axis]
-            if noise > 0.0:
-                squared = residual * residual / noise
-                counts['residual_sum'][axis] += min(squared, LARGEST_RESIDUAL)
+            squared = residual * residual / result['measurement_noise'][axis]
+            counts['residual_sum'][axis] += min(squared, LARGEST_RESIDUAL)
 
 
 # numba takes arrays from Python faster than their records.

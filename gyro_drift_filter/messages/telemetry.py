@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
-from gyro_drift_filter.core.bias.records import bias_variance, has_another_provisional
+from gyro_drift_filter.core.bias.records import bias_variance, has_provisional
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.quantisation import known_count, variance_of_rounding
 from gyro_drift_filter.core.rest.noise import deviation_of_values
+from gyro_drift_filter.core.sample import is_zero
 
 # One for each axis.
 Counts = Annotated[list[int], np.int64, (3,)]
@@ -193,7 +194,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['accelerometer_hangs'] = checks['accelerometer_hangs']
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0
-    out['bias_provisional'] = has_another_provisional(bias)
+    # A zero that the first seconds confirm is the initial bias still.
+    out['bias_provisional'] = has_provisional(bias) and not is_zero(bias['bias'])
     out['rest_beyond_max'] = bias['rest_beyond_max']
     out['at_rest'] = bias['rest']['at_rest']
     x, y, z = bias['rest']['gravity']

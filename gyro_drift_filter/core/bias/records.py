@@ -23,7 +23,6 @@ from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.sample import is_zero
 
 RECENT = 8  # segments of one rest that have to agree
 
@@ -104,12 +103,6 @@ def bias_variance(state: Bias, axis: int) -> float:
 def has_provisional(state: Bias) -> bool:
     """Return whether the bias is a provisional one (`provisional.py`)."""
     return bool(state['provisional_variance'][0] > 0.0)
-
-
-@kernel
-def has_another_provisional(state: Bias) -> bool:
-    """Return whether the bias is a provisional one, and not zero as at the start."""
-    return bool(has_provisional(state) and not is_zero(state['bias']))
 
 
 @kernel
