@@ -29,9 +29,9 @@ axes, and without m what presses outwards in its turns would be a tilt. The head
 state, so that nothing leaks into it: a bias about the vertical is left as it is.
 
 An acceleration that lasts, as of a train, is told from a tilt by what the gyroscope knows. At the
-end of a rest the accelerometer has shown the direction of gravity but for its own bias, which goes
-with it in the covariance, so that the two together explain no acceleration. From there on the
-direction is as uncertain as the rates leave it, and the velocity that is beyond that is one.
+end of a rest the accelerometer has shown the direction of gravity but for its own bias, with which
+it is correlated, so that the two together explain no acceleration. From there on the direction is
+as uncertain as the rates leave it, and what a tilt of that size does not explain is speed.
 
 State and measurement are taken every hundredth of a second or so, covariances every
 `MOTION_BLOCK_SECONDS` by the transition over the block. As directions turn with the body,
@@ -41,11 +41,11 @@ is left of it to the end:
     ds = T ds0 - [s]x M db
     du = l T du0 - g t T ds0 + (g t [s]x M / 2 - [u]x M) db - M da + (1 - l) dm
 
-where l is what is left of a velocity after the time t of the block: all, but less until a bias is
-known, as it would be taken for speed. An error of E counts as one of
-the bias, in proportion to the mean of w - b over the block. It tilts what turns one way, and leaves
-what turns to and fro; as noise of each turn it would hide the bias of a hand. What is subtracted is
-b alone: the rates keep their scale.
+where l is what is left of a velocity after the time t of the block: all of it once a bias is known.
+Until then it decays, as the bias would be taken for speed. An error of E counts as one of the bias,
+in proportion to the mean of w - b over the block. It tilts what turns one way, and leaves what
+turns to and fro; as noise of each turn it would hide the bias of a hand. What is subtracted is b
+alone: the rates keep their scale.
 
 With a wide prior, for a bias of which nothing is known, it runs a second time (`without_rest.py`).
 What it shares with the bias at rest, of which each rest is a measurement, is in `shared.py`.
@@ -93,10 +93,10 @@ LONGEST_GAP = 0.05
 
 # A velocity is another one after SPEED_SECONDS; above `SPEED` it lasts longer in proportion, as a
 # car accelerates no more than a hand. A higher speed, and the mean velocity, are remembered for
-# SPEED_MEMORY s, and for MEMORY_VELOCITIES times as long as a velocity lasts. The
-# deviation is the largest velocity over SPEED_DEVIATIONS, as a swing or a constant velocity goes no
-# further. A deviation of LARGEST_SPEED (m/s) is beyond robots on the road and in the air: there a
-# tilt has been taken for speed, so that the direction is looked for anew.
+# SPEED_MEMORY s, or for MEMORY_VELOCITIES times as long as a velocity lasts where that is longer.
+# The deviation is the largest velocity over SPEED_DEVIATIONS, as a swing or a constant velocity
+# goes no further. A deviation of LARGEST_SPEED (m/s) is beyond robots on the road and in the air:
+# there a tilt has been taken for speed, so that the direction is looked for anew.
 SPEED_SECONDS, SPEED_MEMORY, MEMORY_VELOCITIES = 2.1, 120.0, 10.0
 SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 # Standard deviations at the start: of the direction, the velocity in m/s and the accelerometer's
