@@ -240,6 +240,13 @@ def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
         assert ("'gyro_drift calibrate'" in text) == recommended
 
 
+def test_a_provisional_bias_is_that_of_this_recording_not_of_the_one_before(tmp_path, random):
+    for name in ('first', 'second'):
+        flight = bag(tmp_path / name, *taking_off(random, 20, (0.0, 0.02, 0.08)))
+        verdict = judged(flight, tmp_path, memory=tmp_path / 'bias.json')
+        assert verdict.bias.source == 'provisional'
+
+
 def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     """As of a drone that idles, and then flies."""
     flight = taking_off(random, 20, (0.0, 0.02, 0.08))

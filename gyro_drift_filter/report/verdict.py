@@ -306,12 +306,12 @@ class RunWatch:
         source = BiasSource.UNKNOWN
         if state['segments'] > 0:
             source = BiasSource.REST
-        elif self._given:
-            source = BiasSource.GIVEN
         elif state['provisional_variance'][0] > 0.0 and state['bias'].any():
             source = BiasSource.PROVISIONAL
         elif state['corrected'] > 0:
             source = BiasSource.MOTION
+        elif self._given:
+            source = BiasSource.GIVEN
         return Bias(
             source,
             state['bias'].copy(),
