@@ -37,6 +37,7 @@ REST, TURN = 10, 60  # s
 JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
 AFTER_JUMP = 30  # s
 DRIVE, STAND, MOTION = 300, 10, 20  # s
+WARM_UPS, WARMING_SECONDS = (0.5, 1.0, 2.0, 4.0), 240.0  # deg/s, s
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
@@ -120,19 +121,57 @@ def to_and_fro(
 def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
     """Return the heading that is lost in deg, of a bias that jumps by `size` deg/s.
 
-    About the vertical, while a robot stands that drives and stands in turns: smooth noise of 0.3
-    rad/s and 0.3 m/s^2.
+    About the vertical, while a robot stands that drives and stands in turns.
+    """
+    time = np.arange(round(DRIVE * rate)) / rate
+    jumped = time >= 2 * (STAND + MOTION) + 0.5 * STAND
+    return _lost_in_stands(random, np.where(jumped, size * _DEGREE, 0.0), rate)
+
+
+def warm_up_in_stands(random: np.random.Generator, size: float, rate: float) -> float:
+    """Return the heading that is lost in deg, of a bias that warms up by `size` deg/s.
+
+    About the vertical, in a robot that drives and stands in turns.
+    """
+    time = np.arange(round(DRIVE * rate)) / rate
+    warmth = 1.0 - np.exp(-time / WARMING_SECONDS)
+    return _lost_in_stands(random, size * _DEGREE * warmth, rate)
+
+
+def _lost_in_stands(random: np.random.Generator, truth: Array, rate: float) -> float:
+    """Return the heading that is lost in deg, with a bias (n,) in rad/s about the vertical.
+
+    The robot drives and stands in turns: smooth noise of 0.3 rad/s and 0.3 m/s^2.
     """
     rates, accelerations = at_rest(random, DRIVE, rate)
-    time = np.arange(len(rates)) / rate
-    since = time % (STAND + MOTION) - STAND
+    since = np.arange(len(rates)) / rate % (STAND + MOTION) - STAND
     window = np.clip(np.minimum(since, MOTION - since) / 0.5, 0.0, 1.0)
     motion = 0.3 * window[:, None] * _smooth(random, len(rates), rate)
-    begin = round((2 * (STAND + MOTION) + 0.5 * STAND) * rate)
-    truth = size * _DEGREE * (np.arange(len(rates)) >= begin)
     rates[:, 2] += truth
     bias = _biases(rates + motion, accelerations + motion, rate, False)[:, 2]
-    return float(np.abs(np.cumsum(bias - truth)[begin:]).max() / rate / _DEGREE)
+    return float(np.abs(np.cumsum(bias - truth)).max() / rate / _DEGREE)
+
+
+def slow_turns_in_drives(random: np.random.Generator, steady: bool, rate: float) -> float:
+    """Return the heading that is lost in deg, of a robot that turns slowly between fast turns.
+
+    About the vertical and one way, for 6 to 20 s each at 0.3 to 2 deg/s: each time as fast where
+    `steady`. After each four of them it stands. The true bias is zero.
+    """
+    rates, accelerations = at_rest(random, 2 * DRIVE, rate)
+    begin, turns, speed = float(REST), 0, random.uniform(0.3, 2.0)
+    while begin < 2 * DRIVE:
+        end = begin + random.uniform(6.0, 20.0)
+        rates[round(begin * rate) : round(end * rate), 2] += speed * _DEGREE
+        fast = rates[round(end * rate) : round((end + 5.0) * rate), 2]
+        fast += random.choice([-0.8, 0.8]) * np.hanning(round(5.0 * rate))[: len(fast)]
+        begin, turns = end + 5.0, turns + 1
+        if not steady:
+            speed = random.uniform(0.3, 2.0)
+        if turns % 4 == 0:
+            begin += random.uniform(5.0, 12.0)
+    bias = _biases(rates, accelerations, rate, False)[:, 2]
+    return float(np.abs(np.cumsum(bias)).max() / rate / _DEGREE)
 
 
 def _smooth(random: np.random.Generator, n: int, rate: float) -> Array:
@@ -244,6 +283,30 @@ def main() -> None:
             [jump_in_stand(np.random.default_rng(seed), size, options.rate) for seed in seeds]
         )
         rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+    print(table(rows), end='\n\n')
+    print(f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s\n')
+    rows = [['deg/s', 'heading (deg)']]
+    for size in WARM_UPS:
+        tell(f'warming up by {size:g} deg/s between drives ...')
+        lost = np.array(
+            [warm_up_in_stands(np.random.default_rng(seed), size, options.rate) for seed in seeds]
+        )
+        rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+    print(table(rows), end='\n\n')
+    print(
+        f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
+        'between fast ones\n'
+    )
+    rows = [['slow turns', 'heading (deg)']]
+    for name, steady in {'all as fast': True, 'of any speed': False}.items():
+        tell(f'turning slowly between fast turns, {name} ...')
+        lost = np.array(
+            [
+                slow_turns_in_drives(np.random.default_rng(seed), steady, options.rate)
+                for seed in seeds
+            ]
+        )
+        rows.append([name, f'{np.median(lost):.1f}  {lost.max():.1f}'])
     print(table(rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '

@@ -314,6 +314,39 @@ def test_a_slow_turn_that_is_met_again_is_undone_when_it_ends(random):
     assert np.abs(results['bias'][ends[3], 2]) < 0.1 * turn
 
 
+def test_slow_turns_that_were_taken_for_the_bias_once_are_not_again(random):
+    """The stand that has shown the mistake has shown that the body turns slowly at times."""
+    turn = 0.6 * DEGREE
+    rates, accelerations, ends = stands_between_turns(
+        random, [0.0, turn, turn, 0.0, turn, turn, turn, 0.0], 1.0
+    )
+    results = run(Filter(), rates, accelerations)
+    np.testing.assert_allclose(results['bias'][ends[2], 2], turn, atol=0.1 * turn)
+    assert np.abs(results['bias'][ends[3:], 2]).max() < 0.1 * turn
+
+
+def test_a_bias_that_warms_up_about_the_vertical_is_found(random):
+    """Each stand has another rate: further the same way, and by less each time."""
+    warming = DEGREE * np.array([0.0, 0.4, 0.75, 1.05, 1.3, 1.5])
+    rates, accelerations, ends = stands_between_turns(random, warming, 1.0)
+    results = run(Filter(), rates, accelerations)
+    errors = results['bias'][ends, 2] - warming
+    assert np.abs(errors[1:3] + warming[1:3]).max() < 0.1 * DEGREE  # turns, for all that is known
+    assert np.abs(errors[3:]).max() < 0.1 * DEGREE
+
+
+@pytest.mark.parametrize(
+    'turns', [(0.4, 1.2, 1.6), (0.4, 0.75, 0.5), (0.4, 0.75, -0.5), (1.2, 1.6, 2.0)]
+)
+def test_slow_turns_that_are_faster_each_time_are_no_warm_up(turns, random):
+    """Nor are those that turn back, nor what no sensor warms up by."""
+    rates, accelerations, ends = stands_between_turns(
+        random, DEGREE * np.array([0.0, *turns, 0.0]), 1.0
+    )
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][ends, 2]).max() < 0.1 * DEGREE
+
+
 @pytest.mark.parametrize('speed', [1.0, 3.0, 9.0])
 def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, random):
     """After a minute and a half nothing tells the one from the other; the end of it does."""

@@ -54,7 +54,6 @@ from gyro_drift_filter.core.bias.slow_turn import (
     SlowTurnOutcome,
     forget_slow_turn,
     give_up_bias,
-    give_up_first_bias,
     interrupt_slow_turn,
     is_back,
     note_fast_turn,
@@ -88,6 +87,9 @@ REST_SHARE = 0.003
 # A squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk
 # is at least LEAST_WALK of what the parameter allows.
 WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
+# What a bias has moved by where it has warmed up faster than the parameter allows, in deviations of
+# the random walk from then on. So the next rest may lie nearly twice as far away.
+WARM_UP_DEVIATIONS = 2.0
 # A sensor warms up for minutes, and meanwhile its bias leads the estimate: by the mean innovation
 # of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
 # noise adds to the variance.
@@ -187,7 +189,7 @@ def track_bias(
     state['rest_seconds'] = 0.0 if rest['at_rest'] else state['rest_seconds'] + elapsed
     random_walk = settings['bias_random_walk']
     walked = random_walk * random_walk * elapsed
-    state['reach'] += walked
+    state['reach'] += walked * max(state['walk'], 1.0)
     growth = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     state['growth'] += growth
     state['motion']['growth'] += growth
@@ -332,7 +334,7 @@ def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_ma
         return False
     if state['segments'] == 0:
         # The first rest of a run: since it was switched off the bias may have come anywhere.
-        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
         state['known'] = False
         state['recent_count'] = 0
         return True
@@ -358,7 +360,7 @@ def _accept_first_rest(state: Bias, lengths: RestLengths) -> bool:
         return True
     if not is_less_steady(state):
         # One of the two was a turn about the vertical: the next rest shows which.
-        give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
         return True
     # A motion that is nearly steady, as of a drone that takes off.
     unlearn_first_segment(state['rest'])
@@ -396,12 +398,18 @@ def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
         turn['gave_up'] = False
     elif is_back(turn, rest, state['bias']):
         turn['gave_up'] = False
+        turn['mistaken'] = True
+        state['walk'] = min(state['walk'], 1.0)
     else:
         seconds = rest['blocks'] * lengths['block_seconds']
-        outcome = update_slow_turn(turn, rest, seconds, state['bias'], _largest_variance(state))
+        outcome = update_slow_turn(
+            turn, rest, seconds, state['rest_seconds'], state['bias'], _largest_variance(state)
+        )
         if outcome == SlowTurnOutcome.TURN:
             return False
         if outcome == SlowTurnOutcome.LASTED:
+            if turn['moves']:
+                _expect_warm_up(state)
             give_up_bias(turn, state['bias'], state['variance'], state['reach'])
         else:
             turn['gave_up'] = False
@@ -409,6 +417,18 @@ def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
     state['doubted_segments'] = 0
     state['recent_count'] = 0
     return True
+
+
+@kernel
+def _expect_warm_up(state: Bias) -> None:
+    """Let the bias walk as fast as it has moved since the last rest: the sensor warms up."""
+    largest = 0.0
+    for axis in range(3):
+        moved = segment_mean(state['rest'], axis) - state['bias'][axis]
+        largest = max(largest, moved * moved)
+    if state['reach'] > 0.0:
+        walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['reach'])
+        state['walk'] = max(state['walk'], 1.0) * max(walk, 1.0)
 
 
 @kernel
@@ -458,7 +478,9 @@ def _correct(state: Bias) -> None:
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
     exponent = WALK_LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
-    state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), 1.0)
+    # Only `_expect_warm_up` lets it be more than the parameter allows.
+    largest = max(state['walk'], 1.0)
+    state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), largest)
     state['recent'][0]['growth'] = state['growth']
     state['recent'][0]['reach'] = state['reach']
 

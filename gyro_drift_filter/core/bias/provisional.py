@@ -22,7 +22,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance, has_provisional
 from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
-from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_first_bias
+from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -90,7 +90,7 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
         if state['known']:
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
-            give_up_first_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+            give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
     is_start = is_zero(state['bias']) and not state['known']
     if is_start and _fits_zero(state, standing, hidden_rate):
         _keep_zero(state, standing, hidden_rate)

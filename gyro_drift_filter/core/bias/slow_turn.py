@@ -19,7 +19,8 @@ longer than robots turn slowly. Gravity tells them apart sooner: a turn about an
 vertical would move it. Where it stands the bias has jumped, as when a sensor is switched on anew,
 takes its own bias off, or has had a blow. And so it has changed where the body stands with this
 rate, turns elsewhere at a rate that no bias has, and stands with it again: as the bias of a sensor
-that warms up faster than it is expected to.
+that warms up faster than it is expected to. While it still warms up, the rate has moved on by then:
+the same way, and no faster than it has come from the bias, as a sensor warms up ever more slowly.
 """
 
 import math
@@ -40,10 +41,16 @@ from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 # A turn lasts no longer than this: then it is the bias after all.
 LONGEST_TURN = 90.0  # s
-# It stays where a segment lies within so many deviations of the one before.
+# It stays, or moves on as a bias that warms up does, within so many deviations of its noise.
 SAME_TURN_GATE = 4.0
 # A body that has turned by so much in between, in rad, has not kept on turning slowly meanwhile.
 TURN_BETWEEN = 1.0
+# Two slow turns in a row may be as fast as one bias that warms up, by chance. So it has to be there
+# again so often, where one that has jumped has to be once.
+RETURNS_OF_WARM_UP = 2
+# No bias warms up faster, in rad/s^2: by 10 K a minute at 0.2 deg/s per K, more than data sheets
+# say.
+FASTEST_WARM_UP = 5.8e-4
 # Gravity denies a turn that should have moved it by so much, three times what it may move and still
 # stand, where the part of the turn across it is more than this share of the whole. What is less may
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
@@ -67,12 +74,16 @@ class SlowTurn(TypedDict):
     """The rate of rest that was not accepted as the bias."""
 
     rate: PerAxis  # rad/s, of the last segment
+    since_rest: float  # s, from the last rest to that segment
     seconds: float  # for how long rest has had it
+    moves: bool  # it has moved on meanwhile
     turned: float  # rad, by which the body has turned since, at rates that no bias has
+    returns: int  # how often it has stood again with this rate after such a turn
     # the stillness under way, for as long as it has had this rate and gravity has stood
     standing_seconds: float
     angle: PerAxis  # rad, by which the body would have turned
     gravity: PerAxis  # m/s^2, at its beginning
+    mistaken: bool  # a turn was once taken for the bias, so that the body turns slowly at times
     # the bias that was given up for a rate that has lasted, and may yet have been right
     gave_up: bool  # there is one
     given_up: PerAxis  # rad/s
@@ -86,7 +97,9 @@ SLOW_TURN = record(SlowTurn)
 def forget_slow_turn(turn: SlowTurn) -> None:
     """Begin anew: the bias is known."""
     turn['seconds'] = 0.0
+    turn['moves'] = False
     turn['turned'] = 0.0
+    turn['returns'] = 0
     interrupt_slow_turn(turn)
 
 
@@ -113,7 +126,12 @@ def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: f
 
 @kernel
 def update_slow_turn(
-    turn: SlowTurn, rest: Rest, seconds: float, bias: PerAxis, variance: float
+    turn: SlowTurn,
+    rest: Rest,
+    seconds: float,
+    since_rest: float,
+    bias: PerAxis,
+    variance: float,
 ) -> SlowTurnOutcome:
     """Update by a segment whose rate is not the bias; return what that rate is.
 
@@ -121,13 +139,13 @@ def update_slow_turn(
         turn: The rate of the segments before.
         rest: The rest, with the segment.
         seconds: How long the segment is.
+        since_rest: Time in s since the last rest with the bias.
         bias: (3,) in rad/s.
         variance: Of the axis whose bias is the least certain, in (rad/s)^2.
     """
-    for axis in range(3):
-        distance = segment_mean(rest, axis) - turn['rate'][axis]
-        spread = 2.0 * segment_variance(rest, axis)
-        if distance * distance > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+    if turn['seconds'] > 0.0 and not _stays(turn, rest):
+        turn['moves'] = _moves_on(turn, rest, since_rest, bias)
+        if not turn['moves']:
             forget_slow_turn(turn)
     if turn['standing_seconds'] > 0.0 and not _gravity_stands(turn, rest):
         interrupt_slow_turn(turn)
@@ -136,6 +154,7 @@ def update_slow_turn(
         turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
         if turn['standing_seconds'] == 0.0:
             turn['gravity'][axis] = first_mean(rest, 3 + axis)
+    turn['since_rest'] = since_rest
     turn['seconds'] += seconds
     turn['standing_seconds'] += seconds
     noise = 0.0
@@ -145,8 +164,47 @@ def update_slow_turn(
     uncertain = standing * (standing * variance + seconds * noise)
     if _is_denied(turn, rest, uncertain):
         return SlowTurnOutcome.DENIED
-    lasted = turn['seconds'] >= LONGEST_TURN or turn['turned'] > TURN_BETWEEN
+    if turn['turned'] > TURN_BETWEEN:
+        turn['returns'] += 1
+        turn['turned'] = 0.0
+    needed = RETURNS_OF_WARM_UP if turn['moves'] else 1
+    again = turn['returns'] >= needed and not turn['mistaken']
+    lasted = again or turn['seconds'] >= LONGEST_TURN
     return SlowTurnOutcome.LASTED if lasted else SlowTurnOutcome.TURN
+
+
+@kernel
+def _stays(turn: SlowTurn, rest: Rest) -> bool:
+    """Return whether the segment has the rate of the one before."""
+    for axis in range(3):
+        distance = segment_mean(rest, axis) - turn['rate'][axis]
+        spread = 2.0 * segment_variance(rest, axis)
+        if distance * distance > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+            return False
+    return True
+
+
+@kernel
+def _moves_on(turn: SlowTurn, rest: Rest, since_rest: float, bias: PerAxis) -> bool:
+    """Return whether the rate has moved on since the segment before as a bias does that warms up.
+
+    That is between where it was and where it would be if it went on as fast as it has come from the
+    `bias` (3,) in rad/s, within `since_rest` s by now.
+    """
+    if turn['since_rest'] <= 0.0:
+        return False
+    share = since_rest / turn['since_rest']
+    for axis in range(3):
+        before = turn['rate'][axis] - bias[axis]
+        if abs(before) > FASTEST_WARM_UP * turn['since_rest']:
+            return False
+        now = segment_mean(rest, axis) - bias[axis]
+        furthest = share * before
+        beyond = max(min(before, furthest) - now, now - max(before, furthest))
+        spread = (1.0 + share * share) * segment_variance(rest, axis)
+        if beyond > 0.0 and beyond * beyond > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+            return False
+    return True
 
 
 @kernel
@@ -154,18 +212,14 @@ def give_up_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float)
     """Keep a bias (3,) in rad/s that another rate replaces, as that may yet have been a turn.
 
     Its variance is now `variance` (3,) plus that of its random walk since, `reach`, in (rad/s)^2.
+    Where an earlier one that was given up may yet be right, that is kept.
     """
+    if turn['gave_up']:
+        return
     turn['gave_up'] = True
     for axis in range(3):
         turn['given_up'][axis] = bias[axis]
         turn['given_up_variance'][axis] = variance[axis] + reach
-
-
-@kernel
-def give_up_first_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float) -> None:
-    """Do as `give_up_bias`, unless an earlier bias that was given up may yet be right."""
-    if not turn['gave_up']:
-        give_up_bias(turn, bias, variance, reach)
 
 
 @kernel
