@@ -14,6 +14,7 @@
 
 """Run the real node as a process, play messages into it over ROS 2 and record what it publishes."""
 
+import atexit
 import itertools
 import os
 import signal
@@ -53,8 +54,8 @@ _taken: set[int] = set()  # the domains of the nodes that are running
 
 
 @cache
-def _own_block() -> tuple[int, socket.socket | None]:
-    """Return a block of domains, and the socket that keeps other processes from taking it."""
+def _own_block() -> int:
+    """Return a block of domains; a socket keeps other processes from taking it, until the end."""
     for block in range(_BLOCKS):
         mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
@@ -62,8 +63,9 @@ def _own_block() -> tuple[int, socket.socket | None]:
         except OSError:
             mark.close()
         else:
-            return block, mark
-    return os.getpid() % _BLOCKS, None
+            atexit.register(mark.close)
+            return block
+    return os.getpid() % _BLOCKS
 
 
 def own_domain() -> int:
@@ -71,8 +73,7 @@ def own_domain() -> int:
 
     Nor is it one that the last nodes of this process had, which may not have left it yet.
     """
-    block, _ = _own_block()
-    domains = (1 + _BLOCK * block + number for number in _numbers)
+    domains = (1 + _BLOCK * _own_block() + number for number in _numbers)
     return next(domain for domain in domains if domain not in _taken)
 
 
