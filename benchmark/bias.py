@@ -29,9 +29,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.gravity import GRAVITY
+from gyro_drift_filter.rotations import inverse, rotate
 from gyro_drift_filter.simulation.experiments import autoregressive
+from gyro_drift_filter.simulation.sensor import Faults
+from gyro_drift_filter.simulation.turns import lay_down, sides
 
-NOISE, PHI, GRAVITY = 6.1e-3, 0.167, 9.81
+NOISE, PHI = 6.1e-3, 0.167
 SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 2.0, 5.0)  # deg/s
 REST, TURN = 10, 60  # s
 JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
@@ -41,6 +45,8 @@ WARM_UPS, WARMING_SECONDS = (0.5, 1.0, 2.0, 4.0), 240.0  # deg/s, s
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
+SENSITIVITIES = (0.0, 0.05, 0.1, 0.2)  # deg/s per g
+LAID, WAY = 8.0, 6.0  # s
 START = 10**18
 # Whether the turn is about the vertical, and whether there is no accelerometer.
 TURNS = {
@@ -182,6 +188,25 @@ def _smooth(random: np.random.Generator, n: int, rate: float) -> Array:
     return np.asarray(smooth / smooth.std())
 
 
+def on_other_sides(
+    random: np.random.Generator, sensitivity: float, rate: float
+) -> tuple[float, float]:
+    """Return the error of the bias at rest in deg/s, root mean square, and the angle lost in deg.
+
+    Of a sensor that is laid down on 24 sides, and feels gravity by `sensitivity` deg/s per g from
+    each axis to each other one. The error is that at the end of each rest.
+    """
+    poses = sides(random) + sides(random)
+    laid = lay_down(random, poses, Faults(np.zeros(3)), rest=LAID, way=WAY, rate=rate)
+    felt = sensitivity * _DEGREE / GRAVITY * random.standard_normal((3, 3))
+    truth = rotate(inverse(laid.orientations), np.array([0.0, 0.0, GRAVITY])) @ felt.T
+    given = laid.rates + laid.accelerations @ felt.T
+    errors = Filter(Parameters()).run(laid.stamps, given, laid.accelerations)['bias'] - truth
+    ends = np.round((LAID + (LAID + WAY) * np.arange(len(poses))) * rate).astype(int) - 1
+    lost = np.linalg.norm(errors.sum(axis=0)) / rate
+    return float(np.sqrt(np.mean(np.square(errors[ends])))) / _DEGREE, float(lost) / _DEGREE
+
+
 def warm_up(random: np.random.Generator, rate: float) -> Array:
     """Return the errors in deg/s after each rest, (rests, 3), of a bias that moves 1 deg/s.
 
@@ -307,6 +332,25 @@ def main() -> None:
             ]
         )
         rows.append([name, f'{np.median(lost):.1f}  {lost.max():.1f}'])
+    print(table(rows), end='\n\n')
+    print(
+        f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
+        'bias at the end of a\nrest, and the angle that is lost, median and worst\n'
+    )
+    rows = [['deg/s per g', 'bias (deg/s)', 'angle (deg)']]
+    for sensitivity in SENSITIVITIES:
+        tell(f'laid down on other sides, with {sensitivity:g} deg/s per g ...')
+        of_seeds = [
+            on_other_sides(np.random.default_rng(seed), sensitivity, options.rate) for seed in seeds
+        ]
+        error, lost = np.transpose(of_seeds)
+        rows.append(
+            [
+                f'{sensitivity:g}',
+                f'{np.median(error):.3f}  {error.max():.3f}',
+                f'{np.median(lost):.1f}  {lost.max():.1f}',
+            ]
+        )
     print(table(rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '

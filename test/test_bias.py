@@ -21,7 +21,7 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from benchmark.bias import to_and_fro, warm_up, warm_up_standing
+from benchmark.bias import on_other_sides, to_and_fro, warm_up, warm_up_standing
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias import at_rest as bias_at_rest
@@ -361,6 +361,13 @@ def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, r
     results = run(filter_, *at_rest(random, 150, bias + turn), start=START + 180 * 10**9)
     results = run(filter_, *at_rest(random, 60, bias + 2.0 * turn), start=START + 330 * 10**9)
     np.testing.assert_allclose(results['bias'][-1], bias + turn, atol=1e-3)
+
+
+def test_a_sensor_that_feels_gravity_finds_its_bias_on_each_side(random):
+    """Where it lies otherwise its bias is another one, and no turn."""
+    error, lost = on_other_sides(random, 0.1, 100.0)
+    assert error < 0.02
+    assert lost < 10.0
 
 
 def humming(random, seconds):

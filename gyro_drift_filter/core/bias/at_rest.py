@@ -100,6 +100,9 @@ DOUBTED_SEGMENTS = 2
 # No gyroscope's bias walks further within a second than its noise says for a second: the Allan
 # deviation of each falls for 1.7 s at least, and of most for minutes. In 1/s.
 FASTEST_WALK = 1.0
+# A gyroscope feels accelerations a little, so that its bias is another one where it lies otherwise:
+# data sheets of small MEMS ones have 0.1 deg/s per g. In rad/s per m/s^2.
+ACCELERATION_SENSITIVITY = 1.8e-4
 LARGEST_THERMAL_CHANGE = 1.0  # rad/s: no change of temperature moves the bias by more
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
@@ -318,6 +321,7 @@ def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_ma
         state['segments_beyond_max'] += 1
         state['rest_beyond_max'] = True
         return False
+    _let_gravity_move_bias(state)
     if not state['known']:
         return _accept_first_rest(state, lengths)
     if state['hint'] == Hint.STANDS:
@@ -342,6 +346,18 @@ def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_ma
     state['doubted_segments'] = DOUBTED_SEGMENTS
     take_back(state, unreachable)
     return _accept_unreachable(state, lengths)
+
+
+@kernel
+def _let_gravity_move_bias(state: Bias) -> None:
+    """Widen the bias by what gravity may add to it where it has another direction than before."""
+    square = 0.0
+    for axis in range(3):
+        gravity = segment_mean(state['rest'], 3 + axis)
+        change = gravity - state['gravity'][axis]
+        square += change * change
+        state['gravity'][axis] = gravity
+    widen(state, ACCELERATION_SENSITIVITY * ACCELERATION_SENSITIVITY * square)
 
 
 @kernel

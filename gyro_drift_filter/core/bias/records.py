@@ -70,6 +70,7 @@ class Bias(TypedDict):
     reach: float  # (rad/s)^2, the same with all of the random walk
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
     recent_count: int
+    gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
     swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
