@@ -250,6 +250,15 @@ def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
     assert math.isnan(Health().rules(filter_.report(), 1.0)[0].low_pass)
 
 
+def test_rates_without_sense_are_told_however_large_they_are():
+    """As of a driver that sends memory that it has never written; squares would overflow."""
+    filter_ = MessageFilter(Parameters())
+    rates = np.full((200, 3), 1e300)
+    rates[::2] *= -1.0
+    filter_all(filter_, recorded(rates, np.tile([0.0, 0.0, 9.81], (200, 1))))
+    assert 'no usable rate' in Health().judge(filter_.report(), 2.0)[0].message
+
+
 @pytest.mark.parametrize('bias', [0.1, 0.4, 0.5])
 def test_a_sensor_of_whole_degrees_is_not_said_to_have_a_low_pass(bias, random):
     """At rest it hardly changes, which says nothing of how its noise is correlated."""

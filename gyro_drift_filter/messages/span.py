@@ -149,8 +149,9 @@ def _low_pass(state: Telemetry) -> float:
     tells the frequency.
     """
     axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
-    # What is below a step is no noise that a low-pass could have shaped.
-    shaped = [c for noise, step, c in axes if noise > max(step, 2.0 * LEAST_NOISE) ** 2]
+    # What is below a step is no noise that a low-pass could have shaped. Roots are compared, as the
+    # square of a step overflows where a driver sends memory that it has never written.
+    shaped = [c for noise, step, c in axes if math.sqrt(noise) > max(step, 2.0 * LEAST_NOISE)]
     correlation = max(shaped, default=0.0)
     if correlation < _CORRELATED or min(state.noise_blocks) == 0:
         return math.nan
