@@ -32,6 +32,7 @@ from gyro_drift_filter.bags.recording import Piece, Recording, are_among, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
@@ -40,6 +41,7 @@ from gyro_drift_filter.messages.motion_hint import moves
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.messages.telemetry import MessageReport
+from gyro_drift_filter.phrases import without_rate
 
 TEMPERATURE_TYPE = 'sensor_msgs/msg/Temperature'
 # What is filtered and laid out at once is at most as much, in messages and log time (ns): there may
@@ -104,6 +106,15 @@ class Summary:
     status: list[DiagnosticStatus]
     start: int
     seconds: float
+
+
+def why_nothing(summary: Summary) -> str:
+    """Return what a topic lacks of which nothing came out of a filter."""
+    never = int(summary.unusable.max())
+    if never == 0:
+        return 'has no message with an angular velocity'
+    known = [int(count) < never for count in summary.unusable]
+    return f'can not be filtered: {without_rate(known, LARGEST_RATE)}'
 
 
 class ReplayRun:

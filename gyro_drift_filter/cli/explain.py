@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.opening import check_path, open_bag
     from gyro_drift_filter.bags.output import NoOutput
     from gyro_drift_filter.bags.recording import BagError
-    from gyro_drift_filter.bags.replay_run import ReplayRun, Watch
+    from gyro_drift_filter.bags.replay_run import ReplayRun, Watch, why_nothing
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.bags.topics import choose_hint
     from gyro_drift_filter.report.flagged import FlaggedLog
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> None:
             replay.take(piece)
         (summary,) = replay.finish()
     if not logs[0].samples:
-        raise BagError(f'topic {summary.topic} has no message with an angular velocity')
+        raise BagError(f'topic {summary.topic} {why_nothing(summary)}')
     if start > summary.seconds:
         raise BagError(f'the recording lasts for {summary.seconds:g} s, and ends before --start')
     sequences = [

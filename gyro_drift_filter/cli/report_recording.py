@@ -32,14 +32,18 @@ from gyro_drift_filter.bags.recording import (
     are_among,
     channels_of,
 )
-from gyro_drift_filter.bags.replay_run import NO_MESSAGES, Summary, TopicFilter, small_parts
+from gyro_drift_filter.bags.replay_run import (
+    NO_MESSAGES,
+    Summary,
+    TopicFilter,
+    small_parts,
+    why_nothing,
+)
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
-from gyro_drift_filter.phrases import without_rate
 from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
 
 
@@ -180,18 +184,9 @@ def filter_recording(
     }
     if not len(next(iter(run.signals.values())).log_times):
         summary = next(iter(summaries.values()))
-        raise BagError(f'topic {chosen} {_why_nothing(summary)}{selection.when}')
+        raise BagError(f'topic {chosen} {why_nothing(summary)}{selection.when}')
     frame = next(iter(run.filters.values())).messages.report().frame
     return Filtered(run.signals, summaries, start, seconds, run.recorded(), frame, count)
-
-
-def _why_nothing(summary: Summary) -> str:
-    """Return what a topic lacks of which nothing came out of a filter."""
-    never = int(summary.unusable.max())
-    if never == 0:
-        return 'has no message with an angular velocity'
-    known = [int(count) < never for count in summary.unusable]
-    return f'can not be filtered: {without_rate(known, LARGEST_RATE)}'
 
 
 def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
