@@ -19,8 +19,10 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+from gyro_drift_filter.cli.fleet_report import ranking_text
 from gyro_drift_filter.cli.main import main
-from gyro_drift_filter.fleet.columns import write_table
+from gyro_drift_filter.fleet.columns import read_table, write_table
+from gyro_drift_filter.fleet.health import judge_fleet
 from support.browser import check_quiet, opened, wait_for
 
 EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
@@ -84,16 +86,32 @@ def test_the_page_and_the_figures(fleet, tmp_path, capsys):
 
 def test_a_fleet_that_is_too_young_is_not_called_well(tmp_path, capsys):
     """A change takes four bags of a sensor to be seen."""
-    for days, said in ((3, 'No sensor can be judged yet'), (4, 'No sensor gets worse')):
-        folder = tmp_path / str(days)
+    some = 'No sensor gets worse; 1 of 2 can not be judged yet: that takes 4 bags.'
+    for days, robots, said in (
+        (3, 'a', 'No sensor can be judged yet'),
+        (4, 'a', 'No sensor gets worse.'),
+        (4, 'ab', some),
+    ):
+        folder = tmp_path / f'{robots}{days}'
         folder.mkdir()
-        write_table(
-            folder / 'fleet.parquet',
-            [row('a', day, axis) for day in range(days) for axis in 'xyz'],
-        )
+        rows = [row('a', day, axis) for day in range(days) for axis in 'xyz']
+        rows += [row(robot, 0, axis) for robot in robots[1:] for axis in 'xyz']
+        write_table(folder / 'fleet.parquet', rows)
         page, _ = made(folder, folder)
         assert said in page.read_text()
         assert said in capsys.readouterr().out
+
+
+def test_a_summary_that_lists_the_worst_counts_all(fleet, tmp_path):
+    """Where the first ones are too young, the others are judged all the same."""
+    days = {'a': 1, 'b': 4}
+    rows = [row(robot, day, axis) for robot in 'ab' for day in range(days[robot]) for axis in 'xyz']
+    write_table(tmp_path / 'young.parquet', rows)
+    sensors = judge_fleet(read_table(tmp_path / 'young.parquet'))
+    assert [sensor.is_judged for sensor in sensors] == [False, True]
+    assert ranking_text(sensors, 1).startswith('No sensor gets worse; 1 of 2')
+    worse = ranking_text(judge_fleet(read_table(fleet / 'fleet.parquet')), 1)
+    assert worse.startswith('1 of 3 sensors gets worse.\n\nrobot')
 
 
 def test_what_is_no_fleet_is_told(fleet, tmp_path, capsys):

@@ -226,4 +226,4 @@ def _summary(output: Path) -> str:
     if len(errors) > _TOLD:
         lines.append(f'and {len(errors) - _TOLD} more, in the table')
     failed = f'{len(errors)} without figures\n' + '\n'.join(lines) + '\n\n' if errors else ''
-    return failed + ranking_text(judge_fleet(table)[:_TOLD])
+    return failed + ranking_text(judge_fleet(table), _TOLD)

@@ -78,12 +78,12 @@ def run(options: argparse.Namespace) -> None:
     say(f'{ranking_text(sensors)}\n\nwrote {options.output}')
 
 
-def ranking_text(sensors: Sequence['Sensor']) -> str:
-    """Return the sensors that get worse as text."""
+def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:
+    """Return as text how many sensors get worse, and the worst ones."""
     from gyro_drift_filter.fleet.page import day, describe_change, headline
 
     rows = [['robot', 'topic', 'since', 'deviations', 'what has changed']]
-    for sensor in sensors:
+    for sensor in sensors[:most]:
         certain = [change for change in sensor.changes if change.certain]
         if certain:
             since = day(sensor.bags[certain[0].since]['start'])
@@ -97,7 +97,8 @@ def ranking_text(sensors: Sequence['Sensor']) -> str:
                     what,
                 ]
             )
-    return table(rows) if len(rows) > 1 else headline(sensors)
+    listed = f'\n\n{table(rows)}' if len(rows) > 1 else ''
+    return headline(sensors) + listed
 
 
 def _plain(sensor: 'Sensor') -> dict[str, Any]:

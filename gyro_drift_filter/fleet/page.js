@@ -17,6 +17,9 @@
   const figure = (sensor) => {
     const colours = theme(), traces = [], shapes = [], annotations = [], layout = {};
     const count = sensor.quantities.length, narrow = window.innerWidth < 700, columns = narrow ? 1 : Math.min(count, 4), rows = Math.ceil(count / columns);
+    // The same time in all, with half a day about bags that begin at once: it would be milliseconds.
+    const [first, last] = [sensor.times[0], sensor.times[sensor.times.length - 1]].map((time) => Date.parse(`${time.replace(' ', 'T')}Z`));
+    const beside = 0.05 * (last - first) || 43.2e6, range = [first - beside, last + beside];
     sensor.quantities.forEach((quantity, k) => {
       const suffix = k ? String(k + 1) : '', column = k % columns, row = Math.floor(k / columns);
       const left = (column + 0.13) / columns, right = (column + 0.98) / columns, top = 1 - row / rows, bottom = 1 - (row + 0.72) / rows;
@@ -33,9 +36,9 @@
         shapes.push({ type: 'line', xref: `x${suffix}`, yref: `y${suffix} domain`, x0: sensor.times[quantity.since], x1: sensor.times[quantity.since], y0: 0, y1: 1, line: { width: 2, dash: 'dash', color: colours.since } });
       }
       const line = { gridcolor: colours.grid, zerolinecolor: colours.grid, linecolor: colours.grid, tickfont: { size: 10 } };
-      layout[`xaxis${suffix}`] = { ...line, domain: [left, right], anchor: `y${suffix}`, type: 'date', nticks: 4 };
+      layout[`xaxis${suffix}`] = { ...line, domain: [left, right], anchor: `y${suffix}`, type: 'date', range, nticks: 4 };
       layout[`yaxis${suffix}`] = { ...line, domain: [bottom, top - 0.1 / rows], anchor: `x${suffix}`, nticks: 5, rangemode: quantity.name === 'bias' ? 'normal' : 'tozero' };
-      annotations.push({ xref: 'paper', yref: 'paper', x: left, y: top - 0.1 / rows, xanchor: 'left', yanchor: 'bottom', showarrow: false, text: `${quantity.name} (${quantity.unit})`, font: { size: 12, color: colours.text } });
+      annotations.push({ xref: 'paper', yref: 'paper', x: left, y: top - 0.1 / rows, xanchor: 'left', yanchor: 'bottom', showarrow: false, text: `${quantity.name} (${quantity.unit})${Object.values(quantity.axes).some((history) => history.bags.length) ? '' : ': not known'}`, font: { size: 12, color: colours.text } });
     });
     return [traces, {
       ...layout, shapes, annotations, height: 190 * rows + 46, margin: { l: 8, r: 8, t: 24, b: 8 }, hovermode: 'closest', dragmode: 'zoom',

@@ -23,6 +23,7 @@ from typing import Any
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.fleet.changes import LEAST_BAGS
 from gyro_drift_filter.fleet.health import FROZEN, QUANTITIES, Change, Sensor
+from gyro_drift_filter.phrases import counted
 from gyro_drift_filter.report.page import document, table_of, text_of
 
 # Sensors that are drawn: those that get worse come first, and more make a page that none reads.
@@ -44,7 +45,7 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
     bags = len({bag['source'] for s in sensors for bag in s.bags} | {f['source'] for f in failures})
     robots = len({sensor.robot for sensor in sensors})
     body = [
-        f'<h1>Fleet: {bags} bags of {robots} robots</h1>',
+        f'<h1>Fleet: {counted(bags, "bag")} of {counted(robots, "robot")}</h1>',
         '<nav id="bar" aria-label="page"><span><button id="theme"></button></span></nav>',
         f'<p class="headline{" useless" if worse else ""}">{headline(sensors)}</p>',
         '<p>A change is counted in deviations of what the sensor did before, and listed where '
@@ -66,13 +67,17 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
 
 
 def headline(sensors: Sequence[Sensor]) -> str:
-    """Return in a sentence how many sensors get worse, or that none can be judged yet."""
+    """Return in a sentence how many sensors get worse, and how many can not be judged yet."""
+    judged = sum(sensor.is_judged for sensor in sensors)
+    if not judged:
+        return f'No sensor can be judged yet: that takes {LEAST_BAGS} bags of one.'
     worse = sum(sensor.size > 0.0 for sensor in sensors)
+    text = 'No sensor gets worse'
     if worse:
-        return f'{worse} of {len(sensors)} sensors {"get" if worse > 1 else "gets"} worse.'
-    if any(sensor.is_judged for sensor in sensors):
-        return 'No sensor gets worse.'
-    return f'No sensor can be judged yet: that takes {LEAST_BAGS} bags of one.'
+        text = f'{worse} of {len(sensors)} sensors {"get" if worse > 1 else "gets"} worse'
+    if young := len(sensors) - judged:
+        text += f'; {young} of {len(sensors)} can not be judged yet: that takes {LEAST_BAGS} bags'
+    return f'{text}.'
 
 
 def describe_change(change: Change) -> str:
@@ -122,9 +127,8 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> str:
     ]
     table = _of_words(table_of(('robot', 'bag', 'why'), rows), 'failures')
     more = f'<p>The first {LARGEST}.</p>' if len(failures) > LARGEST else ''
-    return (
-        f'<details><summary>{len(failures)} bags without figures</summary>{more}{table}</details>'
-    )
+    count = counted(len(failures), 'bag')
+    return f'<details><summary>{count} without figures</summary>{more}{table}</details>'
 
 
 def _section(number: int, sensor: Sensor, link: Link) -> str:
@@ -146,7 +150,7 @@ def _section(number: int, sensor: Sensor, link: Link) -> str:
         f'<section id="sensor-{number}"><h3>{text_of(name)}</h3>{said}'
         f'<div class="plot small" data-sensor="{number}" tabindex="0" role="group" '
         f'aria-label="{label}"></div>'
-        f'<details><summary>{len(sensor.bags)} bags</summary>{table}</details></section>'
+        f'<details><summary>{counted(len(sensor.bags), "bag")}</summary>{table}</details></section>'
     )
 
 
