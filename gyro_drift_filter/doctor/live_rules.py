@@ -217,7 +217,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         ({'low-pass'}, low_pass),
         (
             {'outliers', 'diverged'},
-            fine('outliers', f'samples held back or bridged: {by_axis(state.outliers)}'),
+            fine('outliers', f'samples flagged: {by_axis(state.outliers)}'),
         ),
         (
             {

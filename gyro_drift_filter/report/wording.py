@@ -228,10 +228,10 @@ def _about_heading(verdict: Verdict) -> str:
     )
     if not bias.taken_off:
         return f'{text}, and so do the filtered ones'
-    text += f"; what is left of it, by the filter's own account, is some {sure} deg/min"
+    text += f", the filtered ones by 0 +- {sure}, by the filter's own account"
     if abs(heading.before) > _VISIBLE:
         text += (
-            f', and a turn of {abs(np.degrees(heading.before)):.1f} deg from before the bias was '
+            f', after a turn of {abs(np.degrees(heading.before)):.1f} deg while the bias was not '
             'known'
         )
     scale = 0.0 if heading.calibrated else _SCALE * heading.turned
