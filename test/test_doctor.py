@@ -154,6 +154,19 @@ def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(foun
     assert faults(found(rates_of(simulation, degrees))) == {'degrees'}
 
 
+def test_degrees_are_found_where_their_noise_leaves_no_rest(found, random):
+    """A sensor that stands still would else be asked to stand still."""
+    simulation = handled()
+    still = replace(
+        simulation,
+        angular_velocity=np.degrees(0.003 * random.standard_normal((len(simulation.stamps), 3))),
+        linear_acceleration=UP + 0.02 * random.standard_normal((len(simulation.stamps), 3)),
+    )
+    findings = found(still)
+    assert 'noise in degrees' in faults(findings)
+    assert 'rests' not in {finding.name for finding in findings}
+
+
 def test_a_rate_that_is_steady_and_too_large_for_a_bias(found, tmp_path):
     """Of a bias of 1 deg/s in deg/s nothing but its size tells that it is no turn."""
     simulation = handled()

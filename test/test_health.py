@@ -237,6 +237,12 @@ def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():
     assert text == 'the bias is known by motion alone: stand still for 3 seconds'
 
 
+def test_noise_without_any_rest_is_said_to_be_unknown():
+    text = RULES['little rest'].text
+    assert callable(text)
+    assert 'the noise is not known yet: stand' in text(span(noise_blocks=[0, 5, 5]))
+
+
 def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
     """Only `adaptive` learns how samples correlate; after a switch that is of another time."""
     filter_ = MessageFilter(Parameters())

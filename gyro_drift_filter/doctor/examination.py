@@ -35,6 +35,7 @@ from gyro_drift_filter.doctor.rests import (
     AtRest,
     judge_accelerometer,
     judge_resolution,
+    judge_unrested_noise,
     look_at_rests,
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
@@ -87,7 +88,7 @@ class Examined:
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'noise in degrees', 'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
-    'noise in degrees': {'beyond bias.max', 'clipped', _INVENTED_RATE},
+    'noise in degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
     'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},
@@ -130,6 +131,8 @@ def examine(seen: Examined) -> list[Finding]:
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
     findings.append(_judge_rests(state, rests, period))
+    if not state.segments and (noisy := judge_unrested_noise(seen.rates, seen.accelerations)):
+        findings.append(noisy)
     return _sorted(findings)
 
 

@@ -14,6 +14,7 @@
 
 """What the rests of a recording say: noise of the rates, size of gravity."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +25,7 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, Verdict
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +50,7 @@ _END_SECONDS = 0.5
 # Noise is the median of the deviations over pieces of a second, so that a knock is none of it.
 _PIECE_SECONDS = 1.0
 _LEAST_SAMPLES = 20
+_RUN = 100
 
 
 class Stretch(NamedTuple):
@@ -120,6 +123,33 @@ def look_at_rests(
     return AtRest(stretches, samples, noise[:3], forces, noise[3:])
 
 
+def judge_unrested_noise(
+    rates: tuple[Values, ...], accelerations: tuple[Values, ...]
+) -> Finding | None:
+    """Say whether it is for its noise in deg/s that no rest was found; None where it is not.
+
+    Most gyroscopes have too much of it for a rest then. Noise is what differs from sample to
+    sample, where the accelerometer is calm: no motion is that fast and as calm.
+    """
+    samples = _some((*rates, *accelerations))
+    runs = samples[: len(samples) // _RUN * _RUN].reshape(-1, _RUN, 6)
+    shaken = runs[:, :, 3:].std(axis=1).max(axis=1)
+    calm = (shaken > 0.0) & (shaken < CALM) & np.isfinite(runs).all(axis=(1, 2))
+    if not len(runs) or 2 * calm.sum() < len(runs):
+        return None
+    noise = np.median(np.diff(runs[calm, :, :3], axis=1).std(axis=1), axis=0) / math.sqrt(2.0)
+    if noise.min() <= LARGEST_NOISE:
+        return None
+    return Finding(
+        'noise in degrees',
+        Verdict.FAULT,
+        f'the rates have a noise of {noise.min():.2g} rad/s beside a calm accelerometer, too much '
+        'for a rest to be found',
+        IN_DEGREES,
+        {'noise': noise.tolist()},
+    )
+
+
 def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Finding:
     """Say whether the accelerometer shows gravity in m/s^2, at rest or, without one, at all."""
     name = 'accelerometer'
@@ -177,11 +207,11 @@ def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Find
 
 
 def _some(columns: tuple[Values, ...]) -> Floats:
-    """Return some ten thousand samples (k, 3) from all over columns (n,)."""
+    """Return some ten thousand samples (k, columns), in runs from all over columns (n,)."""
     n = len(columns[0])
-    starts = range(0, n, max(n // 100, 100))
+    starts = range(0, n, max(n // 100, _RUN))
     return np.concatenate(
-        [np.column_stack([column[k : k + 100] for column in columns]) for k in starts]
+        [np.column_stack([column[k : k + _RUN] for column in columns]) for k in starts]
     )
 
 

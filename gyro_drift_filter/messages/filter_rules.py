@@ -132,6 +132,12 @@ def _is_noise_unsure(span: Span) -> bool:
     return known and min(span.noise_seconds) < _LITTLE_REST and span.is_noise_learned
 
 
+def _little_rest_text(span: Span) -> str:
+    seconds = min(span.noise_seconds)
+    known = f'known from {seconds:.1f} s of rest only' if seconds else 'not known yet'
+    return f'filtering; the noise is {known}: stand still for some seconds more'
+
+
 FILTER_RULES = (
     Rule(
         'diverged',
@@ -169,8 +175,8 @@ FILTER_RULES = (
         lambda span: (
             'gravity has stood still for minutes, and yet no rest is found, as '
             f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '
-            'rates wander or jump (a motor, a fan, a loose mount, temperature); if it moves, '
-            'whether the accelerometer hangs'
+            'rates wander or jump (a motor, a fan, a loose mount, temperature, a driver that '
+            'publishes deg/s); if it moves, whether the accelerometer hangs'
         ),
     ),
     Rule(
@@ -191,16 +197,16 @@ FILTER_RULES = (
         'no bias for long',
         Level.WARN,
         _has_no_bias_for_long,
-        lambda span: _no_bias(span) + ' (the heading drifts until then)',
+        lambda span: (
+            f"{_no_bias(span)} (the heading drifts until then). If it does, 'Why not at rest' says "
+            'what moves'
+        ),
     ),
     Rule('no bias', Level.OK, _has_no_bias, _no_bias),
     Rule(
         'little rest',
         Level.OK,
         _is_noise_unsure,
-        lambda span: (
-            f'filtering; the noise is known from {min(span.noise_seconds):.1f} s of rest only: '
-            'stand still for some seconds more'
-        ),
+        _little_rest_text,
     ),
 )

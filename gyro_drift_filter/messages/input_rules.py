@@ -36,8 +36,8 @@ _BACKWARD_SHARE = 0.05
 _LEAST_STEPS = 5
 # No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
 # accelerometer by more than this, in m/s^2. In degrees, 0.06 deg/s of noise pass for 0.06 rad/s.
-_LARGEST_NOISE, _CALM = 0.03, 0.1
-_IN_DEGREES = 'the driver may publish degrees per second where REP-103 asks for radians'
+LARGEST_NOISE, CALM = 0.03, 0.1
+IN_DEGREES = 'the driver may publish degrees per second where REP-103 asks for radians'
 
 # Each of these pairs is where an alarm is raised, and where it is taken back.
 
@@ -86,8 +86,8 @@ def _stamps_stand(span: Span) -> bool:
 
 def _has_noise_in_degrees(span: Span) -> bool:
     state = span.now.telemetry
-    calm = 0.0 < max(state.acceleration_deviation_at_rest) < _CALM
-    return calm and min(state.rate_deviation_at_rest) > _LARGEST_NOISE
+    calm = 0.0 < max(state.acceleration_deviation_at_rest) < CALM
+    return calm and min(state.rate_deviation_at_rest) > LARGEST_NOISE
 
 
 def _frame_text(span: Span) -> str:
@@ -261,14 +261,14 @@ INPUT_RULES = (
         'degrees',
         Level.WARN,
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
-        f'rates stay above {RANGE:g} rad/s: {_IN_DEGREES}',
+        f'rates stay above {RANGE:g} rad/s: {IN_DEGREES}',
     ),
     Rule(
         'noise in degrees',
         Level.WARN,
         _has_noise_in_degrees,
-        f'at rest the rates have a noise of more than {_LARGEST_NOISE:g} rad/s beside a calm '
-        f'accelerometer: {_IN_DEGREES}',
+        f'at rest the rates have a noise of more than {LARGEST_NOISE:g} rad/s beside a calm '
+        f'accelerometer: {IN_DEGREES}',
     ),
     Rule(
         'frozen accelerometer',

@@ -144,9 +144,12 @@ def _why_useless(verdict: Verdict) -> str:
         why.append('there is hardly any noise at rest to take away')
     if 'outliers' not in verdict.gains:
         why.append(_why_no_outliers(verdict.outliers))
-    moves = not verdict.rests.count and not _is_beyond(verdict)
-    advice = '. Let it stand still for ten seconds at the start' if moves else ''
-    return _listed(why) + advice
+    if verdict.rests.count or _is_beyond(verdict):
+        return _listed(why)
+    return (
+        f'{_listed(why)}. Let it stand still for ten seconds at the start; if it did, '
+        "'gyro_drift doctor' looks closer"
+    )
 
 
 def _why_no_outliers(outliers: FlaggedOutliers) -> str:
