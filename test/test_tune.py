@@ -300,6 +300,8 @@ def test_the_file_holds_what_it_started_from(bag, tmp_path):
     options = ['--params', str(start), '--seconds', '0.001', '--quiet']
     assert main(['tune', str(bag), '-o', str(out), *options]) == 0
     assert read_parameters(out) == read_parameters(start)
+    # As somebody would write it who goes on by hand.
+    assert '    sample_rate: 100.0\n' in out.read_text()
 
 
 def test_truth_on_a_topic(tmp_path, capsys):

@@ -28,6 +28,7 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.doctor.findings import Finding
@@ -82,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 def page(source: str, findings: Sequence['Finding']) -> str:
     """Return the page: a verdict on the whole, and two lines or so for each finding."""
     faults = sum(finding.verdict == 'fault' for finding in findings)
-    verdict = 'sound' if not faults else f'{faults} fault{"s" if faults > 1 else ""}'
+    verdict = 'sound' if not faults else counted(faults, 'fault')
     lines = [f'{printable(source)}: {verdict}', '']
     for finding in findings:
         lines += _wrapped(_HEADS[finding.verdict], f'{finding.name}: {finding.text}')

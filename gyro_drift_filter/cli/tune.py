@@ -15,7 +15,6 @@
 """`gyro_drift tune`: a parameter file with the settings worth changing for one robot."""
 
 import argparse
-import math
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -257,5 +256,7 @@ def _as_yaml(value: Any) -> str:
         return 'true' if value else 'false'
     if isinstance(value, float):
         text = f'{value:.9g}'
-        return text if math.isfinite(value) and set(text) & set('.') else f'{value:.9e}'
+        if text.lstrip('-').isdigit():
+            return f'{text}.0'
+        return text if '.' in text else f'{value:.9e}'
     return str(value)
