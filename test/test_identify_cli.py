@@ -159,6 +159,11 @@ def test_a_short_rest_draws_a_warning(tmp_path, capsys):
     assert 's of rest: the figures are rough below 60 s' in capsys.readouterr().err
 
 
+def test_a_noise_that_no_gyroscope_has_is_said_to_be_in_degrees(tmp_path, capsys):
+    assert identify(tmp_path, bag(tmp_path / 'in', 30, change=np.degrees)) == 0
+    assert 'rad/s or more on each axis: the driver may publish degrees' in capsys.readouterr().err
+
+
 def test_a_rate_that_can_be_none_is_told(tmp_path, capsys):
     """Numpy warned of overflows, with paths of its own."""
 

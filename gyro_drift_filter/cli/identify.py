@@ -108,8 +108,9 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
-        from gyro_drift_filter.identify.identification import identify
+        from gyro_drift_filter.identify.identification import DeadAxis, identify
         from gyro_drift_filter.identify.models import MATERIAL, ORDERS
+        from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
     if options.plot:
         with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.identification_figures import draw
@@ -151,6 +152,9 @@ def run(options: argparse.Namespace) -> None:
         say('\n'.join(texts))
     for warning in result.warnings:
         tell(f'warning: {warning}')
+    least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))
+    if least > LARGEST_NOISE:
+        tell(f'warning: the noise at rest is {least:.2g} rad/s or more on each axis: {IN_DEGREES}')
     if options.kalibr and (text := lacking(noise_of(result))):
         tell(f'note: {text}')
 
