@@ -75,7 +75,9 @@ class NodeBiasMemory:
         self._recalled = found
         found.give(self._filter)
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
-        log.info(f'bias of {found.age / 3600.0:.1f} h ago, {degrees} deg/s, from {path}')
+        hours = found.age / 3600.0
+        ago = f'{hours:.1f} h' if hours >= 1.0 else f'{60.0 * hours:.0f} min'
+        log.info(f'bias of {ago} ago, {degrees} deg/s, from {path}')
 
     def save_if_due(self) -> None:
         """Save what was learned, if this is the first rest, or the last time is long enough ago."""
