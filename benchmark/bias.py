@@ -42,6 +42,8 @@ JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
 AFTER_JUMP = 30  # s
 DRIVE, STAND, MOTION = 300, 10, 20  # s
 WARM_UPS, WARMING_SECONDS = (0.5, 1.0, 2.0, 4.0), 240.0  # deg/s, s
+STOPS, STOP_WARM_UP = (1.0, 1.5, 2.0, 3.0, 5.0), 1.0  # s, deg/s
+VIBRATION, PUSH = 0.01, 0.4  # rad/s, m/s^2
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
@@ -139,20 +141,45 @@ def warm_up_in_stands(random: np.random.Generator, size: float, rate: float) -> 
 
     About the vertical, in a robot that drives and stands in turns.
     """
+    return _lost_in_stands(random, _warming(size, rate), rate)
+
+
+def warm_up_in_stops(random: np.random.Generator, stop: float, rate: float) -> float:
+    """Return the same of a robot on wheels that stops for `stop` s each.
+
+    They vibrate as it drives. It stands for 10 s at first.
+    """
+    truth = _warming(STOP_WARM_UP, rate)
+    return _lost_in_stands(random, truth, rate, stop, vibrates=True)
+
+
+def _warming(size: float, rate: float) -> Array:
+    """Return a bias (n,) in rad/s that warms up by `size` deg/s."""
     time = np.arange(round(DRIVE * rate)) / rate
-    warmth = 1.0 - np.exp(-time / WARMING_SECONDS)
-    return _lost_in_stands(random, size * _DEGREE * warmth, rate)
+    return size * _DEGREE * (1.0 - np.exp(-time / WARMING_SECONDS))
 
 
-def _lost_in_stands(random: np.random.Generator, truth: Array, rate: float) -> float:
+def _lost_in_stands(
+    random: np.random.Generator,
+    truth: Array,
+    rate: float,
+    stand: float = STAND,
+    vibrates: bool = False,
+) -> float:
     """Return the heading that is lost in deg, with a bias (n,) in rad/s about the vertical.
 
-    The robot drives and stands in turns: smooth noise of 0.3 rad/s and 0.3 m/s^2.
+    The robot stands for 10 s, and then drives and stands in turns, for `stand` s each time: smooth
+    noise of 0.3 rad/s and 0.3 m/s^2, and white noise as well where it vibrates.
     """
     rates, accelerations = at_rest(random, DRIVE, rate)
-    since = np.arange(len(rates)) / rate % (STAND + MOTION) - STAND
+    since = (np.arange(len(rates)) / rate - STAND + stand) % (stand + MOTION) - stand
     window = np.clip(np.minimum(since, MOTION - since) / 0.5, 0.0, 1.0)
+    window[: round(STAND * rate)] = 0.0
     motion = 0.3 * window[:, None] * _smooth(random, len(rates), rate)
+    if vibrates:
+        shaken = window[:, None] > 0.0
+        rates += VIBRATION * shaken * random.standard_normal(rates.shape)
+        accelerations += PUSH * shaken * random.standard_normal(rates.shape)
     rates[:, 2] += truth
     bias = _biases(rates + motion, accelerations + motion, rate, False)[:, 2]
     return float(np.abs(np.cumsum(bias - truth)).max() / rate / _DEGREE)
@@ -317,6 +344,18 @@ def main() -> None:
             [warm_up_in_stands(np.random.default_rng(seed), size, options.rate) for seed in seeds]
         )
         rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+    print(table(rows), end='\n\n')
+    print(
+        f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
+        'drives, and stops for so long\n'
+    )
+    rows = [['stop (s)', 'heading (deg)']]
+    for stop in STOPS:
+        tell(f'warming up between stops of {stop:g} s ...')
+        lost = np.array(
+            [warm_up_in_stops(np.random.default_rng(seed), stop, options.rate) for seed in seeds]
+        )
+        rows.append([f'{stop:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
     print(table(rows), end='\n\n')
     print(
         f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '

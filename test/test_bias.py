@@ -437,6 +437,31 @@ def test_after_a_slow_turn_short_rests_are_believed_again(random):
     np.testing.assert_allclose(results['bias'][-1], truth, atol=0.06 * DEGREE)
 
 
+@pytest.mark.parametrize('stop', [1.75, 2.2])
+def test_short_stops_keep_a_bias_that_warms_up(stop, random):
+    """None of them is a whole segment of rest, with the blocks that begin and end it."""
+    spells = [(6, False)] + 20 * [(15, True), (stop, False)]
+    rates, accelerations = moving_and_resting(random, spells, lambda time: np.zeros(3))
+    seconds = np.arange(len(rates)) / 100
+    truth = np.outer(1.0 - np.exp(-seconds / 120), (0.2, -0.3, 1.0)) * DEGREE
+    error = run(Filter(), rates + truth, accelerations)['bias'] - truth
+    assert np.abs(error[-1]).max() < 0.06 * DEGREE
+    assert np.abs(error.sum(axis=0) / 100).max() < 40.0 * DEGREE  # 240 without the stops
+
+
+def test_where_a_slow_turn_stops_to_differ_from_noise_is_no_short_stop(random):
+    """What shows such a turn is that the means move, and they do so for long parts of it alone."""
+    changed = []
+    for _ in range(20):
+        rates, accelerations = at_rest(random, 70)
+        angle = 0.2 * DEGREE * np.clip(np.arange(len(rates)) / 100 - 10, 0, None)
+        rates[1000:, 0] += 0.2 * DEGREE
+        accelerations[:, 1] += 9.81 * np.sin(angle)
+        bias = run(Filter(), rates, accelerations)['bias'][:, 0]
+        changed.append(abs(bias[-1] - bias[999]) / DEGREE)
+    assert np.median(changed) < 0.03
+
+
 def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
     """For a minute; docs/bias.md says how often some of it is learned, and for how long."""
     learned = []

@@ -213,27 +213,26 @@ def track_bias(
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
-        ended_rest = found == BlockOutcome.END_OF_REST
-        _take_segment(state, ended_rest, lengths, settings)
+        _take_segment(state, found, lengths, settings)
     if rest['run'] < run:
         _forget_stillness(state)
 
 
 @kernel
 def _take_segment(
-    state: Bias, ended_rest: bool, lengths: RestLengths, settings: 'Settings'
+    state: Bias, found: BlockOutcome, lengths: RestLengths, settings: 'Settings'
 ) -> None:
-    """Learn from a segment that is ready; `ended_rest` where the rest ended with it."""
-    rest = state['rest']
+    """Learn from a segment that is ready, as `found` says."""
+    rest, ended_rest = state['rest'], found != BlockOutcome.SEGMENT
     if state['hint'] == Hint.MOVES:
         next_segment(rest, True)
         return
     if ended_rest:
-        # By itself, as the start of the motion may be in it.
+        # By itself, as the start of the motion may be in it, or nothing of this rest came before.
         state['recent_count'] = 0
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
-    if _accept_segment(state, ended_rest, lengths, settings['bias_max']):
+    if _accept_segment(state, found, lengths, settings['bias_max']):
         _learn(state)
         state['motion']['untrackable'] = _untrackable(
             rest, lengths['block_seconds'], settings['bias_random_walk']
@@ -311,11 +310,12 @@ def widen(state: Bias, variance: float) -> None:
 
 
 @kernel
-def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_max: float) -> bool:
+def _accept_segment(
+    state: Bias, found: BlockOutcome, lengths: RestLengths, bias_max: float
+) -> bool:
     """Accept a segment if its rate is one that the bias can have; return whether it is.
 
     The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
-    `ended_rest` where the rest ended with it.
     """
     if _is_beyond(state['rest'], bias_max):
         state['segments_beyond_max'] += 1
@@ -333,7 +333,7 @@ def _accept_segment(state: Bias, ended_rest: bool, lengths: RestLengths, bias_ma
     if unreachable == 0:
         _lift_doubt(state)
         return bool(state['doubted_segments'] == 0)
-    if ended_rest:
+    if found == BlockOutcome.END_OF_REST:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
     if state['segments'] == 0:

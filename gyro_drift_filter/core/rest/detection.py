@@ -51,6 +51,10 @@ from gyro_drift_filter.core.rest.stationarity import (
 from gyro_drift_filter.core.sample import Sample
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
+# Blocks: once the noise is known a stop may be so short, where single blocks show the motions before
+# and after it. The turning point of a slow swing is still for as long, but such a swing shows only
+# by how far the means of blocks move.
+SHORTEST_STOP = 6
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
 # So long after the noise has been doubted, and without a rest since, the accelerations of the one
@@ -147,7 +151,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
         has to be called.
     """
-    still = is_block_filled(rest, lengths)
+    still, begin = is_block_filled(rest, lengths), rest['obstacle']
     if still:
         for i in range(SIGNALS):
             obstacle = obstacle_of_block(rest, rest['signals'][i])
@@ -161,15 +165,16 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
     if not still:
-        ready = _lasted(rest) and holds_together(rest, lengths)
+        ended = _ended_rest(rest, begin)
+        if ended != BlockOutcome.NOTHING and not holds_together(rest, lengths):
+            ended = BlockOutcome.NOTHING
         rest['at_rest'] = False
         rest['run'] = 0
         start_block(rest)
-        if ready:
-            return BlockOutcome.END_OF_REST
-        start_segment(rest)
-        forget_segment_before(rest)
-        return BlockOutcome.NOTHING
+        if ended == BlockOutcome.NOTHING:
+            start_segment(rest)
+            forget_segment_before(rest)
+        return ended
     if rest['run'] >= 2:
         add_waiting_block(rest)
     rest['run'] += 1
@@ -197,12 +202,20 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 
 
 @kernel
-def _lasted(rest: Rest) -> bool:
-    """Return whether the segment that a motion has ended is long enough to count as rest."""
+def _ended_rest(rest: Rest, begin: int) -> BlockOutcome:
+    """Return what the segment is that a motion has ended: it may be long enough to count as rest.
+
+    `begin` is the obstacle that showed the motion before it.
+    """
+    blocks = rest['blocks']
     if rest['at_rest']:
-        return bool(rest['blocks'] >= LEAST_SEGMENT)
-    begun = rest['halves'] != Halves.WHOLE and rest['blocks'] >= HALF + LEAST_SEGMENT
-    return bool(rest['known'] and begun)
+        return BlockOutcome.END_OF_REST if blocks >= LEAST_SEGMENT else BlockOutcome.NOTHING
+    if not rest['known']:
+        return BlockOutcome.NOTHING
+    if rest['halves'] != Halves.WHOLE:
+        return BlockOutcome.END_OF_REST if blocks >= HALF + LEAST_SEGMENT else BlockOutcome.NOTHING
+    sudden = begin == Obstacle.VARIES and rest['obstacle'] == Obstacle.VARIES
+    return BlockOutcome.STOP if sudden and blocks >= SHORTEST_STOP else BlockOutcome.NOTHING
 
 
 @kernel

@@ -60,7 +60,7 @@ def look_for_other_noise(rest: Rest, other: Rest, lengths: RestLengths) -> None:
     if other['restless'] * lengths['block_seconds'] > FORGET_OTHER_NOISE_SECONDS:
         other['known'] = False
     found = close_block(other, lengths)
-    if found == BlockOutcome.END_OF_REST:
+    if found in (BlockOutcome.END_OF_REST, BlockOutcome.STOP):
         next_segment(other, True)
     elif found == BlockOutcome.SEGMENT:
         next_segment(other, False)

@@ -94,7 +94,8 @@ class BlockOutcome(IntEnum):
     NOTHING = 0
     SEGMENT = 1  # a segment is ready
     END_OF_REST = 2  # the block ended the rest, and what there is of the segment is ready
-    STEADY = 3  # the segment under way is steady, if not known as rest yet
+    STOP = 3  # it ended a whole rest that is shorter than a segment, and which is ready
+    STEADY = 4  # the segment under way is steady, if not known as rest yet
 
 
 class Obstacle(IntEnum):
