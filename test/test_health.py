@@ -748,6 +748,7 @@ def test_telemetry_is_that_of_the_state(random):
         'period': clock['mean_period'],
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
+        'overtaken': clock['overtaken'],
         'stamp': clock['stamp'],
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],

@@ -36,6 +36,7 @@ def mixed():
     messages[302] = b''
     messages[303] = imu_message(stamp + 30_000_000, (np.nan, 0.1, 0.1), (0, 0, 9.8))
     messages[305] = messages[304]
+    messages[400], messages[401] = messages[401], messages[400]
     messages.insert(0, imu_message(stamp - 10**10, (np.nan, 0.1, 0.1), (0, 0, 9.8)))
     return messages
 

@@ -150,7 +150,9 @@ def read_shift(
 @entry_kernel(FILTER, float)
 def note_temperature(filter_: NDArray[np.void], temperature: float) -> None:
     """Take the sensor's temperature in deg C."""
-    warm_bias(filter_[0]['state']['bias'], temperature, filter_[0]['settings'])
+    settings = filter_[0]['settings']
+    warm_bias(filter_[0]['state']['bias'], temperature, settings)
+    warm_bias(filter_[0]['history']['state']['bias'], temperature, settings)
 
 
 @entry_kernel(FILTER)

@@ -29,14 +29,16 @@ from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
 from gyro_drift_filter.core.bias.shared import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
 from gyro_drift_filter.core.parameters import Parameters
-from gyro_drift_filter.core.records import FILTER, STATE, WORKSPACE, State
+from gyro_drift_filter.core.records import FILTER, HISTORY, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
 from gyro_drift_filter.core.settings import settings_of
 from gyro_drift_filter.core.step import step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 # At the front of a snapshot: other fields, or in another order, may be of the same size.
-_LAYOUT = hashlib.sha256(repr(STATE).encode()).digest()
+_LAYOUT = hashlib.sha256(repr((STATE, HISTORY)).encode()).digest()
+
+_SIZE = STATE.itemsize + HISTORY.itemsize  # of what follows
 
 
 class Filter:
@@ -85,6 +87,7 @@ class Filter:
         A part of the model that changes replaces what was learned of it.
         """
         before, self.parameters = self.parameters, parameters
+        self._forget_history()
         settings = settings_of(parameters)
         commands.prepare_for_settings(self.record, settings)
         self.record['settings'] = settings
@@ -105,11 +108,16 @@ class Filter:
         """Have the next step derive the coefficients."""
         self.record['coefficients']['period'] = 0.0
 
+    def _forget_history(self) -> None:
+        """Never go back behind this moment for a message that was overtaken."""
+        self.record['history']['count'] = 0
+
     def reset(self) -> None:
         """Forget all samples, counts and what was learned from them, except bias and rest."""
         bias = self.record['state']['bias'].copy()
         self.record['state'] = np.zeros(1, STATE)
         self.record['state']['bias'] = bias
+        self.record['history'] = np.zeros(1, HISTORY)
         commands.start_state(self.record)
 
     def set_bias(
@@ -128,6 +136,7 @@ class Filter:
             shift: Of the bias in motion from that at rest.
             known: False where a rest is asked for all the same, and replaces it.
         """
+        self._forget_history()
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
         fresh, before = np.zeros(1, BIAS_RECORD), self.record['state']['bias']
         for name in ('hint', 'hint_seconds'):
@@ -139,9 +148,9 @@ class Filter:
 
     def hint(self, moves: bool) -> None:
         """Take a hint of the robot on whether it moves; it holds for a second."""
-        bias = self.state['bias']
-        bias['hint'] = Hint.MOVES if moves else Hint.STANDS
-        bias['hint_seconds'] = HINT_SECONDS
+        for state in self.state, self.record[0]['history']['state']:
+            state['bias']['hint'] = Hint.MOVES if moves else Hint.STANDS
+            state['bias']['hint_seconds'] = HINT_SECONDS
 
     def note_temperature(self, temperature: float) -> None:
         """Take the sensor's temperature in deg C; a change makes the bias uncertain."""
@@ -177,11 +186,13 @@ class Filter:
                 f'the rates at rest, {listed} deg/s, are beyond bias.max, {limit:g} deg/s: does it '
                 'turn? Else raise bias.max'
             )
+        self._forget_history()
         commands.calibrate(self.record)
 
     def snapshot(self) -> bytes:
         """Return the state; `restore` on a filter of the same parameters continues bit for bit."""
-        return self._head() + bytes(self.record['state'].tobytes())
+        parts = (self.record[name].tobytes() for name in ('state', 'history'))
+        return b''.join((self._head(), *parts))
 
     def _head(self) -> bytes:
         """Return what a snapshot begins with: the state of another method is not set up."""
@@ -194,14 +205,16 @@ class Filter:
             GyroDriftFilterError: The snapshot is of another version, or of another method.
         """
         head = self._head()
-        if not snapshot.startswith(_LAYOUT) or len(snapshot) != len(head) + STATE.itemsize:
+        if not snapshot.startswith(_LAYOUT) or len(snapshot) != len(head) + _SIZE:
             raise GyroDriftFilterError('the snapshot was taken by another version')
         if not snapshot.startswith(head):
             raise GyroDriftFilterError(
                 f'the snapshot is of another method than {self.parameters.method}: restore it on a '
                 'filter of the same parameters, and then set others with configure'
             )
-        self.record['state'] = np.frombuffer(snapshot, STATE, offset=len(head))
+        start = len(head)
+        self.record['state'] = np.frombuffer(snapshot, STATE, 1, start)
+        self.record['history'] = np.frombuffer(snapshot, HISTORY, 1, start + STATE.itemsize)
         self.record['workspace'] = np.zeros(1, WORKSPACE)
 
     def step(self, stamp: int, rate: Sequence[float], acceleration: Sequence[float]) -> Result:

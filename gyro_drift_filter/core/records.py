@@ -14,6 +14,7 @@
 
 """All that a filter consists of, as one record that kernels take."""
 
+from collections.abc import MutableSequence
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
@@ -24,9 +25,13 @@ from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, Met
 from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.quantisation import Quantisation
 from gyro_drift_filter.core.rest.records import RestLengths
-from gyro_drift_filter.core.sample import Result
+from gyro_drift_filter.core.sample import SAMPLE, Result, Sample
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 from gyro_drift_filter.core.settings import SETTINGS, Settings
+
+# Threads and queues exchange neighbours: more than four messages hardly ever overtake one. Twice as
+# many samples are kept, as a second gap may follow the one that they are kept from.
+KEPT_SAMPLES = 8
 
 
 class Coefficients(TypedDict):
@@ -78,14 +83,29 @@ class State(TypedDict):
     polling: Polling
 
 
+STATE = record(State, in_cache_lines=True)
+
+
+class History(TypedDict):
+    """A state that the filter can go back to, and the samples since, in the order of stamps."""
+
+    state: State
+    count: int  # of the samples; 0 where there is nothing to go back to
+    samples: Annotated[MutableSequence[Sample], SAMPLE, (KEPT_SAMPLES,)]
+    scattered: int  # of late, backward stamps by less than half a period, less the others
+    displaced: bool  # the result in the filter's state is that of a sample before the last one
+    result: Result  # then, of the last one
+
+
 class Workspace(TypedDict):
     """What is needed within one step, or can be had anew from the state; not in a snapshot."""
 
     methods: MethodWorkspace
     motion: MotionWorkspace
+    result: Result  # of a sample that was overtaken
 
 
-STATE = record(State, in_cache_lines=True)
+HISTORY = record(History, in_cache_lines=True)
 WORKSPACE = record(Workspace, in_cache_lines=True)
 
 
@@ -95,6 +115,7 @@ class FilterRecord(TypedDict):
     settings: Annotated[Settings, SETTINGS, ()]
     coefficients: Coefficients
     state: State
+    history: History
     workspace: Workspace
 
 

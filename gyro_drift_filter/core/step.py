@@ -36,6 +36,13 @@ from gyro_drift_filter.core.clock.envelope import (
     lengthen_period,
 )
 from gyro_drift_filter.core.clock.losses import possibly_missing
+from gyro_drift_filter.core.out_of_sequence import (
+    go_back,
+    insert_sample,
+    is_overtaken,
+    keep_sample,
+    note_backward,
+)
 from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
     add_half_counts,
@@ -78,7 +85,39 @@ LARGEST_RESIDUAL = 10.0
 
 @kernel
 def step(sample: Sample, filter_: FilterRecord) -> None:
-    """Take one sample in and leave its result in the state of the filter."""
+    """Take one sample in, at its place in time, and leave its result in the state of the filter."""
+    state, history = filter_['state'], filter_['history']
+    clock, gap_limit = state['clock'], filter_['settings']['gap_limit']
+    if history['displaced']:
+        state['result'] = history['result']
+        history['displaced'] = False
+    if sample['stamp'] < clock['stamp']:
+        note_backward(history, clock, sample['stamp'], gap_limit)
+        if is_overtaken(history, sample['stamp']):
+            _take_overtaken(sample, filter_)
+            return
+    keep_sample(history, state, sample, gap_limit)
+    _take(sample, filter_)
+
+
+@kernel
+def _take_overtaken(sample: Sample, filter_: FilterRecord) -> None:
+    """Take a sample in before those that have overtaken it, and then these once more."""
+    state, history, own = filter_['state'], filter_['history'], filter_['workspace']
+    place = insert_sample(history, sample)
+    go_back(filter_)
+    for i in range(history['count']):
+        _take(history['samples'][i], filter_)
+        if i == place:
+            own['result'] = state['result']
+    history['result'] = state['result']
+    state['result'] = own['result']
+    history['displaced'] = True
+
+
+@kernel
+def _take(sample: Sample, filter_: FilterRecord) -> None:
+    """Take in a sample that follows the one before, or seems to."""
     settings, state = filter_['settings'], filter_['state']
     clock, result, stamp = state['clock'], state['result'], sample['stamp']
     state['counts']['samples'] += 1
@@ -175,6 +214,7 @@ def _doubt_rest(filter_: FilterRecord) -> None:
 def doubt_sensor(filter_: FilterRecord) -> None:
     """Doubt the bias, and forget how the body lies: another sensor measures from now on."""
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
+    filter_['history']['count'] = 0
     lose_direction(bias['motion'])
     lose_direction(bias['unknown'])
     forget_scale(bias['motion'])

@@ -144,6 +144,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Zero stamps': state.zero_stamps,
         'Equal stamps': state.same_stamps,
         'Backward stamps': state.backward_stamps,
+        'Overtaken messages': state.overtaken,
         'Changes of frame_id': now.frame_changes,
         'Last frame_id it changed to': now.frame if now.frame_changes else '',
         'Samples not measured anew': state.not_measured,

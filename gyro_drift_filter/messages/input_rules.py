@@ -99,16 +99,23 @@ def _frame_text(span: Span) -> str:
     return 'frame_id changes from message to message: two sensors on one topic?'
 
 
-def _swapped_in_window(span: Span) -> float:
-    """Return how many messages came after the next one: each leaves a gap and goes back into it."""
+def _left_in_gaps(span: Span) -> int:
+    """Return how many messages came too late for their place: each goes back into a gap."""
     now, first = span.now.telemetry, span.first.telemetry
-    return float(min(now.gaps - first.gaps, now.backward_stamps - first.backward_stamps))
+    backward = now.backward_stamps - first.backward_stamps
+    return min(now.gaps - first.gaps, backward - (now.overtaken - first.overtaken))
+
+
+def _swapped_in_window(span: Span) -> float:
+    """Return how many messages came after the next one."""
+    overtaken = span.now.telemetry.overtaken - span.first.telemetry.overtaken
+    return float(overtaken + _left_in_gaps(span))
 
 
 def _gaps_in_window(span: Span) -> float:
     """Return how many gaps there were that no message has filled later."""
     gaps = span.now.telemetry.gaps - span.first.telemetry.gaps
-    return gaps - _swapped_in_window(span)
+    return float(gaps - _left_in_gaps(span))
 
 
 def _rate_error(span: Span) -> float:

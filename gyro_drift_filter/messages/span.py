@@ -78,7 +78,8 @@ class Span(NamedTuple):
         """
         now, first = self.now.telemetry, self.first.telemetry
         told = 1e-9 * (now.stamp - first.stamp)
-        set_back = now.backward_stamps > first.backward_stamps
+        overtaken = now.overtaken - first.overtaken
+        set_back = now.backward_stamps - first.backward_stamps > overtaken
         untold = now.restarts > first.restarts or now.zero_stamps > first.zero_stamps
         if first.stamp == 0 or told <= 0.0 or set_back or untold:
             return self.expected_rate

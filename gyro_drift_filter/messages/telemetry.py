@@ -47,7 +47,8 @@ class Telemetry(NamedTuple):
     for an axis that was clipped before the driver calibrated its rates; outlier_reason is that of
     the last outlier, of several in a row that of the first one, outlier_method the number in
     `METHODS` of the method that gave it, and last_outlier what samples was when the last outlier
-    came; stamp is the last one in ns that is not 0; rest_obstacle is a member of `Obstacle`, which
+    came; overtaken counts messages that later ones had overtaken, and that were filtered at their
+    place; stamp is the last one in ns that is not 0; rest_obstacle is a member of `Obstacle`, which
     showed last that a block or a segment was no rest, in the signal rest_obstacle_signal;
     rest_beyond_max says that the rest under way has a rate beyond bias.max, and segments_beyond_max
     counts such segments of rest; segments_turning counts those with a rate that the bias can not
@@ -84,6 +85,7 @@ class Telemetry(NamedTuple):
     zero_stamps: int
     same_stamps: int
     backward_stamps: int
+    overtaken: int
     stamp: int
     divergences: Counts
     stuck: bool
@@ -189,6 +191,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['zero_stamps'] = clock['zero_stamps']
     out['same_stamps'] = clock['same_stamps']
     out['backward_stamps'] = clock['backward_stamps']
+    out['overtaken'] = clock['overtaken']
     out['stamp'] = clock['stamp']
     out['stuck'] = checks['stuck']
     out['accelerometer_hangs'] = checks['accelerometer_hangs']

@@ -96,6 +96,9 @@ def recording(random):
     same, twice = at(126.0, 126.2)
     stamps[same] = stamps[same - 1]
     stamps[twice], rates[twice] = stamps[twice - 1], rates[twice - 1]
+    (late,) = at(127.0)
+    for values in (stamps, rates, accelerations):
+        values[[late, late + 1]] = values[[late + 1, late]]  # it comes after the next one
     return stamps, rates, accelerations
 
 

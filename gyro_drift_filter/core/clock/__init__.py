@@ -52,7 +52,8 @@ stamp               effect
 zero                one step; the clock is left alone (the driver does not stamp)
 same, same rates    a repeat: no step, the result of the sample before once more
 same, new rates     one step (a coarse clock)
-backward            one step, and the clock goes on from there; beyond `gap_limit` a restart
+backward            into a gap: at its place (`out_of_sequence.py`); else one step, and the clock
+                    goes on from there; beyond `gap_limit` a restart
 forward             one step, after a prediction for each sample that is missing for sure; beyond
                     `gap_limit` a restart
 ==================  ==========================================================================

@@ -90,6 +90,7 @@ class Clock(TypedDict):
     zero_stamps: int
     same_stamps: int
     backward_stamps: int
+    overtaken: int  # of these, those of messages that were filtered at their place
 
 
 CLOCK = record(Clock)
