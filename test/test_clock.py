@@ -27,7 +27,7 @@ from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sample import SampleStatus
 from support.paths import RECORDINGS
-from support.sensor import at_rest, by_hand
+from support.sensor import GRAVITY, NOISE, at_rest, by_hand, fast_turn
 
 MS = 1_000_000
 START = 10**18
@@ -494,3 +494,53 @@ def test_the_real_bursty_driver_has_no_gap():
     feed(filter_, read_imu_arrays(path).stamps)
     assert clock(filter_) == QUIET
     assert filter_.state['clock']['period'] == pytest.approx(0.01007, rel=0.08)
+
+
+def spread_evenly(measured, random):
+    """Return the stamps of a driver that spreads what it reads evenly over the time since."""
+    reads = measured[0] + np.cumsum(random.uniform(14.0, 26.0, len(measured))) * MS
+    batch = np.searchsorted(reads, measured)
+    stamps = []
+    for k in np.unique(batch):
+        last = reads[k - 1] if k > 0 else measured[0]
+        count = np.count_nonzero(batch == k)
+        stamps.append(last + (reads[k] - last) * np.arange(1, count + 1) / count)
+    return np.concatenate(stamps)
+
+
+def slewed(measured, random):
+    """Return the stamps of a clock that runs 500 ppm fast, and is set by 30 ms in between."""
+    seconds = measured - measured[0]
+    return measured + 5e-4 * seconds + 30.0 * MS * (seconds > 40_000 * MS)
+
+
+def in_steps(measured, random):
+    """Return stamps in steps of 10 ms."""
+    return measured // (10 * MS) * (10 * MS)
+
+
+def as_measured(measured, random):
+    return measured
+
+
+@pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
+@pytest.mark.parametrize('stamps_of', [spread_evenly, slewed, in_steps, as_measured])
+@pytest.mark.parametrize('drift', [0.0, -0.04])
+def test_stamps_as_drivers_make_them_up_cost_nothing(rate, stamps_of, drift, random):
+    """Neither in fast motion nor at rest, also where the sensor's rate drifts as it warms up."""
+    n = round(60.0 * rate)
+    nominal = np.arange(n) / rate
+    measured = START + np.round((nominal + drift * nominal**2 / 120.0) * 1e9).astype(np.int64)
+    moving = (nominal > 20.0) & (nominal < 50.0)
+    truth = np.where(moving[:, None], fast_turn(n, rate), 0.0)
+    noise = NOISE * random.standard_normal((n, 3))
+    accelerations = GRAVITY + 0.02 * random.standard_normal((n, 3))
+    accelerations[moving] += by_hand(random, 40.0, rate)[1][: moving.sum()]
+    filter_: Any = Filter()
+    stamps = stamps_of(measured, random).astype(np.int64)
+    results = filter_.run(stamps, truth + noise, accelerations)
+    error = results['angular_velocity'] - truth
+    fast, resting = moving & (nominal > 21.0), (nominal > 10.0) & (nominal < 19.0)
+    for part, largest in ((fast, 1.02), (resting, 0.3)):
+        assert np.sqrt(np.mean(error[part] ** 2)) < largest * NOISE
+    assert filter_.state['clock']['missing_samples'] < 0.01 * n
