@@ -51,9 +51,9 @@ from gyro_drift_filter.core.rest.stationarity import (
 from gyro_drift_filter.core.sample import Sample
 
 LEAST_SEGMENT = 4  # blocks: half a second, at the end of a rest
-# Blocks: once the noise is known a stop may be so short, where single blocks show the motions before
-# and after it. The turning point of a slow swing is still for as long, but such a swing shows only
-# by how far the means of blocks move.
+# Blocks: once the noise is known a stop may be so short, where single blocks show the motions
+# before and after it. The turning point of a slow swing is still for as long, but such a swing
+# shows only by how far the means of blocks move.
 SHORTEST_STOP = 6
 # Before anything is known a segment may be called steady from so many blocks on.
 LEAST_STEADY_BLOCKS = 6
