@@ -44,6 +44,7 @@ DRIVE, STAND, MOTION = 300, 10, 20  # s
 WARM_UPS, WARMING_SECONDS = (0.5, 1.0, 2.0, 4.0), 240.0  # deg/s, s
 STOPS, STOP_WARM_UP = (1.0, 1.5, 2.0, 3.0, 5.0), 1.0  # s, deg/s
 VIBRATION, PUSH = 0.01, 0.4  # rad/s, m/s^2
+HUM, HUM_RATES, HUM_FORCES = 37.3, (0.03, 0.015, 0.021), (0.18, 0.6, 0.24)  # Hz, rad/s, m/s^2
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
@@ -144,13 +145,14 @@ def warm_up_in_stands(random: np.random.Generator, size: float, rate: float) -> 
     return _lost_in_stands(random, _warming(size, rate), rate)
 
 
-def warm_up_in_stops(random: np.random.Generator, stop: float, rate: float) -> float:
+def warm_up_in_stops(random: np.random.Generator, stop: float, hums: bool, rate: float) -> float:
     """Return the same of a robot on wheels that stops for `stop` s each.
 
-    They vibrate as it drives. It stands for 10 s at first.
+    They vibrate as it drives. It stands for 10 s at first. Then a machine is switched on, if it
+    `hums`, and stays on.
     """
     truth = _warming(STOP_WARM_UP, rate)
-    return _lost_in_stands(random, truth, rate, stop, vibrates=True)
+    return _lost_in_stands(random, truth, rate, stop, vibrates=True, hums=hums)
 
 
 def _warming(size: float, rate: float) -> Array:
@@ -165,14 +167,17 @@ def _lost_in_stands(
     rate: float,
     stand: float = STAND,
     vibrates: bool = False,
+    hums: bool = False,
 ) -> float:
     """Return the heading that is lost in deg, with a bias (n,) in rad/s about the vertical.
 
     The robot stands for 10 s, and then drives and stands in turns, for `stand` s each time: smooth
-    noise of 0.3 rad/s and 0.3 m/s^2, and white noise as well where it vibrates.
+    noise of 0.3 rad/s and 0.3 m/s^2, and white noise as well where it vibrates. If it `hums`, a
+    machine does so from the end of the first stand on.
     """
     rates, accelerations = at_rest(random, DRIVE, rate)
-    since = (np.arange(len(rates)) / rate - STAND + stand) % (stand + MOTION) - stand
+    time = np.arange(len(rates)) / rate
+    since = (time - STAND + stand) % (stand + MOTION) - stand
     window = np.clip(np.minimum(since, MOTION - since) / 0.5, 0.0, 1.0)
     window[: round(STAND * rate)] = 0.0
     motion = 0.3 * window[:, None] * _smooth(random, len(rates), rate)
@@ -180,6 +185,10 @@ def _lost_in_stands(
         shaken = window[:, None] > 0.0
         rates += VIBRATION * shaken * random.standard_normal(rates.shape)
         accelerations += PUSH * shaken * random.standard_normal(rates.shape)
+    if hums:
+        tone = ((time > STAND) * np.sin(2.0 * np.pi * HUM * time))[:, None]
+        rates += tone * HUM_RATES
+        accelerations += tone * HUM_FORCES
     rates[:, 2] += truth
     bias = _biases(rates + motion, accelerations + motion, rate, False)[:, 2]
     return float(np.abs(np.cumsum(bias - truth)).max() / rate / _DEGREE)
@@ -347,15 +356,21 @@ def main() -> None:
     print(table(rows), end='\n\n')
     print(
         f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
-        'drives, and stops for so long\n'
+        'drives, and stops for so long;\nand with a machine that hums from the first stop on\n'
     )
-    rows = [['stop (s)', 'heading (deg)']]
+    rows = [['stop (s)', 'heading (deg)', 'with a machine (deg)']]
     for stop in STOPS:
         tell(f'warming up between stops of {stop:g} s ...')
-        lost = np.array(
-            [warm_up_in_stops(np.random.default_rng(seed), stop, options.rate) for seed in seeds]
-        )
-        rows.append([f'{stop:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+        row = [f'{stop:g}']
+        for hums in (False, True):
+            lost = np.array(
+                [
+                    warm_up_in_stops(np.random.default_rng(seed), stop, hums, options.rate)
+                    for seed in seeds
+                ]
+            )
+            row.append(f'{np.median(lost):.1f}  {lost.max():.1f}')
+        rows.append(row)
     print(table(rows), end='\n\n')
     print(
         f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '

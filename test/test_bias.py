@@ -414,6 +414,23 @@ def test_a_machine_that_is_switched_on_after_the_first_rest_hides_no_rest(machin
     assert np.abs(results['bias'] - bias)[late].max() < 2.5e-3
 
 
+@pytest.mark.parametrize('machine', [humming, noisier, shaken])
+def test_a_machine_that_stays_on_between_long_drives_hides_no_rest(machine, random):
+    """No three segments of rest come after one another, and none within ten seconds of another."""
+    spells = [(10, False)] + 12 * [(20, True), (5, False)]
+    rates, accelerations = moving_and_resting(random, spells, lambda time: np.zeros(3))
+    more, shake = machine(random, len(rates) / 100 - 10.5)
+    rates[1050:] += more
+    accelerations[1050:] += shake
+    seconds = np.arange(len(rates)) / 100
+    truth = np.outer(1.0 - np.exp(-seconds / 240), (0.2, -0.3, 1.0)) * DEGREE
+    results = run(Filter(), rates + truth, accelerations)
+    late, stands = seconds > 100.0, (seconds - 10.0) % 25.0 >= 20.0
+    assert results['at_rest'][late & stands].mean() > 0.4
+    assert results['at_rest'][late & ~stands].mean() < 0.01
+    assert np.abs(results['bias'] - truth)[late].max() < 0.3 * DEGREE
+
+
 def test_a_machine_that_runs_now_and_then_hides_no_rest(random):
     rates, accelerations = at_rest(random, 120)
     runs = (np.arange(len(rates)) % 2000 < 600) & (np.arange(len(rates)) > 1000)

@@ -151,7 +151,7 @@ def forget_bias(state: Bias, turn_on_deviation: float) -> None:
 def leave_rest(state: Bias) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])
-    start_rest(state['other_rest'])
+    start_rest(state['other_noise']['rest'])
     lose_direction(state['motion'])
     lose_direction(state['unknown'])
     _forget_stillness(state)
@@ -204,11 +204,11 @@ def track_bias(
         note_count(rest, axis, likely_count(quantisation, axis))
         note_count(rest, 3 + axis, rest['force']['resolution'][axis])
     run = rest['run']
-    hand_on_block(rest, state['other_rest'])
+    hand_on_block(rest, state['other_noise']['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     found = close_block(rest, lengths)
-    look_for_other_noise(rest, state['other_rest'], lengths)
+    look_for_other_noise(rest, state['other_noise'], lengths)
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])

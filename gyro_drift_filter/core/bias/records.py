@@ -22,7 +22,7 @@ from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
-from gyro_drift_filter.core.rest.records import Rest
+from gyro_drift_filter.core.rest.records import OtherNoise, Rest
 
 RECENT = 8  # segments of one rest that have to agree
 
@@ -56,7 +56,7 @@ class Bias(TypedDict):
     """The bias, and what the last segments of rest say of it."""
 
     rest: Rest
-    other_rest: Rest  # by another noise than the one that is known
+    other_noise: OtherNoise
     known: bool
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2

@@ -17,7 +17,7 @@
 Where the noise has risen for good nothing is still any more, by what is known of it. So what is not
 known as rest is looked at a second time, by a detector that knows no noise, as before the first
 rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
-the noise at rest from now on. Where the noise falls again it is learned as always.
+the noise at rest from now on. A robot may drive for long in between. Where the noise falls again it is learned as always.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -27,15 +27,18 @@ from gyro_drift_filter.core.rest.records import (
     SEGMENT_BLOCKS,
     SIGNALS,
     BlockOutcome,
+    OtherNoise,
     Rest,
     RestLengths,
 )
 
 # A motion may pass for noise once.
 CONFIRMING = 3  # segments
-# The variance of values over the known one: below this the noise that is known finds the rest.
+# The variance of values over the known one: below this the noise that is known finds the rest, and
+# two segments have one and the same noise.
 NOISIER = 2.0
-# What has been neither rest nor of that noise for so long was motion.
+# What has been neither rest nor of that noise for so long was motion. The detector may learn another
+# noise then; segments that had this one still count.
 FORGET_OTHER_NOISE_SECONDS = 10.0
 
 
@@ -52,8 +55,9 @@ def hand_on_block(rest: Rest, other: Rest) -> None:
 
 
 @kernel
-def look_for_other_noise(rest: Rest, other: Rest, lengths: RestLengths) -> None:
+def look_for_other_noise(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
     """Close the block that was handed on, and take another noise over where it is confirmed."""
+    other = noise['rest']
     if rest['at_rest'] or not rest['known']:
         start_rest(other)
         return
@@ -64,9 +68,21 @@ def look_for_other_noise(rest: Rest, other: Rest, lengths: RestLengths) -> None:
         next_segment(other, True)
     elif found == BlockOutcome.SEGMENT:
         next_segment(other, False)
+        _note_segment(noise)
         stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
-        if stands and other['learned'] >= CONFIRMING and _is_of_a_machine(rest, other):
+        if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
             _take_noise(rest, other)
+
+
+@kernel
+def _note_segment(noise: OtherNoise) -> None:
+    """Count a segment that has the noise of the one before, which may be long ago."""
+    alike = True
+    for i in range(SIGNALS):
+        before, now = noise['variances'][i], noise['rest']['signals'][i]['variance']
+        alike = alike and now <= NOISIER * before and before <= NOISIER * now
+        noise['variances'][i] = now
+    noise['segments'] = noise['segments'] + 1 if alike else 1
 
 
 @kernel

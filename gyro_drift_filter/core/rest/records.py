@@ -18,6 +18,9 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Annotated, TypedDict
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.force import FORCE, Force
 from gyro_drift_filter.core.rest.spikes import WAITING, Waiting
@@ -29,6 +32,7 @@ SEGMENT_BLOCKS = 16
 HALF = 8  # blocks
 
 SIGNALS = 6
+PerSignal = Annotated[NDArray[np.float64], np.float64, (SIGNALS,)]
 
 
 class Signal(TypedDict):
@@ -141,6 +145,14 @@ class Rest(TypedDict):
     halves: int  # a member of Halves
 
 
+class OtherNoise(TypedDict):
+    """A noise at rest that may have taken the place of the one that is known."""
+
+    rest: Rest  # by that noise
+    variances: PerSignal  # of values, in its last segment
+    segments: int  # that had it, one after the other
+
+
 class RestLengths(TypedDict):
     """Lengths for one sample period."""
 
@@ -151,6 +163,7 @@ class RestLengths(TypedDict):
 
 
 REST = record(Rest)
+OTHER_NOISE = record(OtherNoise)
 REST_LENGTHS = record(RestLengths)
 
 
