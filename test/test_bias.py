@@ -466,6 +466,22 @@ def test_short_stops_keep_a_bias_that_warms_up(stop, random):
     assert np.abs(error.sum(axis=0) / 100).max() < 40.0 * DEGREE  # 240 without the stops
 
 
+def test_one_signal_that_vibrates_shows_where_a_short_stop_begins(random):
+    """The rates do, by little more than noise; the accelerations change smoothly at its ends."""
+    seconds = np.arange(33_600) / 100
+    since = np.where(seconds < 6.0, 0.0, (seconds - 6.0) % 22.0)
+    window = np.clip(np.minimum(since, 20.0 - since) / 0.5, 0.0, 1.0)[:, None]
+    sway = 0.3 * window * np.sin(0.7 * seconds)[:, None]
+    truth = np.outer(1.0 - np.exp(-seconds / 120), (0.2, -0.3, 1.0)) * DEGREE
+    lost = []
+    for _ in range(5):
+        rates, accelerations = at_rest(random, 336)
+        rates += sway + 0.01 * (window > 0.0) * random.standard_normal(rates.shape)
+        error = run(Filter(), rates + truth, accelerations + sway)['bias'] - truth
+        lost.append(np.abs(error.sum(axis=0) / 100).max() / DEGREE)
+    assert np.median(lost) < 30.0
+
+
 def test_where_a_slow_turn_stops_to_differ_from_noise_is_no_short_stop(random):
     """What shows such a turn is that the means move, and they do so for long parts of it alone."""
     changed = []

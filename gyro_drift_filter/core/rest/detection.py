@@ -155,7 +155,8 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     if still:
         for i in range(SIGNALS):
             obstacle = obstacle_of_block(rest, rest['signals'][i])
-            if obstacle != Obstacle.NONE:
+            # A signal that varies within the block says more than one whose mean has moved.
+            if obstacle == Obstacle.VARIES or (still and obstacle != Obstacle.NONE):
                 still = False
                 note_obstacle(rest, obstacle, i)
         note_gravity(rest, lengths['block_seconds'])
