@@ -81,73 +81,33 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
     It is of the segment under way, or of all blocks since gravity stands. In these the body may
     have turned at `hidden_rate` in rad/s, by a tilt too small to show.
     """
+    is_far, fits_zero = False, is_zero(state['bias']) and not state['known']
+    total = total_before = 0.0
     for axis in range(3):
-        if abs(_mean(state['rest'], axis, standing)) > bias_max:
+        mean, variance = _measure(state['rest'], axis, standing, hidden_rate)
+        if abs(mean) > bias_max:
             return
-    if not _tells_more(state, standing, hidden_rate):
+        before, distance = bias_variance(state, axis), mean - state['bias'][axis]
+        total += variance
+        total_before += before
+        is_far = is_far or distance * distance > GATE * GATE * (variance + before)
+        fits_zero = fits_zero and mean * mean <= SIGNIFICANT * SIGNIFICANT * variance
+    if not total < total_before:
         return
-    if _lies_far(state, standing, hidden_rate):
+    if is_far:
         if state['known']:
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
             give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
-    is_start = is_zero(state['bias']) and not state['known']
-    if is_start and _fits_zero(state, standing, hidden_rate):
-        _keep_zero(state, standing, hidden_rate)
-    else:
-        _replace_bias(state, standing, hidden_rate)
+    for axis in range(3):
+        mean, variance = _measure(state['rest'], axis, standing, hidden_rate)
+        if fits_zero:
+            variance += mean * mean  # the bias stays zero, as certain as the mean lets it be
+        else:
+            state['bias'][axis] = mean
+        state['variance'][axis] = variance
     _begin_provisional(state, standing)
     _replace_direction(state, standing)
-
-
-@kernel
-def _tells_more(state: Bias, standing: bool, hidden_rate: float) -> bool:
-    """Return whether the mean is more certain than the bias."""
-    total = before = 0.0
-    for axis in range(3):
-        total += _variance(state['rest'], axis, standing, hidden_rate)
-        before += bias_variance(state, axis)
-    return bool(total < before)
-
-
-@kernel
-def _fits_zero(state: Bias, standing: bool, hidden_rate: float) -> bool:
-    """Return whether the mean does not differ from zero."""
-    for axis in range(3):
-        variance = _variance(state['rest'], axis, standing, hidden_rate)
-        mean = _mean(state['rest'], axis, standing)
-        if mean * mean > SIGNIFICANT * SIGNIFICANT * variance:
-            return False
-    return True
-
-
-@kernel
-def _lies_far(state: Bias, standing: bool, hidden_rate: float) -> bool:
-    """Return whether the mean lies where the bias so far can't be."""
-    far = False
-    for axis in range(3):
-        distance = _mean(state['rest'], axis, standing) - state['bias'][axis]
-        variance = _variance(state['rest'], axis, standing, hidden_rate)
-        spread = variance + bias_variance(state, axis)
-        far = far or distance * distance > GATE * GATE * spread
-    return far
-
-
-@kernel
-def _keep_zero(state: Bias, standing: bool, hidden_rate: float) -> None:
-    """Make zero the provisional bias, as certain as the mean lets it be."""
-    for axis in range(3):
-        mean = _mean(state['rest'], axis, standing)
-        variance = _variance(state['rest'], axis, standing, hidden_rate)
-        state['variance'][axis] = variance + mean * mean
-
-
-@kernel
-def _replace_bias(state: Bias, standing: bool, hidden_rate: float) -> None:
-    """Make the mean the provisional bias."""
-    for axis in range(3):
-        state['bias'][axis] = _mean(state['rest'], axis, standing)
-        state['variance'][axis] = _variance(state['rest'], axis, standing, hidden_rate)
 
 
 @kernel
@@ -182,8 +142,11 @@ def _replace_direction(state: Bias, standing: bool) -> None:
 
 
 @kernel
-def _mean(rest: Rest, axis: int, standing: bool) -> float:
-    return standing_mean(rest, axis) if standing else segment_mean(rest, axis)
+def _measure(rest: Rest, axis: int, standing: bool, hidden_rate: float) -> tuple[float, float]:
+    """Return the mean of an axis in rad/s, and the variance in (rad/s)^2 of a bias that it is."""
+    mean = standing_mean(rest, axis) if standing else segment_mean(rest, axis)
+    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION + hidden_rate * hidden_rate
+    return mean, _scatter(rest, axis, standing) + besides
 
 
 @kernel
@@ -191,13 +154,6 @@ def _scatter(rest: Rest, axis: int, standing: bool) -> float:
     """Return the variance of the mean in (rad/s)^2, by the scatter of its blocks."""
     scatter = variance_of_standing_mean(rest, axis) if standing else segment_scatter(rest, axis)
     return max(scatter, LEAST_VARIANCE)
-
-
-@kernel
-def _variance(rest: Rest, axis: int, standing: bool, hidden_rate: float) -> float:
-    """Return the variance in (rad/s)^2 of a bias that is the mean."""
-    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION + hidden_rate * hidden_rate
-    return _scatter(rest, axis, standing) + besides
 
 
 @kernel
