@@ -44,7 +44,6 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     add_waiting_block,
     drop_early_half,
-    first_mean,
     mean_square_step,
     scatter_of_means,
     segment_mean,
@@ -709,11 +708,12 @@ def test_the_later_half_of_a_segment_stands_for_itself(more, random):
         if number == SEGMENT_BLOCKS - 1:
             drop_early_half(rest)
     kept, signal_ = means[HALF:], rest['signals'][0]
+    sums = signal_['segment']
     assert rest['blocks'] == len(kept)
-    assert first_mean(rest, 0) == kept[0]
+    assert sums['first'] == kept[0]
     assert segment_mean(rest, 0) == pytest.approx(kept.mean())
-    assert scatter_of_means(rest, signal_) == pytest.approx(kept.var(ddof=1))
-    assert mean_square_step(rest, signal_) == pytest.approx(np.square(np.diff(kept)).mean())
+    assert scatter_of_means(sums, len(kept)) == pytest.approx(kept.var(ddof=1))
+    assert mean_square_step(sums, len(kept)) == pytest.approx(np.square(np.diff(kept)).mean())
     assert value_variance(rest, signal_) == np.arange(HALF, len(means)).mean()
 
 
@@ -905,7 +905,7 @@ def set_segment(state, means, noises):
     rest = state['rest']
     rest['blocks'], rest['variance_ratio'] = 16, 1.0
     for axis in range(3):
-        rest['signals'][axis]['first'] = means[axis]
+        rest['signals'][axis]['segment']['first'] = means[axis]
         rest['signals'][axis]['scatter'] = 16 * noises[axis]
 
 

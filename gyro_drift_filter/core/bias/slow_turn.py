@@ -30,13 +30,7 @@ from typing import TypedDict
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import (
-    block_moments,
-    first_mean,
-    is_block_filled,
-    last_mean,
-    segment_mean,
-)
+from gyro_drift_filter.core.rest.segment import block_moments, is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 # A turn lasts no longer than this: then it is the bias after all.
@@ -153,7 +147,7 @@ def update_slow_turn(
         turn['rate'][axis] = segment_mean(rest, axis)
         turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
         if turn['standing_seconds'] == 0.0:
-            turn['gravity'][axis] = first_mean(rest, 3 + axis)
+            turn['gravity'][axis] = rest['signals'][3 + axis]['segment']['first']
     turn['since_rest'] = since_rest
     turn['seconds'] += seconds
     turn['standing_seconds'] += seconds
@@ -245,7 +239,8 @@ def is_back(turn: SlowTurn, rest: Rest, bias: PerAxis) -> bool:
 @kernel
 def _gravity_stands(turn: SlowTurn, rest: Rest) -> bool:
     for axis in range(3):
-        if abs(last_mean(rest, 3 + axis) - turn['gravity'][axis]) > STEADY_GRAVITY:
+        last = rest['signals'][3 + axis]['segment']['last']
+        if abs(last - turn['gravity'][axis]) > STEADY_GRAVITY:
             return False
     return True
 
@@ -266,7 +261,8 @@ def _is_denied(turn: SlowTurn, rest: Rest, variance: float) -> bool:
         across += change * change
         size += gravity[axis] * gravity[axis]
         whole += angle[axis] * angle[axis]
-        lives = lives or first_mean(rest, 3 + axis) != last_mean(rest, 3 + axis)
+        sums = rest['signals'][3 + axis]['segment']
+        lives = lives or sums['first'] != sums['last']
     if size < LEAST_GRAVITY * LEAST_GRAVITY or not lives or not _gravity_stands(turn, rest):
         return False
     across /= size

@@ -18,7 +18,7 @@ import math
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.quantisation import COUNT_VARIANCE
-from gyro_drift_filter.core.rest.records import SIGNALS, Rest, RestLengths, Signal
+from gyro_drift_filter.core.rest.records import SIGNALS, MeanSums, Rest, RestLengths, Signal
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
     mean_square_step,
@@ -57,7 +57,7 @@ def learn_noise_from_segment(rest: Rest, length: int) -> None:
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = _weight(rest)
     if rest['learned'] == 1:
-        rest['variance_ratio'] = _correlated_ratio(rest)
+        rest['variance_ratio'] = _first_ratio(rest)
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         variance, scatter = _noise_of_segment(rest, signal, length)
@@ -86,39 +86,32 @@ def _weight(rest: Rest) -> float:
 def _noise_of_segment(rest: Rest, signal: Signal, length: int) -> tuple[float, float]:
     """Return the variance of values in blocks of `length`, and of the means of these."""
     variance = value_variance(rest, signal)
-    return variance, max(scatter_of_means(rest, signal), variance / length)
+    return variance, max(scatter_of_means(signal['segment'], rest['blocks']), variance / length)
 
 
 @kernel
-def _correlated_ratio(rest: Rest) -> float:
-    """Return how much more the mean of a segment varies than if its blocks were independent.
-
-    From the correlation of one block and the next on the axes of the gyroscope, as if it fell off
-    exponentially.
-    """
+def _first_ratio(rest: Rest) -> float:
+    """Return the ratio of variances by the correlation on the axes of the gyroscope."""
     correlation = 0.0
     for i in range(3):
-        signal = rest['signals'][i]
-        steps, scatter = mean_square_step(rest, signal), scatter_of_means(rest, signal)
-        correlation += _correlation(steps, scatter) / 3.0
-    return _ratio(correlation)
+        correlation += correlation_of_means(rest['signals'][i]['segment'], rest['blocks']) / 3.0
+    return ratio_by_correlation(correlation)
 
 
 @kernel
-def correlated_ratio(steps: float, scatter: float) -> float:
-    """Return the same for one axis, by the scatter of its blocks and the mean square of a step."""
-    return _ratio(_correlation(steps, scatter))
-
-
-@kernel
-def _correlation(steps: float, scatter: float) -> float:
-    """Return the correlation of one block and the next."""
+def correlation_of_means(sums: MeanSums, blocks: int) -> float:
+    """Return the correlation of the means of one block and the next, of so many in a row."""
+    steps, scatter = mean_square_step(sums, blocks), scatter_of_means(sums, blocks)
     # Von Neumann's ratio, 2 for independent ones and for a coarse sensor that shows none.
     return 1.0 - 0.5 * (steps + 2.0 * LEAST_VARIANCE) / (scatter + LEAST_VARIANCE)
 
 
 @kernel
-def _ratio(correlation: float) -> float:
+def ratio_by_correlation(correlation: float) -> float:
+    """Return how much more the mean of blocks varies than if they were independent.
+
+    As if their correlation fell off exponentially from one block to the next.
+    """
     correlation = min(max(correlation, 0.0), STRONGEST_CORRELATION)
     return (1.0 + correlation) / (1.0 - correlation)
 

@@ -35,6 +35,19 @@ SIGNALS = 6
 PerSignal = Annotated[NDArray[np.float64], np.float64, (SIGNALS,)]
 
 
+class MeanSums(TypedDict):
+    """Sums over the means of blocks, in the unit of their signal."""
+
+    first: float
+    last: float
+    means: float  # sum of them less the first one
+    mean_squares: float
+    steps: float  # sum of squared differences of one mean and the next
+
+
+MEAN_SUMS = record(MeanSums)
+
+
 class Signal(TypedDict):
     """One of the six signals: what is known of its noise, and the sums under way."""
 
@@ -49,13 +62,9 @@ class Signal(TypedDict):
     waiting_mean: float
     waiting_variance: float
     # the segment
-    means: float  # sum of means less the first one
-    mean_squares: float
+    segment: MeanSums
     variances: float
     largest_variance: float  # of the half under way; read only where the noise is not known yet
-    steps: float  # sum of squared differences of one mean and the next
-    last: float  # mean of the last block
-    first: float  # mean of the first block
     # of the first `HALF` blocks of the segment
     early_means: float
     early_mean_squares: float
@@ -69,19 +78,6 @@ class Signal(TypedDict):
 
 
 SIGNAL = record(Signal)
-
-
-class Standing(TypedDict):
-    """The means of blocks of an axis of the gyroscope while gravity stands, in rad/s."""
-
-    first: float
-    last: float
-    means: float  # sum of them less the first one
-    mean_squares: float
-    steps: float  # sum of squared differences of one mean and the next
-
-
-STANDING = record(Standing)
 
 
 class Halves(IntEnum):
@@ -131,7 +127,7 @@ class Rest(TypedDict):
     restless: int  # blocks since the last rest
     steady_seconds: float  # for which gravity has stood without a rest
     gravity: PerAxis  # m/s^2, when it began to
-    standing: Annotated[Sequence[Standing], STANDING, (3,)]
+    standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile
     standing_blocks: int  # for which it has stood, rest or not
     at_rest: bool
     obstacle: int  # a member of Obstacle

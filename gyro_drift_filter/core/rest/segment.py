@@ -15,7 +15,15 @@
 """The sums over a value, a block and a segment, and the means and variances that follow."""
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Halves, Rest, RestLengths, Signal
+from gyro_drift_filter.core.rest.records import (
+    HALF,
+    SIGNALS,
+    Halves,
+    MeanSums,
+    Rest,
+    RestLengths,
+    Signal,
+)
 
 # Of a signal in its unit squared: a coarse sensor shows none at rest.
 LEAST_VARIANCE = 1e-10
@@ -88,12 +96,22 @@ def start_segment(rest: Rest) -> None:
     rest['halves'] = Halves.WHOLE
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        signal['means'] = 0.0
-        signal['mean_squares'] = 0.0
         signal['variances'] = 0.0
         signal['largest_variance'] = 0.0
         signal['early_largest_variance'] = 0.0
-        signal['steps'] = 0.0
+
+
+@kernel
+def add_mean(sums: MeanSums, mean: float, blocks: int) -> None:
+    """Add the mean of the block that comes behind so many."""
+    if blocks == 0:
+        sums['first'] = sums['last'] = mean
+        sums['means'] = sums['mean_squares'] = sums['steps'] = 0.0
+    step, deviation = mean - sums['last'], mean - sums['first']
+    sums['steps'] += step * step
+    sums['means'] += deviation
+    sums['mean_squares'] += deviation * deviation
+    sums['last'] = mean
 
 
 @kernel
@@ -102,18 +120,10 @@ def add_waiting_block(rest: Rest) -> None:
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         mean, variance = signal['waiting_mean'], signal['waiting_variance']
-        if rest['blocks'] == 0:
-            signal['first'] = mean
-        else:
-            step = mean - signal['last']
-            signal['steps'] += step * step
+        add_mean(signal['segment'], mean, rest['blocks'])
         if rest['blocks'] == HALF:  # here, as the step to this block belongs to neither half
             signal['late_first'] = mean
-            signal['early_steps'] = signal['steps']
-        signal['last'] = mean
-        deviation = mean - signal['first']
-        signal['means'] += deviation
-        signal['mean_squares'] += deviation * deviation
+            signal['early_steps'] = signal['segment']['steps']
         signal['variances'] += variance
         signal['largest_variance'] = max(signal['largest_variance'], variance)
     rest['blocks'] += 1
@@ -126,8 +136,8 @@ def _note_half(rest: Rest) -> None:
     """Keep the sums of the segment, which has its first half."""
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        signal['early_means'] = signal['means']
-        signal['early_mean_squares'] = signal['mean_squares']
+        signal['early_means'] = signal['segment']['means']
+        signal['early_mean_squares'] = signal['segment']['mean_squares']
         signal['early_variances'] = signal['variances']
         signal['early_largest_variance'] = signal['largest_variance']
         signal['largest_variance'] = 0.0
@@ -139,34 +149,22 @@ def drop_early_half(rest: Rest) -> None:
     rest['blocks'] -= HALF
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        means = signal['means'] - signal['early_means']
-        shift = signal['late_first'] - signal['first']
-        signal['first'] = signal['late_first']
-        signal['means'] = means - rest['blocks'] * shift
-        signal['mean_squares'] -= signal['early_mean_squares']
-        signal['mean_squares'] -= (2.0 * means - rest['blocks'] * shift) * shift
+        sums = signal['segment']
+        means = sums['means'] - signal['early_means']
+        shift = signal['late_first'] - sums['first']
+        sums['first'] = signal['late_first']
+        sums['means'] = means - rest['blocks'] * shift
+        sums['mean_squares'] -= signal['early_mean_squares']
+        sums['mean_squares'] -= (2.0 * means - rest['blocks'] * shift) * shift
+        sums['steps'] -= signal['early_steps']
         signal['variances'] -= signal['early_variances']
-        signal['steps'] -= signal['early_steps']
     _note_half(rest)
 
 
 @kernel
 def segment_mean(rest: Rest, index: int) -> float:
     """Return the mean of signal `index` over the segment."""
-    signal = rest['signals'][index]
-    return float(signal['first'] + signal['means'] / rest['blocks'])
-
-
-@kernel
-def first_mean(rest: Rest, index: int) -> float:
-    """Return the mean of signal `index` over the first block of the segment."""
-    return float(rest['signals'][index]['first'])
-
-
-@kernel
-def last_mean(rest: Rest, index: int) -> float:
-    """Return the mean of signal `index` over the last block of the segment."""
-    return float(rest['signals'][index]['last'])
+    return mean_of(rest['signals'][index]['segment'], rest['blocks'])
 
 
 @kernel
@@ -176,27 +174,28 @@ def value_variance(rest: Rest, signal: Signal) -> float:
 
 
 @kernel
-def mean_square_step(rest: Rest, signal: Signal) -> float:
+def mean_of(sums: MeanSums, blocks: int) -> float:
+    """Return the mean of the means of so many blocks."""
+    return float(sums['first'] + sums['means'] / blocks)
+
+
+@kernel
+def mean_square_step(sums: MeanSums, blocks: int) -> float:
     """Return the mean square of the step from the mean of one block to that of the next."""
-    return float(signal['steps'] / (rest['blocks'] - 1.0))
+    return float(sums['steps'] / (blocks - 1.0))
 
 
 @kernel
-def scatter_of_means(rest: Rest, signal: Signal) -> float:
-    """Return the variance of the means in the segment."""
-    return scatter_of(signal['means'], signal['mean_squares'], 1.0 * rest['blocks'])
-
-
-@kernel
-def scatter_of(total: float, squares: float, count: float) -> float:
-    """Return the variance of so many values, by their sum and the sum of their squares."""
-    return float(max(squares - total * total / count, 0.0) / (count - 1.0))
+def scatter_of_means(sums: MeanSums, blocks: int) -> float:
+    """Return the variance of the means of so many blocks."""
+    total = sums['means']
+    return float(max(sums['mean_squares'] - total * total / blocks, 0.0) / (blocks - 1.0))
 
 
 @kernel
 def segment_scatter(rest: Rest, index: int) -> float:
     """Return the variance of the mean of signal `index`, by the scatter of the segment's blocks."""
-    return float(scatter_of_means(rest, rest['signals'][index]) / rest['blocks'])
+    return scatter_of_means(rest['signals'][index]['segment'], rest['blocks']) / rest['blocks']
 
 
 @kernel

@@ -20,9 +20,15 @@ than the others do.
 """
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.rest.noise import correlated_ratio
+from gyro_drift_filter.core.rest.noise import correlation_of_means, ratio_by_correlation
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments, scatter_of
+from gyro_drift_filter.core.rest.segment import (
+    LEAST_VARIANCE,
+    add_mean,
+    block_moments,
+    mean_of,
+    scatter_of_means,
+)
 from gyro_drift_filter.gravity import GRAVITY
 
 # Gravity stands where the means of blocks stay within this, and is that, in m/s^2; the tilt in rad
@@ -53,43 +59,28 @@ def note_gravity(rest: Rest, block_seconds: float) -> None:
         return
     for axis in range(3):
         mean, _ = block_moments(rest, rest['signals'][axis])
-        _add_mean(rest, axis, mean)
+        add_mean(rest['standing'][axis], mean, rest['standing_blocks'])
     rest['standing_blocks'] += 1
-
-
-@kernel
-def _add_mean(rest: Rest, axis: int, mean: float) -> None:
-    standing = rest['standing'][axis]
-    if rest['standing_blocks'] == 0:
-        standing['first'] = standing['last'] = mean
-        standing['means'] = standing['mean_squares'] = standing['steps'] = 0.0
-    step, deviation = mean - standing['last'], mean - standing['first']
-    standing['steps'] += step * step
-    standing['means'] += deviation
-    standing['mean_squares'] += deviation * deviation
-    standing['last'] = mean
 
 
 @kernel
 def standing_mean(rest: Rest, axis: int) -> float:
     """Return the mean rate of an axis while gravity stands."""
-    standing = rest['standing'][axis]
-    return float(standing['first'] + standing['means'] / rest['standing_blocks'])
+    return mean_of(rest['standing'][axis], rest['standing_blocks'])
 
 
 @kernel
 def standing_scatter(rest: Rest, axis: int) -> float:
     """Return the variance of the means of blocks of an axis while gravity stands."""
-    standing, blocks = rest['standing'][axis], 1.0 * rest['standing_blocks']
-    return scatter_of(standing['means'], standing['mean_squares'], blocks)
+    return scatter_of_means(rest['standing'][axis], rest['standing_blocks'])
 
 
 @kernel
 def variance_of_standing_mean(rest: Rest, axis: int) -> float:
     """Return the variance of the mean rate, by the scatter of the blocks and how alike they are."""
-    steps = rest['standing'][axis]['steps'] / (rest['standing_blocks'] - 1.0)
-    scatter = standing_scatter(rest, axis)
-    return float(correlated_ratio(steps, scatter) * scatter / rest['standing_blocks'])
+    blocks = rest['standing_blocks']
+    ratio = ratio_by_correlation(correlation_of_means(rest['standing'][axis], blocks))
+    return ratio * standing_scatter(rest, axis) / blocks
 
 
 @kernel

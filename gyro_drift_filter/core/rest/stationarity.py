@@ -30,6 +30,7 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
     block_moments,
+    mean_of,
     mean_square_step,
     scatter_of_means,
     segment_mean,
@@ -87,7 +88,7 @@ def obstacle_of_block(rest: Rest, signal: Signal) -> Obstacle:
     blocks = rest['blocks']
     if blocks == 0:
         return Obstacle.NONE
-    distance = mean - (signal['first'] + signal['means'] / blocks)
+    distance = mean - mean_of(signal['segment'], blocks)
     spread = signal['scatter'] * (1.0 + 1.0 / blocks)
     near = distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread
     return Obstacle.NONE if near else Obstacle.MOVED
@@ -120,7 +121,7 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
     signal = rest['signals'][index]
     if rest['known']:
         limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
-        if scatter_of_means(rest, signal) > limit * signal['scatter']:
+        if scatter_of_means(signal['segment'], rest['blocks']) > limit * signal['scatter']:
             return Obstacle.SCATTERS
         scatter = signal['scatter'] * rest['variance_ratio']
         if index < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
@@ -144,13 +145,13 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
 def _obstacle_of_first(rest: Rest, index: int, lengths: RestLengths) -> Obstacle:
     """Return what of signal `index` can't be that of a body at rest, with noise of any spectrum."""
     signal, length = rest['signals'][index], 1.0 * lengths['block']
-    scatter = scatter_of_means(rest, signal)
+    scatter = scatter_of_means(signal['segment'], rest['blocks'])
     walk = LARGEST_RANDOM_WALK if index < 3 else LARGEST_VELOCITY_RANDOM_WALK
     variance = value_variance(rest, signal)
     alike = _alike_values(scatter, variance, length)
     limit = _variance_limit(alike, length)
     # By the differences of means that follow each other, which a slow turn leaves as they are.
-    step_variance = 0.5 * mean_square_step(rest, signal)
+    step_variance = 0.5 * mean_square_step(signal['segment'], rest['blocks'])
     deviations = min(HALVES_DEVIATIONS * math.sqrt(alike), FIRST_HALVES_DEVIATIONS)
     if alike > LARGEST_SMOOTH and _is_smooth(step_variance, scatter):
         return Obstacle.DRIFTS
@@ -174,7 +175,8 @@ def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -
     late = rest['blocks'] - HALF
     if late <= 0:
         return False
-    step = (signal['means'] - signal['early_means']) / late - signal['early_means'] / HALF
+    late_means = signal['segment']['means'] - signal['early_means']
+    step = late_means / late - signal['early_means'] / HALF
     spread = scatter * (1.0 / HALF + 1.0 / late)
     return bool(step * step > deviations * deviations * spread)
 
@@ -211,11 +213,11 @@ def is_steady(rest: Rest) -> bool:
     blocks = 1.0 * rest['blocks']
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        scatter = scatter_of_means(rest, signal)
+        scatter = scatter_of_means(signal['segment'], rest['blocks'])
         limit = STEADY_DEVIATION * STEADY_DEVIATION * blocks
         if i >= 3:
             limit = STEADY_GRAVITY_SCATTER * STEADY_GRAVITY_SCATTER
-        step_variance = 0.5 * mean_square_step(rest, signal)
+        step_variance = 0.5 * mean_square_step(signal['segment'], rest['blocks'])
         if scatter > limit or (scatter > LEAST_VARIANCE and _is_smooth(step_variance, scatter)):
             return False
     return True
@@ -228,14 +230,14 @@ def tilts(rest: Rest, block_seconds: float) -> bool:
     square = unexplained = noise = 0.0
     for axis in range(3):
         after, behind = (axis + 1) % 3, (axis + 2) % 3
-        signal = rest['signals'][3 + axis]
-        change = signal['last'] - signal['first']
+        gravity = rest['signals'][3 + axis]['segment']
+        change = gravity['last'] - gravity['first']
         # g' = g x w, for a turn at the rate w
         expected = segment_mean(rest, 3 + after) * segment_mean(rest, behind)
         expected -= segment_mean(rest, 3 + behind) * segment_mean(rest, after)
         square += change * change
         unexplained += (change - expected * seconds) * (change - expected * seconds)
-        noise += mean_square_step(rest, signal)
+        noise += mean_square_step(gravity, rest['blocks'])
     largest = max(TURN_SHARE * math.sqrt(unexplained), TURN_DEVIATIONS * math.sqrt(noise))
     largest = max(largest, LEAST_TURN)
     return bool(math.sqrt(square) > largest)
