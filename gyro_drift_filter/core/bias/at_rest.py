@@ -331,14 +331,16 @@ def _accept_segment(
     note_segment(state)
     unreachable = unreachable_segments(state)
     if unreachable == 0:
-        _lift_doubt(state)
+        # One that is put together from the halves of two lifts no doubt.
+        if state['rest']['halves'] == Halves.WHOLE:
+            state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
         return bool(state['doubted_segments'] == 0)
     if found == BlockOutcome.END_OF_REST:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
     if state['segments'] == 0:
         # The first rest of a run: since it was switched off the bias may have come anywhere.
-        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        give_up_bias(state)
         state['known'] = False
         state['recent_count'] = 0
         return True
@@ -376,7 +378,7 @@ def _accept_first_rest(state: Bias, lengths: RestLengths) -> bool:
         return True
     if not is_less_steady(state):
         # One of the two was a turn about the vertical: the next rest shows which.
-        give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+        give_up_bias(state)
         return True
     # A motion that is nearly steady, as of a drone that takes off.
     unlearn_first_segment(state['rest'])
@@ -395,13 +397,6 @@ def _let_bias_come_to_segment(state: Bias) -> None:
 
 
 @kernel
-def _lift_doubt(state: Bias) -> None:
-    """Count a segment that agrees; one put together from the halves of two lifts no doubt."""
-    if state['rest']['halves'] == Halves.WHOLE:
-        state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
-
-
-@kernel
 def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
     """Accept a segment with a rate that the bias can't have come to, if it is one all the same.
 
@@ -412,21 +407,18 @@ def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
         forget_noise(rest)
         learn_noise_from_segment(rest, lengths['block'])
         turn['gave_up'] = False
-    elif is_back(turn, rest, state['bias']):
+    elif is_back(state):
         turn['gave_up'] = False
         turn['mistaken'] = True
         state['walk'] = min(state['walk'], 1.0)
     else:
-        seconds = rest['blocks'] * lengths['block_seconds']
-        outcome = update_slow_turn(
-            turn, rest, seconds, state['rest_seconds'], state['bias'], _largest_variance(state)
-        )
+        outcome = update_slow_turn(state, lengths['block_seconds'])
         if outcome == SlowTurnOutcome.TURN:
             return False
         if outcome == SlowTurnOutcome.LASTED:
             if turn['moves']:
                 _expect_warm_up(state)
-            give_up_bias(turn, state['bias'], state['variance'], state['reach'])
+            give_up_bias(state)
         else:
             turn['gave_up'] = False
     state['known'] = False
@@ -445,15 +437,6 @@ def _expect_warm_up(state: Bias) -> None:
     if state['reach'] > 0.0:
         walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['reach'])
         state['walk'] = max(state['walk'], 1.0) * max(walk, 1.0)
-
-
-@kernel
-def _largest_variance(state: Bias) -> float:
-    """Return the variance of the axis whose bias is the least certain, in (rad/s)^2."""
-    largest = 0.0
-    for axis in range(3):
-        largest = max(largest, state['variance'][axis] + state['reach'])
-    return largest
 
 
 @kernel

@@ -139,13 +139,7 @@ MOTION_WORKSPACE = record(MotionWorkspace)
 
 
 @kernel
-def take_direction(state: MotionBias, x: float, y: float, z: float) -> None:
-    """Take a mean acceleration in m/s^2 for gravity, if it can be that."""
-    _direct(state, x, y, z, 1.0)
-
-
-@kernel
-def _direct(state: MotionBias, x: float, y: float, z: float, seconds: float) -> None:
+def take_direction(state: MotionBias, x: float, y: float, z: float, seconds: float) -> None:
     """Take an acceleration in m/s^2, summed up over `seconds`, for gravity, if it can be that."""
     size = vector_length(x, y, z)
     if LEAST_GRAVITY_SHARE * GRAVITY * seconds < size < LARGEST_GRAVITY_SHARE * GRAVITY * seconds:
@@ -307,7 +301,7 @@ def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
     """
     vector, speed, seconds = state['state_vector'], state['speed'], state['seconds']
     if not state['wide']:
-        _direct(state, speed[0], speed[1], speed[2], seconds)
+        take_direction(state, speed[0], speed[1], speed[2], seconds)
     else:
         _turn_by_value(state, workspace)
         for axis in range(3):
@@ -316,7 +310,7 @@ def _look_for_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
         if state['block_seconds'] < WIDE_DIRECTION_SECONDS:
             return
         x, y, z = vector[VELOCITY], vector[VELOCITY + 1], vector[VELOCITY + 2]
-        _direct(state, x, y, z, state['block_seconds'])
+        take_direction(state, x, y, z, state['block_seconds'])
         _forget_accelerations(state)
     if state['directed']:
         _start_motion(state, False)

@@ -98,7 +98,7 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
         if state['known']:
             return  # it turns: the bias of the last run is another one
         if has_provisional(state):
-            give_up_bias(state['turn'], state['bias'], state['variance'], state['reach'])
+            give_up_bias(state)
     for axis in range(3):
         mean, variance = _measure(state['rest'], axis, standing, hidden_rate)
         if fits_zero:
@@ -133,12 +133,10 @@ def _replace_direction(state: Bias, standing: bool) -> None:
     rest = state['rest']
     if rest['force']['late'] > 0:
         return  # rest sees an acceleration of long ago
-    if standing:
-        gravity = rest['gravity']
-        take_direction(state['motion'], gravity[0], gravity[1], gravity[2])
-    else:
+    x, y, z = rest['gravity'][0], rest['gravity'][1], rest['gravity'][2]
+    if not standing:
         x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
-        take_direction(state['motion'], x, y, z)
+    take_direction(state['motion'], x, y, z, 1.0)
 
 
 @kernel

@@ -25,13 +25,16 @@ the same way, and no faster than it has come from the bias, as a sensor warms up
 
 import math
 from enum import IntEnum
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import block_moments, is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.core.bias.records import Bias
 
 # A turn lasts no longer than this: then it is the bias after all.
 LONGEST_TURN = 90.0  # s
@@ -119,31 +122,23 @@ def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: f
 
 
 @kernel
-def update_slow_turn(
-    turn: SlowTurn,
-    rest: Rest,
-    seconds: float,
-    since_rest: float,
-    bias: PerAxis,
-    variance: float,
-) -> SlowTurnOutcome:
+def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
     """Update by a segment whose rate is not the bias; return what that rate is.
 
-    Args:
-        turn: The rate of the segments before.
-        rest: The rest, with the segment.
-        seconds: How long the segment is.
-        since_rest: Time in s since the last rest with the bias.
-        bias: (3,) in rad/s.
-        variance: Of the axis whose bias is the least certain, in (rad/s)^2.
+    A block of the segment lasts `block_seconds`.
     """
+    turn, rest, bias = state['turn'], state['rest'], state['bias']
+    seconds, since_rest = rest['blocks'] * block_seconds, state['rest_seconds']
     if turn['seconds'] > 0.0 and not _stays(turn, rest):
         turn['moves'] = _moves_on(turn, rest, since_rest, bias)
         if not turn['moves']:
             forget_slow_turn(turn)
     if turn['standing_seconds'] > 0.0 and not _gravity_stands(turn, rest):
         interrupt_slow_turn(turn)
+    variance = noise = 0.0  # of the axis where each is largest
     for axis in range(3):
+        variance = max(variance, state['variance'][axis] + state['reach'])
+        noise = max(noise, segment_variance(rest, axis))
         turn['rate'][axis] = segment_mean(rest, axis)
         turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
         if turn['standing_seconds'] == 0.0:
@@ -151,9 +146,6 @@ def update_slow_turn(
     turn['since_rest'] = since_rest
     turn['seconds'] += seconds
     turn['standing_seconds'] += seconds
-    noise = 0.0
-    for axis in range(3):
-        noise = max(noise, segment_variance(rest, axis))
     standing = turn['standing_seconds']
     uncertain = standing * (standing * variance + seconds * noise)
     if _is_denied(turn, rest, uncertain):
@@ -202,31 +194,29 @@ def _moves_on(turn: SlowTurn, rest: Rest, since_rest: float, bias: PerAxis) -> b
 
 
 @kernel
-def give_up_bias(turn: SlowTurn, bias: PerAxis, variance: PerAxis, reach: float) -> None:
-    """Keep a bias (3,) in rad/s that another rate replaces, as that may yet have been a turn.
+def give_up_bias(state: 'Bias') -> None:
+    """Keep the bias that another rate replaces, as that may yet have been a turn.
 
-    Its variance is now `variance` (3,) plus that of its random walk since, `reach`, in (rad/s)^2.
     Where an earlier one that was given up may yet be right, that is kept.
     """
+    turn = state['turn']
     if turn['gave_up']:
         return
     turn['gave_up'] = True
     for axis in range(3):
-        turn['given_up'][axis] = bias[axis]
-        turn['given_up_variance'][axis] = variance[axis] + reach
+        turn['given_up'][axis] = state['bias'][axis]
+        turn['given_up_variance'][axis] = state['variance'][axis] + state['reach']
 
 
 @kernel
-def is_back(turn: SlowTurn, rest: Rest, bias: PerAxis) -> bool:
-    """Return whether the segment has the bias that was given up: the rate that lasted was a turn.
-
-    `bias` (3,) in rad/s is the one that has replaced it.
-    """
+def is_back(state: 'Bias') -> bool:
+    """Return whether the segment has the bias that was given up: what lasted was a turn."""
+    turn, rest = state['turn'], state['rest']
     if not turn['gave_up']:
         return False
     jump = 0.0
     for axis in range(3):
-        change = bias[axis] - turn['given_up'][axis]
+        change = state['bias'][axis] - turn['given_up'][axis]
         jump += change * change
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['given_up'][axis]
