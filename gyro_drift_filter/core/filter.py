@@ -91,7 +91,7 @@ class Filter:
         settings = settings_of(parameters)
         commands.prepare_for_settings(self.record, settings)
         self.record['settings'] = settings
-        self._derive_anew()
+        self.record['coefficients']['period'] = 0.0  # the next step derives them anew
         bias = self.state['bias']
         learned = bias['provisional_variance'][0] > 0.0 or bias['corrected'] > 0
         guessed = not bias['known'] and not learned
@@ -103,10 +103,6 @@ class Filter:
         )
         if old.state != new.state:
             commands.take_over(self.record)
-
-    def _derive_anew(self) -> None:
-        """Have the next step derive the coefficients."""
-        self.record['coefficients']['period'] = 0.0
 
     def _forget_history(self) -> None:
         """Never go back behind this moment for a message that was overtaken."""

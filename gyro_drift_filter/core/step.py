@@ -266,8 +266,8 @@ def _subtract_acceleration(sample: Sample, last: PerAxis, settings: Settings) ->
     usable, now = True, sample['linear_acceleration']
     for axis in range(3):
         usable = usable and abs(now[axis]) <= LARGEST_ACCELERATION  # False for NaN
-    for axis in range(3):
-        if usable:
+    if usable:
+        for axis in range(3):
             last[axis] = now[axis]
     for axis in range(3):
         row = 3 * axis

@@ -305,7 +305,7 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         i = BIAS + axis
         kept['bias'][axis] = state['state_vector'][i]
         kept['variance'][axis] = state['covariance'][i, i]
-    _copy(state['bias_at_rest'], kept['bias_at_rest'])
+    kept['bias_at_rest'] = state['bias_at_rest']
 
 
 @kernel
@@ -318,17 +318,7 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
         state['state_vector'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
         _correlate_less(state, axis, before)
-    _copy(kept['bias_at_rest'], state['bias_at_rest'])
-
-
-@kernel
-def _copy(source: BiasAtRest, target: BiasAtRest) -> None:
-    for axis in range(3):
-        target['bias'][axis] = source['bias'][axis]
-        target['variance'][axis] = source['variance'][axis]
-        target['common'][axis] = source['common'][axis]
-        target['untracked'][axis] = source['untracked'][axis]
-        target['known'][axis] = source['known'][axis]
+    state['bias_at_rest'] = kept['bias_at_rest']
 
 
 @kernel

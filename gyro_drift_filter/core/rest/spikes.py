@@ -91,16 +91,14 @@ def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> N
 
     `missing` samples lie before it.
     """
-    waits = waiting['sample']
     follows = waiting['trusted'] and trusted and missing == 0
     for axis in range(3):
-        rate, before = sample['angular_velocity'][axis], waits['angular_velocity'][axis]
+        rate, before = sample['angular_velocity'][axis], waiting['sample']['angular_velocity'][axis]
         if follows:
             resolution = waiting['resolution'][axis]
             waiting['resolution'][axis] = finer(resolution, abs(rate - before))
         waiting['before'][axis] = before
-        waits['angular_velocity'][axis] = rate
-        waits['linear_acceleration'][axis] = sample['linear_acceleration'][axis]
+    waiting['sample'] = sample
     waiting['follows'] = follows
     waiting['waits'] = follows and waiting['seen'] == USUAL_SAMPLES
     waiting['trusted'] = trusted
