@@ -107,8 +107,8 @@ class SensorChecks(TypedDict):
     rates: Stays
     accelerations: Stays
     gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
-    equal_all: int  # how often all rates and accelerations have come before in a row
-    stuck: bool  # all rates have, for `STUCK_SECONDS`, and a living sensor would not
+    # all rates have come before for `STUCK_SECONDS`, which a living sensor does not give
+    stuck: bool
     equal_accelerations: int  # how often all accelerations have come before in a row
     turned_gravity: PerAxis  # m/s^2, what they would be by now, by how the body has turned
     turned_seconds: float  # within which it has
@@ -141,16 +141,32 @@ def start_checks(checks: SensorChecks) -> None:
 @inlined_kernel
 def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest) -> None:
     """Take the values of a sample in, `period` s after those before."""
-    rate = sample['angular_velocity']
+    rate, acceleration = sample['angular_velocity'], sample['linear_acceleration']
     checks['comes_alive'] = False
-    same = all_rates = _note_rates(checks, sample, rest)
-    acceleration, stays = sample['linear_acceleration'], checks['accelerations']
-    all_accelerations, is_beyond = True, False
+    same_rates = _note_rates(checks, sample, rest)
+    _note_accelerations(checks, acceleration)
+    for axis in range(3):
+        checks['fault'][axis] = AxisFault.NONE
+        if checks['equal'][axis] > 0:
+            checks['fault'][axis] = _find_fault(checks, axis, rate, period, rest)
+    frozen = same_rates and _find_frozen(checks, acceleration, period)
+    stuck = frozen or _is_long(_equal_all(checks), period)
+    if stuck and not checks['stuck']:
+        checks['times_stuck'] += 1
+    checks['stuck'] = stuck
+    if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
+        _count_unlikely(checks, sample)
+
+
+@kernel
+def _note_accelerations(checks: SensorChecks, acceleration: PerAxis) -> None:
+    """Note which accelerations (3,) in m/s^2 are those of the sample before."""
+    stays, same, is_beyond = checks['accelerations'], True, False
     for axis in range(3):
         # NaN, for who has no accelerometer, is the same as NaN.
         force, before = acceleration[axis], checks['linear_acceleration'][axis]
         if force != before and (force == force or before == before):
-            all_accelerations = False
+            same = False
         else:
             stays['stayed'][axis] += 1
         checks['linear_acceleration'][axis] = force
@@ -158,27 +174,20 @@ def note_values(checks: SensorChecks, sample: Sample, period: float, rest: Rest)
             is_beyond = True
     if is_beyond:
         checks['beyond_gravity'] += 1
-    if all_accelerations:
+    if same:
         stays['same'] += 1
         checks['equal_accelerations'] += 1
     else:
-        same = False
         checks['equal_accelerations'] = 0
         checks['accelerometer_hangs'] = False
         forget_turn(checks)
-    checks['equal_all'] = checks['equal_all'] + 1 if same else 0
-    stuck = _is_long(checks['equal_all'], period)
-    for axis in range(3):
-        checks['fault'][axis] = AxisFault.NONE
-        if checks['equal'][axis] > 0:
-            checks['fault'][axis] = _find_fault(checks, axis, rate, period, rest)
-    if all_rates and _find_frozen(checks, acceleration, period):
-        stuck = True
-    if stuck and not checks['stuck']:
-        checks['times_stuck'] += 1
-    checks['stuck'] = stuck
-    if not (abs(rate[0]) <= RANGE and abs(rate[1]) <= RANGE and abs(rate[2]) <= RANGE):
-        _count_unlikely(checks, sample)
+
+
+@kernel
+def _equal_all(checks: SensorChecks) -> int:
+    """Return how often all rates and accelerations have come before in a row."""
+    equal = checks['equal']
+    return int(min(equal[0], equal[1], equal[2], checks['equal_accelerations']))
 
 
 @kernel
@@ -191,10 +200,14 @@ def has_fault(checks: SensorChecks) -> bool:
 @kernel
 def may_hang(checks: SensorChecks) -> bool:
     """Return whether the last values may be those of a sensor, or of an axis, that hangs."""
-    fault = checks['fault']
-    frozen = fault[0] == AxisFault.FROZEN or fault[1] == AxisFault.FROZEN
-    frozen = frozen or fault[2] == AxisFault.FROZEN
-    return bool(frozen or checks['stuck'] or checks['equal_all'] >= STUCK_SAMPLES)
+    return bool(_is_frozen(checks) or checks['stuck'] or _equal_all(checks) >= STUCK_SAMPLES)
+
+
+@kernel
+def _is_frozen(checks: SensorChecks) -> bool:
+    """Return whether any axis is frozen."""
+    fault, frozen = checks['fault'], AxisFault.FROZEN
+    return bool(fault[0] == frozen or fault[1] == frozen or fault[2] == frozen)
 
 
 @kernel
@@ -244,7 +257,7 @@ def measures_exact_rest(checks: SensorChecks, period: float) -> bool:
     zeros alone.
     """
     stands = is_zero(checks['measured']) and not is_zero(checks['linear_acceleration'])
-    return stands and _is_long(checks['equal_all'], period)
+    return stands and _is_long(_equal_all(checks), period)
 
 
 @kernel
@@ -284,16 +297,11 @@ def _find_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> 
         checks['pushed'] = False
         for axis in range(3):
             then[axis] = acceleration[axis]
-    frozen = False
     for axis in range(3):
         if abs(acceleration[axis] - then[axis]) > LEAST_PUSH:
             checks['pushed'] = True
-        if checks['fault'][axis] == AxisFault.FROZEN:
-            frozen = True
-    for axis in range(3):
-        if not _is_long(equal[axis], period):
-            return False
-    return bool(frozen or checks['pushed'])
+    is_long = _is_long(min(equal[0], equal[1], equal[2]), period)
+    return is_long and bool(_is_frozen(checks) or checks['pushed'])
 
 
 @kernel
