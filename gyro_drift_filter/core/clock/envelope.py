@@ -78,9 +78,7 @@ def give_rate(clock: Clock, sample_rate: float) -> None:
     if clock['blocks'] > 0:
         clock['period'] = given_or_learned(clock['mean_period'], sample_rate)
         return
-    clock['period'] = period_of(sample_rate)
-    set_mean_period(clock, clock['period'])
-    forget_delays(clock)
+    start_clock(clock, sample_rate)
     _start_envelope(clock)
 
 
@@ -242,7 +240,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
     )
     single = single_step(clock)
-    if single != period:
+    if single > 0.0:
         _correct_period(clock, single, sample_rate)
         return
     if full or starting:

@@ -44,10 +44,9 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     the first block, as no loss is found until it shows how far delays vary. Where stamps are so
     irregular that losses do not show, one may be missing before any sample.
     """
-    if clock['irregularity'] >= REGULAR and elapsed <= LATE_STEP * period:
-        return 1
-    shown = clock['missing_samples'] > 0 or clock['blocks'] == 0
-    if not shown or elapsed <= LATE_STEP * period:
+    if elapsed <= LATE_STEP * period:
+        return 1 if clock['irregularity'] >= REGULAR else 0
+    if clock['missing_samples'] == 0 and clock['blocks'] > 0:
         return 0
     return min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
 

@@ -106,22 +106,22 @@ def learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
 
 @kernel
 def single_step(clock: Clock) -> float:
-    """Return the mean step from a sample to the next in s, where samples are missing.
+    """Return the sample period in s by the steps from one sample to the next.
 
-    Returns the period where steps are not even, or where they and the period agree.
+    It is 0 where no sample is missing, steps are not even, or they and the period agree.
     """
     period, count, missing = clock['mean_period'], clock['single_steps'], clock['missing']
     samples = clock['steps'] - missing
     if missing == 0 or count < BLOCK_SAMPLES or 2 * count < samples:
-        return float(period)
+        return 0.0
     single = clock['single_sum'] / count
     variance = max(clock['single_squares'] / count - single * single, 0.0)
     if variance > (EVEN_STEPS * single) ** 2:
-        return float(period)
+        return 0.0
     tolerance = SAME_PERIOD * period + STEP_DEVIATIONS * math.sqrt(variance / count)
     missing_by_it = (clock['steps'] * period + clock['lateness']) / single - samples
     if abs(single - period) < tolerance or not 0.0 < missing_by_it < MISSING_RATIO * missing:
-        return float(period)
+        return 0.0
     return float(single)
 
 
