@@ -108,50 +108,42 @@ class Description:
             ParameterError: The type is wrong or the value lies outside the range.
         """
         if self.kind == 'string':
-            return self._check_choice(value)
+            if isinstance(value, str) and value in self.choices:
+                return value
+            raise self._refusal(value, self.limits)
         if self.kind == 'bool':
             if isinstance(value, bool):
                 return value
-            raise ParameterError(f"parameter '{self.name}' must be true or false, not {value!r}")
+            raise self._refusal(value, 'true or false')
         if self.kind == 'integer':
             if type(value) is not int:
-                raise ParameterError(
-                    f"parameter '{self.name}' must be a whole number, not {value!r}"
-                )
-            return int(self._check_number(value, ''))
+                raise self._refusal(value, 'a whole number')
+            return int(self._check_number(value))
         if self.kind == 'double':
-            return self._check_number(value, '')
-        if isinstance(value, str) or not hasattr(value, '__len__') or len(value) != self.size:
-            shown = value if isinstance(value, str) or not hasattr(value, '__len__') else [*value]
-            each = 'three numbers, one per axis x, y, z'
-            raise ParameterError(
-                f"parameter '{self.name}' must be a list of "
-                f'{each if self.size == len(AXES) else "nine numbers, row by row"}, not {shown!r}'
-            )
-        names = [f'axis {axis}' for axis in AXES]
+            return self._check_number(value)
+        names, each = [f'axis {axis}' for axis in AXES], 'three numbers, one per axis x, y, z'
         if self.size > len(AXES):
+            each = 'nine numbers, row by row'
             names = [f'row {row}, column {column}' for row in AXES for column in AXES]
+        is_sequence = hasattr(value, '__len__') and not isinstance(value, str)
+        if not is_sequence or len(value) != self.size:
+            raise self._refusal([*value] if is_sequence else value, f'a list of {each}')
         return tuple(
             self._check_number(v, f' ({name})') for v, name in zip(value, names, strict=True)
         )
 
-    def _check_choice(self, value: Any) -> str:
-        if isinstance(value, str) and value in self.choices:
-            return value
-        raise ParameterError(f"parameter '{self.name}' must be {self.limits}, not {value!r}")
+    def _refusal(self, value: Any, needed: str, where: str = '') -> ParameterError:
+        return ParameterError(f"parameter '{self.name}'{where} must be {needed}, not {value!r}")
 
-    def _check_number(self, value: Any, where: str) -> float:
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number:
-            raise ParameterError(f"parameter '{self.name}'{where} must be a number, not {value!r}")
+    def _check_number(self, value: Any, where: str = '') -> float:
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            raise self._refusal(value, 'a number', where)
         inside = (self.low < value if self.low_excluded else self.low <= value) and (
             value < self.high if self.high_excluded else value <= self.high
         )
         # An integer can be larger than any float.
         if not (inside and abs(value) <= sys.float_info.max):
-            raise ParameterError(
-                f"parameter '{self.name}'{where} must be {self.limits or 'finite'}, not {value!r}"
-            )
+            raise self._refusal(value, self.limits or 'finite', where)
         return float(value)
 
 
