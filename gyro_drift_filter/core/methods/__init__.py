@@ -14,7 +14,8 @@
 
 """The filter methods as a set: this is the one place that knows them all.
 
-Each method is a module with the same verbs, kernels that mostly take the records of one axis:
+Each method is a module with the same verbs, kernels that mostly take the records of one axis, and
+the filter where they look at all axes together:
 
     derive               constants from the settings and the sample period
     start                start at a sample; what was learned of noise is kept
@@ -184,24 +185,14 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
 def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
-        state, shared = filter_['state'], filter_['workspace']['methods']['adaptive']
-        shared['circumstances']['possibly_missing'] = possibly_missing
-        axes, tracking = state['methods']['adaptive'], state['methods']['tracking']
-        rest, filtered, bias = state['bias']['rest'], state['filtered'], state['bias']['bias']
-        derived = filter_['coefficients']['methods']['adaptive']
-        adaptive.note_circumstances(axes, shared, tracking, sample, rest, filtered, bias, derived)
+        adaptive.note_circumstances(filter_, sample, possibly_missing)
 
 
 @kernel
 def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     """Look at the rates of all axes together, between prediction and update."""
-    states, workspace = filter_['state']['methods'], filter_['workspace']['methods']
     if filter_['settings']['method'] == ADAPTIVE:
-        axes, tracking = states['adaptive'], states['tracking']
-        state, settings = filter_['state'], filter_['settings']
-        checks, polling, period = state['checks'], state['polling'], state['clock']['period']
-        shared = workspace['adaptive']
-        adaptive.compare_axes(axes, shared, tracking, checks, polling, sample, settings, period)
+        adaptive.compare_axes(filter_, sample)
 
 
 @inlined_kernel
@@ -319,7 +310,7 @@ def learned_noise(filter_: 'FilterRecord', axis: int) -> tuple[int, float]:
 def noise_block_seconds(filter_: 'FilterRecord') -> float:
     """Return how long the blocks of rest are that the noise is learned from; 0 without them."""
     if filter_['settings']['method'] == ADAPTIVE:
-        samples = filter_['coefficients']['methods']['adaptive']['block_samples']
+        samples = filter_['coefficients']['methods']['adaptive']['noise']['block_samples']
         # A block of whole samples may be a little shorter than the time that it is meant for.
         return max(NOISE_BLOCK_SECONDS, samples * filter_['state']['clock']['mean_period'])
     return 0.0

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.accelerate import kernel, record
 from gyro_drift_filter.core.methods.adaptive_axis import (
     ADAPTIVE_AXIS_WORKSPACE,
     AdaptiveAxis,
@@ -61,13 +61,11 @@ from gyro_drift_filter.core.methods.mode_set import (
     derive_mode_set,
 )
 from gyro_drift_filter.core.methods.noise import (
-    FORGETTING_SECONDS,
-    LEAST_NOISE_BLOCK,
-    NOISE_BLOCK_SECONDS,
+    NoiseCoefficients,
+    derive_noise,
     forget_blocks,
     interrupt_block,
     is_begun,
-    largest_white_variance,
     learn_noise_from_sample,
     restart_block,
     start_noise,
@@ -98,13 +96,12 @@ from gyro_drift_filter.core.methods.outliers import (
     unmeasured_variance,
     was_jolted,
 )
-from gyro_drift_filter.core.polling import Polling
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
-from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
 
 if TYPE_CHECKING:
+    from gyro_drift_filter.core.records import FilterRecord
     from gyro_drift_filter.core.settings import Settings
 
 # Zeros on all axes are no drop-out where no axis was faster than this, in rad/s: some drivers give
@@ -133,9 +130,7 @@ class AdaptiveCoefficients(TypedDict):
     modes: ModeSet
     limits: OutlierLimits
     calm_samples: int
-    largest_white: float  # (rad/s)^2, see `largest_white_variance`
-    block_samples: int
-    block_forgetting: float  # b of equation (13), from block to block of noise
+    noise: NoiseCoefficients
 
 
 ADAPTIVE_COEFFICIENTS = record(AdaptiveCoefficients, in_cache_lines=True)
@@ -159,18 +154,11 @@ def derive(
     coefficients: AdaptiveCoefficients,
     workspace: AdaptiveWorkspace,
 ) -> None:
-    """Fill the coefficients for a sample period in s.
-
-    The forgetting factor is for `FORGETTING_SECONDS`.
-    """
+    """Fill the coefficients for a sample period in s."""
     derive_mode_set(period, coefficients['modes'], workspace['derivation'])
     derive_limits(settings, period, coefficients['limits'])
     coefficients['calm_samples'] = max(JOLT_SAMPLES, int(CALM_SECONDS / period + 0.5))
-    samples = max(LEAST_NOISE_BLOCK, int(NOISE_BLOCK_SECONDS / period))
-    coefficients['largest_white'] = largest_white_variance(period)
-    coefficients['block_samples'] = samples
-    exponent = NOISE_BLOCK_SECONDS / FORGETTING_SECONDS
-    coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
+    derive_noise(settings, period, coefficients['noise'])
     for axis in range(3):
         # The variances are of other modes.
         workspace['axes'][axis]['variance_key'][0] = 0.0
@@ -257,31 +245,21 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
 
 
 @kernel
-def note_circumstances(
-    axes: Sequence[AdaptiveAxis],
-    workspace: AdaptiveWorkspace,
-    tracking: CountPerAxis,
-    sample: Sample,
-    rest: Rest,
-    filtered: PerAxis,
-    bias: PerAxis,
-    coefficients: AdaptiveCoefficients,
-) -> None:
-    """Note what the accelerometer and all axes together show, before the prediction of a sample.
-
-    A body may stand where the accelerometer has been calm for some samples, and the rates that were
-    filtered last are about the bias at rest (both (3,) in rad/s).
-    """
-    circumstances, force = workspace['circumstances'], sample['linear_acceleration']
+def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
+    """Note what the accelerometer and all axes together show, before the prediction of a sample."""
+    axes, tracking = (
+        filter_['state']['methods']['adaptive'],
+        filter_['state']['methods']['tracking'],
+    )
+    circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
+    rest, force = filter_['state']['bias']['rest'], sample['linear_acceleration']
+    still, measured = has_stood_still(rest, STILL_BLOCKS), not is_one_value(force)
     shake = usual_shake = 0.0
-    measured = not is_one_value(force)
-    still = has_stood_still(rest, STILL_BLOCKS)
     jolted = jolted_before = False
-    shaken, settling = False, True
     for axis in range(3):
         if not tracking[axis]:
             continue
-        jolt, rate = axes[axis]['jolt'], filtered[axis] - bias[axis]
+        jolt = axes[axis]['jolt']
         if feel_jolt(jolt, force[axis] if measured else np.nan):
             jolted = True
         if was_jolted(jolt):
@@ -289,55 +267,66 @@ def note_circumstances(
         change = shake_along(jolt, still)
         shake += change * change
         usual_shake += jolt['usual_change'] * jolt['usual_change']
-        shaken = shaken or jolt['calm_samples'] < JOLT_SAMPLES
-        calm = jolt['calm_samples'] >= coefficients['calm_samples']
-        near = NEAR_REST * NEAR_REST * axes[axis]['noise']['variance']
-        settling = settling and calm and rate * rate < near
+    circumstances['possibly_missing'] = possibly_missing
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
-    limits, usual = coefficients['limits'], math.sqrt(usual_shake)
-    jump = 0.0 if still else jump_by_shake(circumstances['shake'], usual, limits)
-    circumstances['explained_jump'] = jump
+    limits = filter_['coefficients']['methods']['adaptive']['limits']
+    jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), limits)
+    circumstances['explained_jump'] = 0.0 if still else jump
     circumstances['still'] = still
     circumstances['noise_alone'] = shows_noise(rest)
-    transition = Transition.SETTLING if settling else Transition.MOVING
-    circumstances['transition'] = Transition.SHAKEN if shaken else transition
+    circumstances['transition'] = _transition(filter_)
 
 
 @kernel
-def compare_axes(
-    axes: Sequence[AdaptiveAxis],
-    workspace: AdaptiveWorkspace,
-    tracking: CountPerAxis,
-    checks: SensorChecks,
-    polling: Polling,
-    sample: Sample,
-    settings: 'Settings',
-    period: float,
-) -> None:
+def _transition(filter_: 'FilterRecord') -> Transition:
+    """Return what the modes are expected to do.
+
+    A body may stand where the accelerometer has been calm for some samples, and the rates that were
+    filtered last are about the bias at rest.
+    """
+    state = filter_['state']
+    calm_samples = filter_['coefficients']['methods']['adaptive']['calm_samples']
+    settling = True
+    for axis in range(3):
+        if not state['methods']['tracking'][axis]:
+            continue
+        own, rate = state['methods']['adaptive'][axis], state['filtered'][axis]
+        if own['jolt']['calm_samples'] < JOLT_SAMPLES:
+            return Transition.SHAKEN
+        distance = rate - state['bias']['bias'][axis]
+        near = distance * distance < NEAR_REST * NEAR_REST * own['noise']['variance']
+        settling = settling and near and own['jolt']['calm_samples'] >= calm_samples
+    return Transition.SETTLING if settling else Transition.MOVING
+
+
+@kernel
+def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     """Look at the rates of all axes together, between prediction and update."""
+    state, workspace = filter_['state'], filter_['workspace']['methods']['adaptive']
+    axes, checks, polling = state['methods']['adaptive'], state['checks'], state['polling']
     rate, circumstances = sample['angular_velocity'], workspace['circumstances']
     surprised = turned = fast = False
-    turn_compensation(axes, period)
+    turn_compensation(axes, state['clock']['period'])
     for axis in range(3):
-        state, own = axes[axis], workspace['axes'][axis]
+        axis_state, own = axes[axis], workspace['axes'][axis]
         own['at_limit'] = checks['at_limit'][axis]
-        own['hangs'] = _hangs(state, checks, axis, circumstances['still'])
-        if not tracking[axis]:
+        own['hangs'] = _hangs(axis_state, checks, axis, circumstances['still'])
+        if not state['methods']['tracking'][axis]:
             continue
-        if is_usable(rate[axis]) and _surprises(state, own, rate[axis]):
+        if is_usable(rate[axis]) and _surprises(axis_state, own, rate[axis]):
             surprised = True
-        if abs(state['last_accepted']) > LARGEST_DEAD_ZONE:
+        if abs(axis_state['last_accepted']) > LARGEST_DEAD_ZONE:
             fast = True
-        if polling['bridged'] and _has_turned(state, own, rate[axis]):
+        if polling['bridged'] and _has_turned(axis_state, own, rate[axis]):
             turned = True
     measured, force, dropout = checks['measured'], sample['linear_acceleration'], False
     if fast and surprised and is_one_value(measured):
         # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
         failed = is_one_value(force) and force[0] != 0.0
         dropout = failed or (measured[0] == 0.0 and not checks['gives_zeros'])
-    circumstances['dropout'] = dropout and settings['outlier_enabled']
+    circumstances['dropout'] = dropout and filter_['settings']['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
@@ -427,7 +416,7 @@ def update(
     own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
     if decision == Decision.HOLD or decision == Decision.BRIDGE:
         if decision == Decision.HOLD:
-            note_held(doubt, sample, prediction, typical, dropout, limits)
+            note_held(doubt, sample, sample - prediction, typical, dropout, limits)
         else:
             note_missing(doubt, typical)
         take_prediction(state, own)
@@ -457,9 +446,8 @@ def update(
     if taken or decision == Decision.PASS:
         state['last_accepted'] = sample
     if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
-        length, forgetting = coefficients['block_samples'], coefficients['block_forgetting']
-        noise_alone, largest_white = circumstances['noise_alone'], coefficients['largest_white']
-        learn_noise_from_sample(noise, sample, noise_alone, largest_white, length, forgetting)
+        noise_alone = circumstances['noise_alone']
+        learn_noise_from_sample(noise, sample, noise_alone, coefficients['noise'])
     elif decision == Decision.START_ANEW:
         restart_block(noise)
     elif own['hangs'] and noise['blocks'] == 0:

@@ -30,13 +30,16 @@ quiet as common gyroscopes.
 
 import math
 from enum import IntEnum
-from typing import Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.sample import finer
+
+if TYPE_CHECKING:
+    from gyro_drift_filter.core.settings import Settings
 
 NOISE_BLOCK_SECONDS = 0.5
 # `forgetting_factor` is the weight that the statistics keep over this time, in s. A block counts as
@@ -95,6 +98,15 @@ class Bound(IntEnum):
     OF_NOISE = 2  # a block that looks like noise alone
 
 
+class NoiseCoefficients(TypedDict):
+    """What is derived from settings and sample period; for all axes."""
+
+    block_samples: int
+    block_forgetting: float  # b of equation (13), from one block to the next
+    # (rad/s)^2, up to which a block that looks white may be noise alone, before the first rest
+    largest_white: float
+
+
 class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
@@ -140,7 +152,21 @@ class Noise(TypedDict):
     before: PerAxis  # the three samples before, newest first
 
 
+NOISE_COEFFICIENTS = record(NoiseCoefficients)
 NOISE = record(Noise)
+
+
+@kernel
+def derive_noise(settings: 'Settings', period: float, coefficients: NoiseCoefficients) -> None:
+    """Fill the coefficients for a sample period in s."""
+    coefficients['block_samples'] = max(LEAST_NOISE_BLOCK, int(NOISE_BLOCK_SECONDS / period))
+    exponent = NOISE_BLOCK_SECONDS / FORGETTING_SECONDS
+    coefficients['block_forgetting'] = settings['forgetting_factor'] ** exponent
+    coefficients['largest_white'] = LARGEST_NOISE**2
+    if period > LONGEST_WHITE_PERIOD:
+        coefficients['largest_white'] = 0.0
+    elif period > LONGEST_DENSE_PERIOD:
+        coefficients['largest_white'] = LARGEST_COMMON_DENSITY**2 / (2.0 * period)
 
 
 @kernel
@@ -187,19 +213,6 @@ def largest_variance(noise: Noise) -> float:
 
 
 @kernel
-def largest_white_variance(period: float) -> float:
-    """Return up to which variance a block that looks white may be noise alone, in (rad/s)^2.
-
-    That is by the sample period in s, before the first rest.
-    """
-    if period > LONGEST_WHITE_PERIOD:
-        return 0.0
-    if period > LONGEST_DENSE_PERIOD:
-        return LARGEST_COMMON_DENSITY**2 / (2.0 * period)
-    return LARGEST_NOISE**2
-
-
-@kernel
 def usual_deviation(noise: Noise) -> float:
     """Return by how much samples differ by noise alone, in rad/s: no less than a step."""
     return float(max(math.sqrt(noise['variance']), noise['resolution']))
@@ -242,18 +255,12 @@ def interrupt_block(noise: Noise) -> None:
 
 @kernel
 def learn_noise_from_sample(
-    noise: Noise,
-    sample: float,
-    noise_alone: bool,
-    largest_white: float,
-    block_samples: int,
-    block_forgetting: float,
+    noise: Noise, sample: float, noise_alone: bool, coefficients: NoiseCoefficients
 ) -> None:
     """Take an accepted sample (rad/s) into the block, and the block into R when it is full.
 
     `noise_alone` is whether the last samples are that (`rest/`), as far as is known before this
-    one; `largest_white` is that of `largest_white_variance`; `block_forgetting` is b of equation
-    (13) from one block to the next.
+    one.
     """
     before, run = noise['before'], noise['run']
     if noise['count'] == 0:
@@ -283,24 +290,15 @@ def learn_noise_from_sample(
     noise['count'] += 1
     noise['index'] += 1
     noise['run'] = run + 1
-    full = noise['count'] >= (block_samples if is_begun(noise) else FIRST_NOISE_BLOCK)
-    if full and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, noise_alone, largest_white, block_forgetting)
-        _next_block(noise)
+    length = coefficients['block_samples'] if is_begun(noise) else FIRST_NOISE_BLOCK
+    if noise['count'] >= length and noise['third_difference_count'] >= LEAST_THIRDS:
+        _judge_block(noise, noise_alone, coefficients)
+        restart_block(noise)
+        noise['run'] = run + 1  # differences go on across the border of two blocks
 
 
 @kernel
-def _next_block(noise: Noise) -> None:
-    """Begin the next block; differences go on across its border."""
-    run = noise['run']
-    restart_block(noise)
-    noise['run'] = run
-
-
-@kernel
-def _judge_block(
-    noise: Noise, noise_alone: bool, largest_white: float, block_forgetting: float
-) -> None:
+def _judge_block(noise: Noise, noise_alone: bool, coefficients: NoiseCoefficients) -> None:
     """Take blocks into the statistics, weighted as in equation (13), in place of (16).
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
@@ -314,13 +312,13 @@ def _judge_block(
     if noise_alone and (
         noise['waiting'] or (not noise['seen'] and noise['waiting_variance'] > 0.0)
     ):
-        _learn_from_rest(noise, block_forgetting)
+        _learn_from_rest(noise, coefficients['block_forgetting'])
     _let_wait(noise, rough)
     noise['waiting'] = noise_alone
     # In motion R never rises.
     if not noise_alone and noise['blocks'] == 0:
         variance = noise['waiting_variance']
-        white = rough > WHITE * variance and variance <= largest_white
+        white = rough > WHITE * variance and variance <= coefficients['largest_white']
         if white:
             # It may be motion in part, or noise that is correlated: R lies between the two.
             between = min(variance, math.sqrt(rough * variance))

@@ -107,8 +107,8 @@ class Decision(IntEnum):
 class Reason(IntEnum):
     """Why a decision is what it is: `REASONS` says it, and `decision_of` which one it is.
 
-    `find_reason` judges a sample by its innovation. `adaptive.update` overrules it where the rate
-    says nothing: for CONSTANT, REPEATED and AT_LIMIT. It also tells KNOCKED from RETURNED.
+    `find_reason` judges a sample by its innovation. `adaptive` overrules it where the rate says
+    nothing: for CONSTANT, REPEATED and AT_LIMIT. It also tells KNOCKED from RETURNED.
     """
 
     # ACCEPT
@@ -585,13 +585,13 @@ def lies_at_accepted(doubt: Doubt, sample: float, last_accepted: float) -> bool:
 def note_held(
     doubt: Doubt,
     sample: float,
-    prediction: float,
+    innovation: float,
     typical_innovation: float,
     dropout: bool,
     limits: OutlierLimits,
 ) -> None:
-    """Note a sample that is held back; arguments as for `find_reason`."""
-    innovation, change = sample - prediction, abs(sample - doubt['last_sample'])
+    """Note a sample that is held back; it and its innovations are in rad/s."""
+    change = abs(sample - doubt['last_sample'])
     if doubt['held'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
