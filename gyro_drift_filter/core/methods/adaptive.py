@@ -384,28 +384,10 @@ def update(
         The innovation in rad/s, and whether the sample was held back.
     """
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
-    doubt, noise, limits = state['doubt'], state['noise'], coefficients['limits']
-    prediction, typical = own['prediction'], own['typical_innovation']
-    dropout, last_accepted = circumstances['dropout'], state['last_accepted']
-    unmeasured = doubt['unmeasured']
-    innovation_limits = own['innovation_limits']
-    fill_innovation_limits(innovation_limits, doubt, typical, circumstances['still'], limits)
-    reason = find_reason(
-        doubt, innovation_limits, sample, prediction, last_accepted, circumstances, limits
-    )
-    # After the judgement, which it overrules; called for every sample, as it counts them.
-    constant = note_repeat(doubt, sample, noise['variance'])
-    cut_off = own['at_limit'] and _is_behind(sample, prediction, typical)
-    if constant and not cut_off:
-        reason = Reason.CONSTANT
-    elif (circumstances['repeated'] or own['hangs']) and doubt['unmeasured'] < limits[
-        'longest_hold'
-    ]:
-        reason = Reason.REPEATED
-    elif cut_off:
-        reason = Reason.AT_LIMIT
-    elif reason == Reason.RETURNED and gives_back_knock(state):
-        reason = Reason.KNOCKED
+    doubt, limits = state['doubt'], coefficients['limits']
+    innovation, typical = sample - own['prediction'], own['typical_innovation']
+    last_accepted, unmeasured = state['last_accepted'], doubt['unmeasured']
+    reason = _judge(state, own, circumstances, sample, limits)
     decision = decision_of(reason)
     if decision == Decision.ACCEPT:
         doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
@@ -416,7 +398,7 @@ def update(
     own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
     if decision == Decision.HOLD or decision == Decision.BRIDGE:
         if decision == Decision.HOLD:
-            note_held(doubt, sample, sample - prediction, typical, dropout, limits)
+            note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
         else:
             note_missing(doubt, typical)
         take_prediction(state, own)
@@ -429,33 +411,79 @@ def update(
         doubt['unmeasured'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
     if own['hangs'] and decision != Decision.BRIDGE:
+        # A value that is used meanwhile was not measured either.
         note_missing(doubt, typical)
-        doubt['unmeasured'] = (
-            unmeasured + 1
-        )  # a value that is used meanwhile was not measured either
+        doubt['unmeasured'] = unmeasured + 1
     doubt['last_sample'] = sample
     if doubt['unmeasured'] == 0:
         doubt['behind_gap'] = unmeasured > 0
-    is_held = decision == Decision.HOLD and not dropout
-    note_innovation(doubt, sample - prediction, is_held)
+    is_held = decision == Decision.HOLD and not circumstances['dropout']
+    note_innovation(doubt, innovation, is_held)
     if not is_held and not own['hangs']:
         note_rate_change(doubt, sample - last_accepted, limits)
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
-        note_prediction(state['bridge'], prediction - last_accepted, sample - last_accepted)
+        predicted = own['prediction'] - last_accepted
+        note_prediction(state['bridge'], predicted, sample - last_accepted)
     if taken or decision == Decision.PASS:
         state['last_accepted'] = sample
-    if decision == Decision.ACCEPT and not own['hangs'] and not own['at_limit']:
-        noise_alone = circumstances['noise_alone']
-        learn_noise_from_sample(noise, sample, noise_alone, coefficients['noise'])
+    _learn_noise(state, own, sample, circumstances['noise_alone'], coefficients['noise'])
+    return innovation, decision == Decision.HOLD
+
+
+@kernel
+def _judge(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    sample: float,
+    limits: OutlierLimits,
+) -> Reason:
+    """Return the reason for the decision on a sample (rad/s).
+
+    Its innovation says it, unless the rate itself says nothing.
+    """
+    doubt, prediction = state['doubt'], workspace['prediction']
+    typical, of_innovation = workspace['typical_innovation'], workspace['innovation_limits']
+    fill_innovation_limits(of_innovation, doubt, typical, circumstances['still'], limits)
+    reason = find_reason(
+        doubt, of_innovation, sample, prediction, state['last_accepted'], circumstances, limits
+    )
+    # Called for every sample, as it counts them.
+    constant = note_repeat(doubt, sample, state['noise']['variance'])
+    cut_off = workspace['at_limit'] and _is_behind(sample, prediction, typical)
+    if constant and not cut_off:
+        return Reason.CONSTANT
+    unmeasured = circumstances['repeated'] or workspace['hangs']
+    if unmeasured and doubt['unmeasured'] < limits['longest_hold']:
+        return Reason.REPEATED
+    if cut_off:
+        return Reason.AT_LIMIT
+    if reason == Reason.RETURNED and gives_back_knock(state):
+        return Reason.KNOCKED
+    return reason
+
+
+@kernel
+def _learn_noise(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    sample: float,
+    noise_alone: bool,
+    coefficients: NoiseCoefficients,
+) -> None:
+    """Learn the noise from a sample (rad/s) that is accepted, and was measured."""
+    noise, decision = state['noise'], decision_of(workspace['reason'])
+    measured = not workspace['hangs'] and not workspace['at_limit']
+    if decision == Decision.ACCEPT and measured:
+        learn_noise_from_sample(noise, sample, noise_alone, coefficients)
     elif decision == Decision.START_ANEW:
         restart_block(noise)
-    elif own['hangs'] and noise['blocks'] == 0:
+    elif workspace['hangs'] and noise['blocks'] == 0:
         # The body may have come to rest meanwhile, so motion before it tells nothing of the rest.
         forget_blocks(noise)
     else:
         interrupt_block(noise)
-    return sample - prediction, decision == Decision.HOLD
 
 
 @kernel
