@@ -66,14 +66,43 @@ def compensate(
     what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
     s.
     """
-    decision, missed = decision_of(workspace['reason']), 0.0
-    at_accepted = workspace['is_at_accepted']
     largest = LARGEST_COMPENSATION * max(period / LARGEST_FROM_PERIOD, 1.0)
+    unseen = (sample - rate) * period
+    missed = _held_motion(state, workspace, circumstances, unseen, largest, period)
+    missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
+    if decision_of(workspace['reason']) == Decision.ACCEPT:
+        # A motion is seen only when a block of samples has shown it: what was smoothed away since
+        # it began was motion, too.
+        recent = state['recent_angle'] + unseen
+        if circumstances['still']:
+            state['recent_angle'] = _without_denormal(recent * (1.0 - period / RECENT_SECONDS))
+        else:
+            missed += recent
+            state['recent_angle'] = 0.0
+    return _give_back(state, missed, largest, period)
+
+
+@kernel
+def _held_motion(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    unseen: float,
+    largest: float,
+    period: float,
+) -> float:
+    """Return the angle in rad that held samples turned, once it is known that they were motion.
+
+    `unseen` is what the sample at hand turns beyond what is put out, `largest` the largest angle
+    that may be motion, both in rad; `period` in s.
+    """
+    decision, at_accepted = decision_of(workspace['reason']), workspace['is_at_accepted']
+    missed = 0.0
     if decision == Decision.HOLD:
         # What has come back was an outlier; or a knock, which turns a body by a small angle.
         if at_accepted and abs(state['held_angle']) > state['knock_angle']:
             state['held_angle'] = 0.0
-        state['held_angle'] += (sample - rate) * period
+        state['held_angle'] += unseen
         knock = circumstances['explained_jump'] / CONFIRMED_HIT * period
         if circumstances['jolted']:
             knock = max(knock, LARGEST_KNOCK)
@@ -85,16 +114,12 @@ def compensate(
             missed = state['held_angle']
         state['held_angle'] = 0.0
         state['knock_angle'] = 0.0
-    missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
-    if decision == Decision.ACCEPT:
-        # A motion is seen only when a block of samples has shown it: what was smoothed away since
-        # it began was motion, too.
-        recent = state['recent_angle'] + (sample - rate) * period
-        if circumstances['still']:
-            state['recent_angle'] = _without_denormal(recent * (1.0 - period / RECENT_SECONDS))
-        else:
-            missed += recent
-            state['recent_angle'] = 0.0
+    return missed
+
+
+@kernel
+def _give_back(state: AdaptiveAxis, missed: float, largest: float, period: float) -> float:
+    """Return the rate in rad/s by which missed angles are given back, now by `missed` rad more."""
     angle = state['compensation'] + missed
     if angle == 0.0:
         state['compensation'] = 0.0
