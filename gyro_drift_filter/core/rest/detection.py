@@ -151,41 +151,60 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
         has to be called.
     """
-    still, begin = is_block_filled(rest, lengths), rest['obstacle']
-    if still:
-        for i in range(SIGNALS):
-            obstacle = obstacle_of_block(rest, rest['signals'][i])
-            # A signal that varies within the block says more than one whose mean has moved.
-            if obstacle == Obstacle.VARIES or (still and obstacle != Obstacle.NONE):
-                still = False
-                note_obstacle(rest, obstacle, i)
-        note_gravity(rest, lengths['block_seconds'])
-    else:
-        note_obstacle(rest, Obstacle.FEW_SAMPLES, 0)
+    obstacle_before, still = rest['obstacle'], _is_still(rest, lengths)
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
-    if not still:
-        ended = _ended_rest(rest, begin)
-        if ended != BlockOutcome.NOTHING and not holds_together(rest, lengths):
-            ended = BlockOutcome.NOTHING
-        rest['at_rest'] = False
-        rest['run'] = 0
-        start_block(rest)
-        if ended == BlockOutcome.NOTHING:
-            start_segment(rest)
-            forget_segment_before(rest)
-        return ended
+    if still:
+        return _take_still_block(rest, lengths)
+    ended = _ended_rest(rest, obstacle_before)
+    if ended != BlockOutcome.NOTHING and not holds_together(rest, lengths):
+        ended = BlockOutcome.NOTHING
+    rest['at_rest'] = False
+    rest['run'] = 0
+    start_block(rest)
+    if ended == BlockOutcome.NOTHING:
+        start_segment(rest)
+        forget_segment_before(rest)
+    return ended
+
+
+@kernel
+def _is_still(rest: Rest, lengths: RestLengths) -> bool:
+    """Return whether the block is still; if it is not, the obstacle is noted."""
+    if not is_block_filled(rest, lengths):
+        note_obstacle(rest, Obstacle.FEW_SAMPLES, 0)
+        return False
+    still = True
+    for i in range(SIGNALS):
+        obstacle = obstacle_of_block(rest, rest['signals'][i])
+        # A signal that varies within the block says more than one whose mean has moved.
+        if obstacle == Obstacle.VARIES or (still and obstacle != Obstacle.NONE):
+            still = False
+            note_obstacle(rest, obstacle, i)
+    note_gravity(rest, lengths['block_seconds'])
+    return still
+
+
+@kernel
+def _take_still_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
+    """Take the block before into the segment, and let this one wait; return what that brings."""
     if rest['run'] >= 2:
         add_waiting_block(rest)
     rest['run'] += 1
     let_block_wait(rest)
     start_block(rest)
-    if rest['blocks'] < SEGMENT_BLOCKS:
-        if rest['known'] or rest['blocks'] < LEAST_STEADY_BLOCKS:
-            return BlockOutcome.NOTHING
-        steady = is_steady(rest) and not tilts(rest, lengths['block_seconds'])
-        return BlockOutcome.STEADY if steady else BlockOutcome.NOTHING
+    if rest['blocks'] >= SEGMENT_BLOCKS:
+        return _close_segment(rest, lengths)
+    if rest['known'] or rest['blocks'] < LEAST_STEADY_BLOCKS:
+        return BlockOutcome.NOTHING
+    steady = is_steady(rest) and not tilts(rest, lengths['block_seconds'])
+    return BlockOutcome.STEADY if steady else BlockOutcome.NOTHING
+
+
+@kernel
+def _close_segment(rest: Rest, lengths: RestLengths) -> BlockOutcome:
+    """Judge a full segment; return whether it is ready."""
     if rest['halves'] == Halves.LATER:
         drop_early_half(rest)
         rest['halves'] = Halves.LEFT_BEHIND
@@ -203,10 +222,10 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 
 
 @kernel
-def _ended_rest(rest: Rest, begin: int) -> BlockOutcome:
+def _ended_rest(rest: Rest, obstacle_before: int) -> BlockOutcome:
     """Return what the segment is that a motion has ended: it may be long enough to count as rest.
 
-    `begin` is the obstacle that showed the motion before it.
+    `obstacle_before` showed the motion before the segment.
     """
     blocks = rest['blocks']
     if rest['at_rest']:
@@ -215,7 +234,7 @@ def _ended_rest(rest: Rest, begin: int) -> BlockOutcome:
         return BlockOutcome.NOTHING
     if rest['halves'] != Halves.WHOLE:
         return BlockOutcome.END_OF_REST if blocks >= HALF + LEAST_SEGMENT else BlockOutcome.NOTHING
-    sudden = begin == Obstacle.VARIES and rest['obstacle'] == Obstacle.VARIES
+    sudden = obstacle_before == Obstacle.VARIES and rest['obstacle'] == Obstacle.VARIES
     return BlockOutcome.STOP if sudden and blocks >= SHORTEST_STOP else BlockOutcome.NOTHING
 
 
