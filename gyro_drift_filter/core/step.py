@@ -17,7 +17,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only
+from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
@@ -130,7 +130,7 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
     if message == Message.POLLING_FOUND:
         _adopt_sensor_period(filter_)
     period, elapsed, missing, jumped = clock['period'], 0.0, 0, False
-    follows, needs_half = True, False
+    needs_half = False
     if message != Message.REPEAT:
         if filter_['coefficients']['period'] != period:
             derive(filter_, period)
@@ -138,9 +138,8 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
         missing, jumped = advance_clock(
             clock, stamp, settings['sample_rate'], settings['gap_limit']
         )
-        follows = missing == 0 and not jumped
         result['status'] = SampleStatus.FILTERED
-        needs_half = _look_at_counts(sample, follows, filter_)
+        needs_half = _look_at_counts(sample, missing == 0 and not jumped, filter_)
     message_period = _message_period(state)
     note_values(state['checks'], sample, message_period, state['bias']['rest'])
     if state['checks']['comes_alive']:
@@ -152,8 +151,22 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
         return
     if needs_half:
         add_half_counts(state['quantisation'], sample['angular_velocity'])
+    _filter_sample(sample, elapsed, missing, jumped, filter_)
+
+
+@kernel
+def _filter_sample(
+    sample: Sample, elapsed: float, missing: int, jumped: bool, filter_: FilterRecord
+) -> None:
+    """Filter a sample that was measured, `elapsed` s after the one before, and count its result.
+
+    The values of the sample are raw again after it, as the sample is the caller's.
+    """
+    settings, state = filter_['settings'], filter_['state']
+    clock, result, period = state['clock'], state['result'], filter_['coefficients']['period']
     if settings['is_sensitive']:
         _subtract_acceleration(sample, state['linear_acceleration'], settings)
+    follows = missing == 0 and not jumped
     possible = possibly_missing(clock, elapsed, period) if follows else 0
     _stop_coasting(sample, missing, jumped, filter_)
     _filter_axes(sample, missing, possible, filter_)
@@ -161,7 +174,6 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
     _apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
-        # The sample is the caller's.
         sample['angular_velocity'][axis] = state['checks']['measured'][axis]
     if result['status'] == SampleStatus.REFUSED:
         state['counts']['refused'] += 1
@@ -316,7 +328,6 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
     Before it `missing` samples were lost for sure, and up to `possible` may have been.
     """
     rate, result = sample['angular_velocity'], filter_['state']['result']
-    filtered = filter_['state']['filtered']
     starting = filter_['workspace']['methods']['starting']
     tracking = filter_['state']['methods']['tracking']
     for axis in range(3):
@@ -341,26 +352,34 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
     for axis in range(3):
         if not tracking[axis]:
             continue
-        usable = is_usable(rate[axis])
         result['innovation_variance'][axis] = methods.innovation_variance(filter_, axis)
-        innovation, outlier, reason = 0.0, True, UNUSABLE
-        threshold = least_jump = 0.0
-        if usable:
-            innovation, outlier = methods.update(filter_, axis, rate[axis])
-            reason = STARTED if starting[axis] else methods.reason(filter_, axis, outlier)
-            if reason != STARTED:
-                threshold, least_jump = methods.innovation_limits(filter_, axis)
-        result['innovation'][axis] = innovation
-        result['outlier'][axis] = outlier
-        result['reason'][axis] = reason
-        result['innovation_threshold'][axis] = threshold
-        result['least_jump'][axis] = least_jump
-        sample_or_none = rate[axis] if usable else np.nan
-        estimate, variance, process, measurement = methods.estimate(filter_, axis, sample_or_none)
-        filtered[axis] = result['angular_velocity'][axis] = estimate
-        result['angular_velocity_variance'][axis] = variance
-        result['process_noise'][axis] = process
-        result['measurement_noise'][axis] = measurement
+        _update_axis(rate[axis], axis, filter_)
+
+
+@inlined_kernel
+def _update_axis(rate: float, axis: int, filter_: FilterRecord) -> None:
+    """Update the prediction of an axis with a rate in rad/s, if it is usable, into the result."""
+    result, usable = filter_['state']['result'], is_usable(rate)
+    innovation, outlier, reason = 0.0, True, UNUSABLE
+    threshold = least_jump = 0.0
+    if usable:
+        innovation, outlier = methods.update(filter_, axis, rate)
+        reason = STARTED
+        if not filter_['workspace']['methods']['starting'][axis]:
+            reason = methods.reason(filter_, axis, outlier)
+            threshold, least_jump = methods.innovation_limits(filter_, axis)
+    result['innovation'][axis] = innovation
+    result['outlier'][axis] = outlier
+    result['reason'][axis] = reason
+    result['innovation_threshold'][axis] = threshold
+    result['least_jump'][axis] = least_jump
+    estimate, variance, process_noise, measurement_noise = methods.estimate(
+        filter_, axis, rate if usable else np.nan
+    )
+    filter_['state']['filtered'][axis] = result['angular_velocity'][axis] = estimate
+    result['angular_velocity_variance'][axis] = variance
+    result['process_noise'][axis] = process_noise
+    result['measurement_noise'][axis] = measurement_noise
 
 
 @kernel
