@@ -467,13 +467,15 @@ def _predict_covariance(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
     """Carry the covariance over the block, (8)."""
-    vector, covariance = state['state_vector'], state['covariance']
-    forward, product = workspace['transition'], workspace['product']
-    seconds, turn = state['block_seconds'], state['turn']
-    mean, mean_left = _expected_speed(state), math.exp(-seconds / _memory_seconds(state))
+    forward, product, covariance = (
+        workspace['transition'],
+        workspace['product'],
+        state['covariance'],
+    )
+    mean_left = math.exp(-state['block_seconds'] / _memory_seconds(state))
     _fill_transition(state, forward, mean_left)
     for axis in range(3):
-        vector[MEAN_VELOCITY + axis] *= mean_left
+        state['state_vector'][MEAN_VELOCITY + axis] *= mean_left
     for i in range(STATES):
         for k in range(STATES):
             product[i, k] = 0.0
@@ -491,6 +493,17 @@ def _predict_covariance(
         # From the biases on, no state depends on another one.
         for k in range(BIAS, i + 1):
             covariance[i, k] = covariance[k, i] = product[i, k] * forward[k, k]
+    _add_process_noise(state, mean_left, rest, lengths)
+    settle_growth(state)
+
+
+@kernel
+def _add_process_noise(
+    state: MotionBias, mean_left: float, rest: Rest, lengths: RestLengths
+) -> None:
+    """Add to the covariance what the block makes uncertain of direction and velocities."""
+    covariance, turn = state['covariance'], state['turn']
+    mean, seconds = _expected_speed(state), state['block_seconds']
     # 2 (1 - cos(angle)), about the square of the angle that the body has turned by
     angle_square = 3.0 - turn[0, 0] - turn[1, 1] - turn[2, 2]
     share = NONLINEARITY if tracks_scale(state) else SCALE_ERROR
@@ -505,7 +518,6 @@ def _predict_covariance(
         covariance[i, i] += (VELOCITY_WALK * VELOCITY_WALK + pushed) * seconds
         i = MEAN_VELOCITY + axis
         covariance[i, i] += mean * mean * (1.0 - mean_left * mean_left)
-    settle_growth(state)
 
 
 @kernel
