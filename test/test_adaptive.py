@@ -40,7 +40,7 @@ from gyro_drift_filter.core.methods.mode_set import (
     Transition,
     derive_mode_set,
 )
-from gyro_drift_filter.core.methods.outliers import Decision, Reason, decision_of
+from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.paths import FLIGHTS
 from support.sensor import by_hand, motion_below

@@ -23,7 +23,7 @@ from scipy import signal
 from benchmark.drivers import WORLDS, lag, misses, score
 from benchmark.scenarios import stamps
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.methods.outliers import Reason
+from gyro_drift_filter.core.methods.reasons import Reason
 from gyro_drift_filter.rotations import (
     from_vectors,
     inverse,

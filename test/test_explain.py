@@ -23,7 +23,7 @@ import pytest
 from gyro_drift_filter.cli.explain import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.methods.outliers import REASONS, Reason
+from gyro_drift_filter.core.methods.reasons import REASONS, Reason
 from gyro_drift_filter.core.sample import STARTED, UNUSABLE
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind

@@ -53,7 +53,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, inlined_kernel, kernel, record
-from gyro_drift_filter.core.methods import adaptive, outliers, paper
+from gyro_drift_filter.core.methods import adaptive, paper, reasons
 from gyro_drift_filter.core.methods.adaptive import AdaptiveCoefficients, AdaptiveWorkspace
 from gyro_drift_filter.core.methods.adaptive_axis import ADAPTIVE_AXIS, AdaptiveAxis
 from gyro_drift_filter.core.methods.advice import Advice
@@ -99,7 +99,7 @@ class Method(NamedTuple):
 METHODS = (
     Method('kalman', 'paper', paper.ADVICE, paper.REASONS),
     Method('sage_husa', 'paper', paper.ADVICE, paper.REASONS),
-    Method('adaptive', 'adaptive', adaptive.ADVICE, outliers.REASONS, (outliers.Reason.REPEATED,)),
+    Method('adaptive', 'adaptive', adaptive.ADVICE, reasons.REASONS, (reasons.Reason.REPEATED,)),
 )
 METHOD_NAMES = tuple(method.name for method in METHODS)
 ADVICE = {method.name: method.advice for method in METHODS}
@@ -290,7 +290,7 @@ def is_undecided(filter_: 'FilterRecord', axis: int) -> bool:
     """Return whether a sample tells nothing of outliers before it, see `Method.undecided`."""
     if filter_['settings']['method'] == ADAPTIVE:
         reason = filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
-        return bool(reason == outliers.Reason.REPEATED)
+        return bool(reason == reasons.Reason.REPEATED)
     return False
 
 

@@ -76,10 +76,7 @@ from gyro_drift_filter.core.methods.outliers import (
     FIRST_CHANGE,
     JOLT_SAMPLES,
     Circumstances,
-    Decision,
     OutlierLimits,
-    Reason,
-    decision_of,
     derive_limits,
     feel_jolt,
     fill_innovation_limits,
@@ -96,6 +93,7 @@ from gyro_drift_filter.core.methods.outliers import (
     unmeasured_variance,
     was_jolted,
 )
+from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
 from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
