@@ -441,15 +441,13 @@ def _judge(
 
     Its innovation says it, unless the rate itself says nothing.
     """
-    doubt, prediction = state['doubt'], workspace['prediction']
-    typical, of_innovation = workspace['typical_innovation'], workspace['innovation_limits']
-    fill_innovation_limits(of_innovation, doubt, typical, circumstances['still'], limits)
-    reason = find_reason(
-        doubt, of_innovation, sample, prediction, state['last_accepted'], circumstances, limits
-    )
+    doubt, typical = state['doubt'], workspace['typical_innovation']
+    still = circumstances['still']
+    fill_innovation_limits(workspace['innovation_limits'], doubt, typical, still, limits)
+    reason = find_reason(state, workspace, circumstances, limits, sample)
     # Called for every sample, as it counts them.
     constant = note_repeat(doubt, sample, state['noise']['variance'])
-    cut_off = workspace['at_limit'] and _is_behind(sample, prediction, typical)
+    cut_off = workspace['at_limit'] and _is_behind(sample, workspace['prediction'], typical)
     if constant and not cut_off:
         return Reason.CONSTANT
     unmeasured = circumstances['repeated'] or workspace['hangs']

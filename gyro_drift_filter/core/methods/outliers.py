@@ -44,6 +44,7 @@ from gyro_drift_filter.core.methods.reasons import Reason
 from gyro_drift_filter.core.sensor_checks import RANGE
 
 if TYPE_CHECKING:
+    from gyro_drift_filter.core.methods.adaptive_axis import AdaptiveAxis, AdaptiveAxisWorkspace
     from gyro_drift_filter.core.settings import Settings
 
 RETURN = 0.5  # back by half the jump: the jump was an outlier
@@ -294,18 +295,15 @@ def fill_innovation_limits(
 
 @kernel
 def find_reason(
-    doubt: Doubt,
-    innovation_limits: InnovationLimits,
-    sample: float,
-    prediction: float,
-    last_accepted: float,
+    state: 'AdaptiveAxis',
+    workspace: 'AdaptiveAxisWorkspace',
     circumstances: Circumstances,
     limits: OutlierLimits,
+    sample: float,
 ) -> Reason:
-    """Return the reason for the decision on a sample, after `fill_innovation_limits`.
-
-    Arguments in rad/s: the sample, its prediction, and the last sample that was accepted.
-    """
+    """Return the reason for the decision on a sample (rad/s), after `fill_innovation_limits`."""
+    doubt, innovation_limits = state['doubt'], workspace['innovation_limits']
+    prediction, last_accepted = workspace['prediction'], state['last_accepted']
     size, dropout = abs(sample - prediction), circumstances['dropout']
     held = doubt['held']
     if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
@@ -320,9 +318,7 @@ def find_reason(
             return Reason.REACHED
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     if held > 0:
-        return _reason_behind_held(
-            doubt, threshold, sample, prediction, last_accepted, beyond, circumstances, limits
-        )
+        return _reason_behind_held(state, workspace, circumstances, limits, sample, beyond)
     if dropout:
         return Reason.DROPOUT
     if not doubtful:
@@ -358,21 +354,19 @@ def _jolt_limit(circumstances: Circumstances, limits: OutlierLimits) -> float:
 
 @kernel
 def _reason_behind_held(
-    doubt: Doubt,
-    threshold: float,
-    sample: float,
-    prediction: float,
-    last_accepted: float,
-    beyond: bool,
+    state: 'AdaptiveAxis',
+    workspace: 'AdaptiveAxisWorkspace',
     circumstances: Circumstances,
     limits: OutlierLimits,
+    sample: float,
+    beyond: bool,
 ) -> Reason:
     """Return the reason for the decision on a sample that comes behind some that were held back.
 
-    Arguments as for `find_reason`; `threshold` is `innovation_threshold`, and `beyond` is true of a
-    sample that no body reaches.
+    Arguments as for `find_reason`; `beyond` is true of a sample that no body reaches.
     """
-    innovation, size = sample - prediction, abs(sample - prediction)
+    doubt, innovation = state['doubt'], sample - workspace['prediction']
+    size, threshold = abs(innovation), workspace['innovation_limits']['innovation_threshold']
     held, offset = doubt['held'], doubt['offset']
     lasted = held >= limits['longest_hold']
     if circumstances['dropout']:
@@ -408,7 +402,7 @@ def _reason_behind_held(
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
-    if _goes_on(doubt, sample, last_accepted):
+    if _goes_on(doubt, sample, state['last_accepted']):
         return Reason.GONE_ON
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
