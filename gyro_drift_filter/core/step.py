@@ -395,9 +395,7 @@ def _subtract_bias(
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             trusted = False
-    lengths = filter_['coefficients']['rest']
-    quantisation = state['quantisation']
-    track_bias(bias, sample, trusted, missing, elapsed, quantisation, lengths, settings)
+    track_bias(filter_, sample, trusted, missing, elapsed)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
     _note_turn(missing, jumped, filter_)
@@ -418,7 +416,7 @@ def _subtract_bias(
             if not at_rest:
                 # At rest the rates themselves are rounded as their mean was.
                 noise = result['measurement_noise']
-                variance += variance_of_rounding(quantisation, axis, noise)
+                variance += variance_of_rounding(state['quantisation'], axis, noise)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
 

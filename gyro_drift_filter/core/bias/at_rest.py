@@ -60,7 +60,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     update_slow_turn,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
-from gyro_drift_filter.core.quantisation import Quantisation, likely_count
+from gyro_drift_filter.core.quantisation import likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
     forget_noise,
@@ -78,6 +78,7 @@ from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
 
 if TYPE_CHECKING:
+    from gyro_drift_filter.core.records import FilterRecord
     from gyro_drift_filter.core.settings import Settings
 
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
@@ -171,20 +172,15 @@ def _forget_stillness(state: Bias) -> None:
 
 @kernel
 def track_bias(
-    state: Bias,
-    sample: Sample,
-    trusted: bool,
-    missing: int,
-    elapsed: float,
-    quantisation: Quantisation,
-    lengths: RestLengths,
-    settings: 'Settings',
+    filter_: 'FilterRecord', sample: Sample, trusted: bool, missing: int, elapsed: float
 ) -> None:
     """Take a sample in, with `missing` ones before it.
 
     `trusted` where it is no outlier and its sensor measures; `elapsed` is the time in s since the
     last sample.
     """
+    state, quantisation = filter_['state']['bias'], filter_['state']['quantisation']
+    settings, lengths = filter_['settings'], filter_['coefficients']['rest']
     rest = state['rest']
     state['hint_seconds'] -= elapsed
     if state['hint_seconds'] <= 0.0:
