@@ -58,8 +58,6 @@ MIXED = 0.06  # the largest share of other axes, which moves the end of the rang
 # No rate is the end of the range that so many samples in a row have passed: outliers are fewer. An
 # axis that hangs in a turn shows one rate for a while, too, but turns on, and faster.
 PASSED_SAMPLES = 4
-
-
 # Zeros on all axes so many times in a row are no drop-out of a sample or two.
 LONG_ZEROS = 20
 

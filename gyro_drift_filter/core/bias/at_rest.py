@@ -133,8 +133,7 @@ def start_bias(
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['temperature'] = np.nan
-    state['growth'] = 0.0
-    state['reach'] = 0.0
+    state['growth'] = state['reach'] = 0.0
     forget_slow_turn(state['turn'])
     forget_swing(state['swing'])
 
@@ -162,11 +161,9 @@ def leave_rest(state: Bias) -> None:
 def _forget_stillness(state: Bias) -> None:
     state['recent_count'] = 0
     state['rest_beyond_max'] = False
-    state['still_seconds'] = 0.0
-    state['still_blocks'] = 0.0
+    state['still_seconds'] = state['still_blocks'] = 0.0
     for axis in range(3):
-        state['still_sum'][axis] = 0.0
-        state['lag'][axis] = 0.0
+        state['still_sum'][axis] = state['lag'][axis] = 0.0
     interrupt_slow_turn(state['turn'])
 
 
@@ -277,8 +274,7 @@ def calibrate_bias(state: Bias) -> None:
         state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     # What came before says nothing against it.
-    state['recent_count'] = 0
-    state['doubted_segments'] = 0
+    state['recent_count'] = state['doubted_segments'] = 0
     _settle(state)
 
 
@@ -418,8 +414,7 @@ def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
         else:
             turn['gave_up'] = False
     state['known'] = False
-    state['doubted_segments'] = 0
-    state['recent_count'] = 0
+    state['doubted_segments'] = state['recent_count'] = 0
     return True
 
 
@@ -501,6 +496,5 @@ def _settle(state: Bias) -> None:
     state['rest_beyond_max'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0
-    state['growth'] = 0.0
-    state['reach'] = 0.0
+    state['growth'] = state['reach'] = 0.0
     forget_slow_turn(state['turn'])

@@ -41,8 +41,7 @@ def note_segment(state: Bias) -> None:
         last['bias'][axis] = state['bias'][axis]
         last['variance'][axis] = state['variance'][axis]
     keep_shared(state['motion'], last['in_motion'], state['growth'])
-    last['growth'] = 0.0
-    last['reach'] = 0.0
+    last['growth'] = last['reach'] = 0.0
 
 
 @kernel
@@ -80,8 +79,7 @@ def take_back(state: Bias, count: int) -> None:
         segment = recent[i]
         state['growth'] += segment['growth']
         state['reach'] += segment['reach']
-        segment['growth'] = 0.0
-        segment['reach'] = 0.0
+        segment['growth'] = segment['reach'] = 0.0
         for axis in range(3):
             segment['bias'][axis] = before['bias'][axis]
             segment['variance'][axis] = before['variance'][axis]

@@ -260,9 +260,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
         bias_at_rest['untracked'][axis] = 0.0
     state['growth'] = 0.0
-    state['moving_seconds'] = 0.0
-    state['vertical_angle'] = 0.0
-    state['carried'] = 0.0
+    state['moving_seconds'] = state['vertical_angle'] = state['carried'] = 0.0
     state['moving'] = False
     _start_scale(state, variance)
 

@@ -91,8 +91,7 @@ def _end(swing: Swing, rest: Rest) -> None:
         seen = swing['variance'][axis] > _largest_bend(rest, axis)
         angle = math.acos(min(max(_correlation(swing, axis), -1.0), 1.0))
         if seen and angle * rest['run'] > math.pi * HALF:
-            swing['variance'][axis] = 0.0
-            swing['step_variance'][axis] = 0.0
+            swing['variance'][axis] = swing['step_variance'][axis] = 0.0
 
 
 @kernel

@@ -177,10 +177,8 @@ def start(state: AdaptiveAxis, settings: 'Settings', axis: int, rate: float) -> 
     restart_block(state['noise'])
     put_modes_at(state, rate)
     make_certain(state, MODES - 1)
-    state['held_angle'] = 0.0
-    state['recent_angle'] = 0.0
-    state['compensation'] = 0.0
-    state['knock_angle'] = 0.0
+    state['held_angle'] = state['knock_angle'] = 0.0
+    state['recent_angle'] = state['compensation'] = 0.0
     state['bridge']['samples'] = 0
     state['bridge']['behind'] = False
     state['last_accepted'] = rate
@@ -196,9 +194,8 @@ def start_over(state: AdaptiveAxis) -> None:
 @kernel
 def make_equally_likely(state: AdaptiveAxis) -> None:
     """Leave it to the next sample which mode holds, after `start` at a rate."""
-    probability = state['probability']
     for j in range(MODES):
-        probability[j] = 1.0 / MODES
+        state['probability'][j] = 1.0 / MODES
 
 
 @kernel
@@ -218,10 +215,9 @@ def change_period(state: AdaptiveAxis, periods: float) -> None:
     less noise in them than the larger gains have left, so then they are scaled down.
     """
     if periods < 1.0:
-        acceleration, jerk = state['acceleration'], state['jerk']
         for j in range(MODES):
-            acceleration[j] *= periods
-            jerk[j] *= periods * periods
+            state['acceleration'][j] *= periods
+            state['jerk'][j] *= periods * periods
 
 
 @kernel
@@ -405,8 +401,7 @@ def update(
         _restart_at(state, own, sample, decision, coefficients['modes'])
     else:
         steps = 1.0 + doubt['held']
-        doubt['held'] = 0
-        doubt['unmeasured'] = 0
+        doubt['held'] = doubt['unmeasured'] = 0
         correct(state, own, sample, steps, coefficients['modes'])
     if own['hangs'] and decision != Decision.BRIDGE:
         # A value that is used meanwhile was not measured either.
@@ -513,8 +508,7 @@ def _restart_at(
     """Put all modes at a sample (rad/s), for a decision that is not to hold it back."""
     doubt = state['doubt']
     put_modes_at(state, sample)
-    doubt['held'] = 0
-    doubt['unmeasured'] = 0
+    doubt['held'] = doubt['unmeasured'] = 0
     doubt['before_restart'] = state['last_accepted']
     if decision == Decision.START_ANEW:
         jump = abs(sample - workspace['prediction'])

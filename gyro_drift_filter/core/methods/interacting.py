@@ -42,34 +42,27 @@ SMALLEST = 1e-300
 @kernel
 def put_modes_at(state: AdaptiveAxis, rate: float) -> None:
     """Start all modes at a rate."""
-    rates, acceleration, jerk = state['rate'], state['acceleration'], state['jerk']
     for j in range(MODES):
-        rates[j] = rate
-        acceleration[j] = 0.0
-        jerk[j] = 0.0
+        state['rate'][j] = rate
+        state['acceleration'][j] = state['jerk'][j] = 0.0
 
 
 @kernel
 def make_certain(state: AdaptiveAxis, mode: int) -> None:
     """Give nearly all probability to one mode."""
-    probability = state['probability']
     for j in range(MODES):
-        probability[j] = 1e-9
-    probability[mode] = 1.0
+        state['probability'][j] = 1e-9
+    state['probability'][mode] = 1.0
 
 
 @kernel
 def take_prediction(state: AdaptiveAxis, workspace: AdaptiveAxisWorkspace) -> None:
     """Take the prediction for the state."""
-    probability, rate = state['probability'], state['rate']
-    acceleration, jerk = state['acceleration'], state['jerk']
-    prior, predicted_rate = workspace['prior'], workspace['rate']
-    predicted_acceleration, predicted_jerk = workspace['acceleration'], workspace['jerk']
     for j in range(MODES):
-        probability[j] = prior[j]
-        rate[j] = predicted_rate[j]
-        acceleration[j] = predicted_acceleration[j]
-        jerk[j] = predicted_jerk[j]
+        state['probability'][j] = workspace['prior'][j]
+        state['rate'][j] = workspace['rate'][j]
+        state['acceleration'][j] = workspace['acceleration'][j]
+        state['jerk'][j] = workspace['jerk'][j]
 
 
 @kernel

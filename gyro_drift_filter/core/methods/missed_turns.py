@@ -108,8 +108,7 @@ def _held_motion(
         was_motion = was_motion and not at_accepted
         if abs(state['held_angle']) <= (largest if was_motion else state['knock_angle']):
             missed = state['held_angle']
-        state['held_angle'] = 0.0
-        state['knock_angle'] = 0.0
+        state['held_angle'] = state['knock_angle'] = 0.0
     return missed
 
 

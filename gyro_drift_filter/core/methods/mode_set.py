@@ -264,8 +264,7 @@ def _settle_covariance(lag_ratio: float, process_ratio: float, scratch: Derivati
     for i in range(3):
         drive_i = _drive(lag_ratio, i)
         for k in range(3):
-            forward[i, k] = 0.0
-            information[i, k] = 0.0
+            forward[i, k] = information[i, k] = 0.0
             covariance[i, k] = drive_i * _drive(lag_ratio, k) * process_ratio
     forward[0, 0] = forward[1, 0] = forward[2, 1] = 1.0
     forward[1, 1] = forward[2, 2] = lag_ratio

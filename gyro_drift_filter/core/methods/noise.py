@@ -84,7 +84,6 @@ LEAST_WEIGHT = 0.1
 # by this factor.
 LEAST_SHOWN = 4.0
 
-
 # At lags of one and two samples.
 LAGS = 2
 PerLag = Annotated[NDArray[np.float64], np.float64, (LAGS,)]
@@ -221,14 +220,9 @@ def usual_deviation(noise: Noise) -> float:
 @kernel
 def restart_block(noise: Noise) -> None:
     """Forget the block under way."""
-    noise['count'] = 0
-    noise['index'] = 0
-    noise['run'] = 0
-    noise['sum'] = 0.0
-    noise['squares'] = 0.0
-    noise['index_sum'] = 0.0
-    noise['index_squares'] = 0.0
-    noise['moment'] = 0.0
+    noise['count'] = noise['index'] = noise['run'] = 0
+    noise['sum'] = noise['squares'] = 0.0
+    noise['index_sum'] = noise['index_squares'] = noise['moment'] = 0.0
     noise['first_difference_count'] = 0
     noise['first_differences'] = 0.0
     noise['second_lag_count'] = 0

@@ -261,9 +261,7 @@ def _usual_after(usual: float, size: float, largest: float) -> float:
 @kernel
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
-    doubt['held'] = 0
-    doubt['unmeasured'] = 0
-    doubt['confirmations'] = 0
+    doubt['held'] = doubt['unmeasured'] = doubt['confirmations'] = 0
     doubt['behind_gap'] = False
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
@@ -491,8 +489,7 @@ def note_held(
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
         doubt['first_size'] = 0.0 if dropout else abs(innovation)
-        doubt['agreeing'] = 0
-        doubt['growing'] = 0
+        doubt['agreeing'] = doubt['growing'] = 0
         doubt['step'] = 0.0
     else:
         follows = not dropout and doubt['offset'] != 0.0
@@ -515,10 +512,8 @@ def note_missing(doubt: Doubt, typical_innovation: float) -> None:
         doubt['first_size'] = 0.0
     doubt['held'] += 1
     doubt['unmeasured'] += 1
-    doubt['growing'] = 0
-    doubt['agreeing'] = 0
-    doubt['offset'] = 0.0
-    doubt['step'] = 0.0
+    doubt['growing'] = doubt['agreeing'] = 0
+    doubt['offset'] = doubt['step'] = 0.0
 
 
 @kernel

@@ -128,9 +128,7 @@ def start(state: PaperAxis, coefficients: PaperCoefficients, sample: float) -> N
         state['samples'] = 1  # safeguard: first sample
         state['process_noise'] = coefficients['process_noise']
         state['measurement_noise'] = coefficients['measurement_noise']
-    state['measurement_mean'] = 0.0
-    state['rate_mean'] = 0.0
-    state['drift_mean'] = 0.0
+    state['measurement_mean'] = state['rate_mean'] = state['drift_mean'] = 0.0
     phi = coefficients['phi']
     state['rate'] = sample
     state['drift'] = 0.0

@@ -135,8 +135,7 @@ def learn_variance_ratio(rest: Rest) -> None:
 @kernel
 def forget_noise(rest: Rest) -> None:
     """Forget the noise: the next segment is judged as the first one was."""
-    rest['known'] = False
-    rest['calm_known'] = False
+    rest['known'] = rest['calm_known'] = False
 
 
 @kernel

@@ -32,8 +32,7 @@ LEAST_VARIANCE = 1e-10
 @kernel
 def start_value(rest: Rest) -> None:
     """Start the next value."""
-    rest['samples'] = 0
-    rest['averaged'] = 0
+    rest['samples'] = rest['averaged'] = 0
     for i in range(SIGNALS):
         rest['signals'][i]['value'] = 0.0
 
@@ -56,12 +55,10 @@ def add_value(rest: Rest) -> None:
 @kernel
 def start_block(rest: Rest) -> None:
     """Start the next block."""
-    rest['index'] = 0
-    rest['count'] = 0
+    rest['index'] = rest['count'] = 0
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        signal['sum'] = 0.0
-        signal['squares'] = 0.0
+        signal['sum'] = signal['squares'] = 0.0
 
 
 @kernel
@@ -96,9 +93,7 @@ def start_segment(rest: Rest) -> None:
     rest['halves'] = Halves.WHOLE
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        signal['variances'] = 0.0
-        signal['largest_variance'] = 0.0
-        signal['early_largest_variance'] = 0.0
+        signal['variances'] = signal['largest_variance'] = 0.0
 
 
 @kernel

@@ -52,8 +52,7 @@ WAITING = record(Waiting)
 @kernel
 def forget_waiting(waiting: Waiting) -> None:
     """Let no sample wait any more, nor be a neighbour of the next one."""
-    waiting['waits'] = False
-    waiting['trusted'] = False
+    waiting['waits'] = waiting['trusted'] = False
 
 
 @kernel
