@@ -663,7 +663,7 @@ def reasons_of(stamps, rates, accelerations):
             reason = Reason(axes['reason'][axis])
             found.add(reason)
             # The next noise is predicted by what was accepted, and measured, alone.
-            decision, run = decision_of(reason), states[axis]['noise']['run']
+            decision, run = decision_of(reason), states[axis]['noise']['block']['run']
             measured = decision == Decision.ACCEPT and not axes['hangs'][axis]
             assert (run > 0) == measured
             assert (result['outlier'][axis] > 0.0) == (decision == Decision.HOLD)

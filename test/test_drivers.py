@@ -305,12 +305,12 @@ def test_the_end_of_the_range_teaches_no_noise(random):
     noise = filter_.state['methods']['adaptive'][0]['noise']
     own = filter_.record[0]['workspace']['methods']['adaptive']['axes'][0]
     for stamp, sample, force in zip(stamps(n, rate), z, upright(random, n), strict=True):
-        count = int(noise['count'])
+        count = int(noise['block']['count'])
         filter_.step(stamp, sample, force)
         if own['at_limit']:
             at_limit += 1
             constant += own['reason'] == Reason.CONSTANT
-            assert noise['count'] in (count, 0)
+            assert noise['block']['count'] in (count, 0)
     assert at_limit > 100
     assert constant == 0
 

@@ -106,6 +106,30 @@ class NoiseCoefficients(TypedDict):
     largest_white: float
 
 
+class NoiseBlock(TypedDict):
+    """Sums over a block of samples, each of them less the first one."""
+
+    count: int  # samples in it
+    index: int  # of the next sample in it, where held and missing ones count, too
+    run: int  # samples in a row, those before it among them
+    origin: float  # the first sample, rad/s
+    sum: float
+    squares: float
+    index_sum: float
+    index_squares: float
+    moment: float  # sum of the products of sample and index
+    first_difference_count: int
+    first_differences: float  # sum of squares
+    second_lag_count: int
+    second_lag_differences: float  # sum of squares, to the sample before the last
+    third_difference_count: int
+    third_differences: float  # sum of squares
+    before: PerAxis  # the three samples before, newest first
+
+
+NOISE_BLOCK = record(NoiseBlock)
+
+
 class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
@@ -132,23 +156,7 @@ class Noise(TypedDict):
     waiting_autocorrelation: PerLag
     waiting_roughness: float
     resolution: float  # rad/s, the smallest change seen; 0 before the first
-    # the block under way
-    count: int  # samples in it
-    index: int  # of the next sample in it, where held and missing ones count, too
-    run: int  # samples in a row
-    origin: float
-    sum: float
-    squares: float
-    index_sum: float
-    index_squares: float
-    moment: float
-    first_difference_count: int
-    first_differences: float  # sum of squares
-    second_lag_count: int
-    second_lag_differences: float  # sum of squares, to the sample before the last
-    third_difference_count: int
-    third_differences: float  # sum of squares
-    before: PerAxis  # the three samples before, newest first
+    block: NoiseBlock
 
 
 NOISE_COEFFICIENTS = record(NoiseCoefficients)
@@ -220,15 +228,16 @@ def usual_deviation(noise: Noise) -> float:
 @kernel
 def restart_block(noise: Noise) -> None:
     """Forget the block under way."""
-    noise['count'] = noise['index'] = noise['run'] = 0
-    noise['sum'] = noise['squares'] = 0.0
-    noise['index_sum'] = noise['index_squares'] = noise['moment'] = 0.0
-    noise['first_difference_count'] = 0
-    noise['first_differences'] = 0.0
-    noise['second_lag_count'] = 0
-    noise['second_lag_differences'] = 0.0
-    noise['third_difference_count'] = 0
-    noise['third_differences'] = 0.0
+    block = noise['block']
+    block['count'] = block['index'] = block['run'] = 0
+    block['sum'] = block['squares'] = 0.0
+    block['index_sum'] = block['index_squares'] = block['moment'] = 0.0
+    block['first_difference_count'] = 0
+    block['first_differences'] = 0.0
+    block['second_lag_count'] = 0
+    block['second_lag_differences'] = 0.0
+    block['third_difference_count'] = 0
+    block['third_differences'] = 0.0
 
 
 @kernel
@@ -242,9 +251,10 @@ def forget_blocks(noise: Noise) -> None:
 @kernel
 def interrupt_block(noise: Noise) -> None:
     """Pass over a sample that is missing or not accepted; the block goes on after it."""
-    noise['run'] = 0
-    if noise['count'] > 0:
-        noise['index'] += 1
+    block = noise['block']
+    block['run'] = 0
+    if block['count'] > 0:
+        block['index'] += 1
 
 
 @kernel
@@ -256,39 +266,47 @@ def learn_noise_from_sample(
     `noise_alone` is whether the last samples are that (`rest/`), as far as is known before this
     one.
     """
-    before, run = noise['before'], noise['run']
-    if noise['count'] == 0:
-        noise['origin'] = sample
+    block = noise['block']
+    if block['run'] >= 1:
+        change = abs(sample - block['before'][0])
+        noise['resolution'] = finer(noise['resolution'], change)
+    _add_sample(block, sample)
+    length = coefficients['block_samples'] if is_begun(noise) else FIRST_NOISE_BLOCK
+    if block['count'] >= length and block['third_difference_count'] >= LEAST_THIRDS:
+        _judge_block(noise, noise_alone, coefficients)
+        run = block['run']
+        restart_block(noise)
+        block['run'] = run  # differences go on across the border of two blocks
+
+
+@kernel
+def _add_sample(block: NoiseBlock, sample: float) -> None:
+    """Add a sample (rad/s) to the sums of the block."""
+    before, run = block['before'], block['run']
+    if block['count'] == 0:
+        block['origin'] = sample
     if run >= 1:
         first = sample - before[0]
-        noise['first_differences'] += first * first
-        noise['resolution'] = finer(noise['resolution'], abs(first))
-        noise['first_difference_count'] += 1
+        block['first_differences'] += first * first
+        block['first_difference_count'] += 1
     if run >= 2:
         second = sample - before[1]
-        noise['second_lag_differences'] += second * second
-        noise['second_lag_count'] += 1
+        block['second_lag_differences'] += second * second
+        block['second_lag_count'] += 1
     if run >= 3:
         third = sample - 3.0 * before[0] + 3.0 * before[1] - before[2]
-        noise['third_differences'] += third * third
-        noise['third_difference_count'] += 1
-    before[2] = before[1]
-    before[1] = before[0]
-    before[0] = sample
-    deviation, index = sample - noise['origin'], 1.0 * noise['index']
-    noise['sum'] += deviation
-    noise['squares'] += deviation * deviation
-    noise['index_sum'] += index
-    noise['index_squares'] += index * index
-    noise['moment'] += deviation * index
-    noise['count'] += 1
-    noise['index'] += 1
-    noise['run'] = run + 1
-    length = coefficients['block_samples'] if is_begun(noise) else FIRST_NOISE_BLOCK
-    if noise['count'] >= length and noise['third_difference_count'] >= LEAST_THIRDS:
-        _judge_block(noise, noise_alone, coefficients)
-        restart_block(noise)
-        noise['run'] = run + 1  # differences go on across the border of two blocks
+        block['third_differences'] += third * third
+        block['third_difference_count'] += 1
+    before[2], before[1], before[0] = before[1], before[0], sample
+    deviation, index = sample - block['origin'], 1.0 * block['index']
+    block['sum'] += deviation
+    block['squares'] += deviation * deviation
+    block['index_sum'] += index
+    block['index_squares'] += index * index
+    block['moment'] += deviation * index
+    block['count'] += 1
+    block['index'] += 1
+    block['run'] = run + 1
 
 
 @kernel
@@ -297,7 +315,8 @@ def _judge_block(noise: Noise, noise_alone: bool, coefficients: NoiseCoefficient
 
     A motion is noticed some time after it has begun, so a block waits for the next one.
     """
-    rough = noise['third_differences'] / (20.0 * noise['third_difference_count'])
+    block = noise['block']
+    rough = block['third_differences'] / (20.0 * block['third_difference_count'])
     if noise['blocks'] > 0:
         # It falls at once where even the roughness, motion's included, is far below it, as where a
         # motor has stopped; a mean over blocks would take seconds.
@@ -351,18 +370,18 @@ def _bound_noise(noise: Noise, variance: float, bound: Bound) -> None:
 @kernel
 def _let_wait(noise: Noise, rough: float) -> None:
     """Keep what the full block shows."""
-    n = 1.0 * noise['count']
-    centred = noise['moment'] - noise['index_sum'] * noise['sum'] / n
-    index_scatter = noise['index_squares'] - noise['index_sum'] * noise['index_sum'] / n
+    block, n = noise['block'], 1.0 * noise['block']['count']
+    centred = block['moment'] - block['index_sum'] * block['sum'] / n
+    index_scatter = block['index_squares'] - block['index_sum'] * block['index_sum'] / n
     about_line = (
-        noise['squares'] - noise['sum'] * noise['sum'] / n - centred * centred / index_scatter
+        block['squares'] - block['sum'] * block['sum'] / n - centred * centred / index_scatter
     )
     shown = about_line / (n - 2.0)
     variance = max(shown, LEAST_NOISE**2)
     # What R has beyond that is no noise that was seen, so it is as uncorrelated as white noise.
     raised = variance - shown
-    first = noise['first_differences'] / (2.0 * noise['first_difference_count'])
-    second = noise['second_lag_differences'] / (2.0 * noise['second_lag_count'])
+    first = block['first_differences'] / (2.0 * block['first_difference_count'])
+    second = block['second_lag_differences'] / (2.0 * block['second_lag_count'])
     autocorrelation = noise['waiting_autocorrelation']
     autocorrelation[0] = _limited(1.0 - (first + raised) / variance)
     autocorrelation[1] = _limited(1.0 - (second + raised) / variance)
@@ -410,9 +429,10 @@ def prediction_of(noise: Noise) -> tuple[float, float, float]:
     The coefficients of the last sample and of the one before it, 0 where that was not accepted; and
     the share of the variance that they predict.
     """
-    if noise['run'] >= LAGS:
+    run = noise['block']['run']
+    if run >= LAGS:
         return noise['coefficients'][0], noise['coefficients'][1], noise['predicted']
-    alone = noise['coefficient_alone'] if noise['run'] > 0 else 0.0
+    alone = noise['coefficient_alone'] if run > 0 else 0.0
     return alone, 0.0, alone * alone
 
 
