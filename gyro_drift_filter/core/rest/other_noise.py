@@ -17,7 +17,8 @@
 Where the noise has risen for good nothing is still any more, by what is known of it. So what is not
 known as rest is looked at a second time, by a detector that knows no noise, as before the first
 rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
-the noise at rest from now on. A robot may drive for long in between. Where the noise falls again it is learned as always.
+the noise at rest from now on. A robot may drive for long in between. Where the noise falls again it
+is learned as always.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -37,8 +38,8 @@ CONFIRMING = 3  # segments
 # The variance of values over the known one: below this the noise that is known finds the rest, and
 # two segments have one and the same noise.
 NOISIER = 2.0
-# What has been neither rest nor of that noise for so long was motion. The detector may learn another
-# noise then; segments that had this one still count.
+# What has been neither rest nor of that noise for so long was motion. The detector may learn
+# another noise then; segments that had this one still count.
 FORGET_OTHER_NOISE_SECONDS = 10.0
 
 
