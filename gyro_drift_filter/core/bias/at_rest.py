@@ -74,6 +74,7 @@ from gyro_drift_filter.core.rest.noise import (
 from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import segment_mean
+from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
 
@@ -345,13 +346,14 @@ def _accept_segment(
 @kernel
 def _let_gravity_move_bias(state: Bias) -> None:
     """Widen the bias by what gravity may add to it where it has another direction than before."""
-    square = 0.0
+    before, square = state['gravity'], 0.0
     for axis in range(3):
-        gravity = segment_mean(state['rest'], 3 + axis)
-        change = gravity - state['gravity'][axis]
+        change = segment_mean(state['rest'], 3 + axis) - before[axis]
         square += change * change
-        state['gravity'][axis] = gravity
-    widen(state, ACCELERATION_SENSITIVITY * ACCELERATION_SENSITIVITY * square)
+    if square > STEADY_GRAVITY * STEADY_GRAVITY:
+        for axis in range(3):
+            before[axis] = segment_mean(state['rest'], 3 + axis)
+        widen(state, ACCELERATION_SENSITIVITY * ACCELERATION_SENSITIVITY * square)
 
 
 @kernel
