@@ -95,15 +95,8 @@ def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number:
     same = are_equal(rate, checks['measured'])
     if same and not polling['faster'] and is_zero(rate):
         return Message.SAMPLE  # of a driver that takes slow rates for none
-    if same or polling['faster'] or polling['repeats'] > 0:
-        return _judge(polling, checks, sample, same, number)
-    return Message.SAMPLE  # as nearly always
-
-
-@kernel
-def _judge(
-    polling: Polling, checks: SensorChecks, sample: Sample, same: bool, number: int
-) -> Message:
+    if not (same or polling['faster'] or polling['repeats'] > 0):
+        return Message.SAMPLE  # as nearly always
     _age(checks['rates'], number)
     _age(checks['accelerations'], number)
     if same and _is_repeat(polling, checks, sample, number):
@@ -113,6 +106,12 @@ def _judge(
         known = polling['window'] > FIRST_MEASUREMENTS
         polling['bridged'] = known or _measurements(polling, number) >= FIRST_MEASUREMENTS
         return Message.REPEAT if polling['faster'] else Message.SAMPLE
+    return _note_measurement(polling, checks, number)
+
+
+@kernel
+def _note_measurement(polling: Polling, checks: SensorChecks, number: int) -> Message:
+    """Note that the message is a measurement, and judge the pace where there are enough of them."""
     repeats = polling['repeats']
     polling['repeats'] = 0
     polling['bridged'] = False
