@@ -40,7 +40,7 @@ from gyro_drift_filter.core.bias.provisional import (
     take_provisional,
     take_standing,
 )
-from gyro_drift_filter.core.bias.records import Bias, Hint
+from gyro_drift_filter.core.bias.records import Bias, Hint, bias_variance
 from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
 from gyro_drift_filter.core.bias.shared import (
     learn_at_rest,
@@ -457,7 +457,7 @@ def _correct(state: Bias) -> None:
     for axis in range(3):
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         noise += variance_of_swing(state['swing'], rest, axis)
-        variance = state['variance'][axis] + state['growth']
+        variance = bias_variance(state, axis)
         innovation, spread = mean - state['bias'][axis], variance + noise
         lagged = _variance_of_lag(state, axis, innovation, spread)
         variance += lagged
