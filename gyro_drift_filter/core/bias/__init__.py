@@ -16,7 +16,8 @@
 
 `at_rest.py` tracks it from one rest to the next, by the segments that `core/rest/` finds;
 `segments.py` judges several of them together, `slow_turn.py` tells a slow turn from a bias that has
-jumped, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias in
+jumped, `shaken_stand.py` has one of a robot that says that it stands and is never still, and
+`provisional.py` has one before there is a rest. `in_motion.py` follows the bias in
 motion by gravity, and `without_rest.py` finds it by that alone where there is no rest; `shared.py`
 is what the bias in motion and that at rest have in common, and `vibration.py` measures what moves
 the one away from the other. `records.py` declares the state.

@@ -35,6 +35,7 @@ import numpy as np
 from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.provisional import (
+    PROVISIONAL_DEVIATION,
     is_far_from_provisional,
     is_less_steady,
     take_provisional,
@@ -42,6 +43,12 @@ from gyro_drift_filter.core.bias.provisional import (
 )
 from gyro_drift_filter.core.bias.records import Bias, Hint, bias_variance
 from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
+from gyro_drift_filter.core.bias.shaken_stand import (
+    forget_stand,
+    note_stand,
+    stand_mean,
+    variance_of_stand_mean,
+)
 from gyro_drift_filter.core.bias.shared import (
     learn_at_rest,
     limit_shift,
@@ -73,7 +80,7 @@ from gyro_drift_filter.core.rest.noise import (
 )
 from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import segment_mean
+from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
@@ -201,6 +208,7 @@ def track_bias(
     hand_on_block(rest, state['other_noise']['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
+    told = _note_what_robot_says(state, lengths)
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_noise'], lengths)
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
@@ -208,6 +216,9 @@ def track_bias(
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
         _take_segment(state, found, lengths, settings)
+        forget_stand(state['shaken_stand'])
+    elif told:
+        _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
 
@@ -236,6 +247,43 @@ def _take_segment(
         next_segment(rest, True)
         rest['at_rest'] = False
         note_obstacle(rest, Obstacle.NO_BIAS, 0)
+
+
+@kernel
+def _note_what_robot_says(state: Bias, lengths: RestLengths) -> bool:
+    """Note the full block where the robot says that it stands and there is no rest.
+
+    Return whether that brings a mean for `_take_shaken_stand`.
+    """
+    rest, stand = state['rest'], state['shaken_stand']
+    if state['hint'] == Hint.STANDS and not rest['at_rest']:
+        return is_block_filled(rest, lengths) and note_stand(stand, rest)
+    forget_stand(stand)
+    return False
+
+
+@kernel
+def _take_shaken_stand(state: Bias, bias_max: float) -> None:
+    """Take the mean of a stand for the bias, as the robot itself says that it is one."""
+    stand = state['shaken_stand']
+    for axis in range(3):
+        if abs(stand_mean(stand, axis)) > bias_max:
+            state['segments_beyond_max'] += 1
+            state['rest_beyond_max'] = True
+            return
+    for axis in range(3):
+        noise = variance_of_stand_mean(stand, axis)
+        innovation, variance = stand_mean(stand, axis) - state['bias'][axis], noise
+        if state['known']:
+            variance = bias_variance(state, axis)
+            if innovation * innovation > GATE * GATE * (variance + noise):
+                variance = innovation * innovation
+            variance *= noise / (variance + noise)
+        state['bias'][axis] += variance / noise * innovation
+        state['variance'][axis] = max(variance, PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION)
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
+    state['recent_count'] = 0
+    _settle(state)
 
 
 @kernel

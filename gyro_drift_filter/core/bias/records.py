@@ -19,6 +19,7 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.bias.shaken_stand import ShakenStand
 from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
@@ -72,6 +73,7 @@ class Bias(TypedDict):
     recent_count: int
     gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
+    shaken_stand: ShakenStand
     swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
     hint_seconds: float  # until it is forgotten
