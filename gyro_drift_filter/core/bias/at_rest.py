@@ -435,7 +435,7 @@ def _let_bias_come_to_segment(state: Bias) -> None:
         distance = segment_mean(rest, axis) - state['bias'][axis]
         spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
         if distance * distance > GATE * GATE * spread:
-            state['growth'] = max(state['growth'], distance * distance)
+            widen(state, max(distance * distance - state['growth'], 0.0))
 
 
 @kernel
