@@ -195,10 +195,10 @@ def _lost_in_stands(
     return float(np.abs(np.cumsum(bias - truth)).max() / rate / _DEGREE)
 
 
-def warm_up_in_rocked_stands(random: np.random.Generator, told: bool, rate: float) -> float:
+def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: float) -> float:
     """Return the same of a robot that rocks at 1 Hz while it stands, for 30 s each time.
 
-    As on soft tires: 0.02 rad/s and 0.1 m/s^2. It says that it stands where `told`.
+    As on soft tires: 0.02 rad/s and 0.1 m/s^2. It says that it stands where `hinted`.
     """
     rates, accelerations = at_rest(random, DRIVE, rate)
     time, truth = np.arange(len(rates)) / rate, _warming(STOP_WARM_UP, rate)
@@ -211,7 +211,7 @@ def warm_up_in_rocked_stands(random: np.random.Generator, told: bool, rate: floa
     stamps = START + np.round(time * 1e9).astype(np.int64)
     filter_, biases, size = Filter(Parameters()), [], round(HINT_EVERY * rate)
     for first in range(0, len(rates), size):
-        if told:
+        if hinted:
             filter_.hint(bool(drives[first]))
         part = slice(first, first + size)
         biases.append(filter_.run(stamps[part], rates[part], accelerations[part])['bias'][:, 2])
@@ -398,10 +398,13 @@ def main() -> None:
     print(table(rows), end='\n\n')
     print(f'the same where it rocks while it stands, for {ROCKED} s each time\n')
     rows = [['it says that it stands', 'heading (deg)']]
-    for name, told in {'no': False, 'yes': True}.items():
-        tell(f'warming up in stands in which it rocks, told: {name} ...')
+    for name, hinted in {'no': False, 'yes': True}.items():
+        tell(f'warming up in stands in which it rocks, with a hint: {name} ...')
         lost = np.array(
-            [warm_up_in_rocked_stands(np.random.default_rng(k), told, options.rate) for k in seeds]
+            [
+                warm_up_in_rocked_stands(np.random.default_rng(k), hinted, options.rate)
+                for k in seeds
+            ]
         )
         rows.append([name, f'{np.median(lost):.1f}  {lost.max():.1f}'])
     print(table(rows), end='\n\n')

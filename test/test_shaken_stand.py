@@ -94,6 +94,26 @@ def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, 
     assert np.abs(untold['bias'] - truth)[ends[-1], 2] > 0.6 * DEGREE
 
 
+@pytest.mark.parametrize('delay', [0, 20])
+def test_stops_between_drives_that_the_robot_tells_of_may_be_short(delay, random):
+    """Of two seconds. What it says comes `delay` samples late; its samples show no drive then."""
+    parts = [(at_rest(random, 10), False)]
+    for _ in range(15):
+        parts += [(driving(random, 20), True), (at_rest(random, 2), False)]
+    rates, accelerations = (np.concatenate([part[0][i] for part in parts]) for i in (0, 1))
+    moves = np.concatenate([np.full(len(part[0][0]), part[1]) for part in parts])
+    truth = np.outer(1.0 - np.exp(-np.arange(len(rates)) / 100 / 240), (0.2, -0.3, 1.0)) * DEGREE
+    filter_, errors = Filter(), []
+    for k in range(0, len(rates), 4):
+        filter_.hint(bool(moves[max(k - delay, 0)]))
+        part = slice(k, k + 4)
+        stamps = START + np.arange(k, k + 4) * 10**7
+        results = filter_.run(stamps, (rates + truth)[part], accelerations[part])
+        errors.append(results['bias'] - truth[part])
+    lost = np.concatenate(errors).sum(axis=0) / 100
+    assert np.abs(lost).max() < 60.0 * DEGREE  # 150 to 170 where such stops do not count
+
+
 def test_a_first_stand_in_which_it_is_shaken_shows_the_bias(random):
     filter_: Any = Filter()
     rates, accelerations = rocking(random, 13)

@@ -15,6 +15,7 @@
 """Why the sensor is not at rest, in words."""
 
 from gyro_drift_filter.core.rest.records import Obstacle
+from gyro_drift_filter.messages.motion_hint import STANDING
 from gyro_drift_filter.messages.telemetry import Telemetry
 
 _SIGNALS = (
@@ -23,8 +24,7 @@ _SIGNALS = (
 )
 _TEXTS = {
     Obstacle.NONE: 'nothing speaks against it yet',
-    Obstacle.FEW_SAMPLES: 'too few samples are usable: others are missing or outliers, or came '
-    'while a hint said that the robot moves',
+    Obstacle.FEW_SAMPLES: 'too few samples are usable: others are missing or outliers',
     Obstacle.VARIES: '{} varies more than its noise at rest',
     Obstacle.MOVED: '{} has another mean than just before',
     Obstacle.SCATTERS: 'the mean of {} wanders more than that of noise',
@@ -33,6 +33,8 @@ _TEXTS = {
     Obstacle.LOUD: '{} varies far more than at the rests before',
     Obstacle.TILTED: '{} has changed since the rest before: gravity has moved',
     Obstacle.NO_BIAS: 'the rate is none that the bias can have come to: a steady turn',
+    Obstacle.HINTED_MOTION: 'the robot says on motion_hint that it moves, with at least '
+    f'{STANDING:g} m/s or rad/s',
 }
 
 

@@ -198,7 +198,8 @@ def track_bias(
     state['growth'] += growth
     state['motion']['growth'] += growth
     state['unknown']['growth'] += growth
-    trusted = trusted and state['hint'] != Hint.MOVES
+    rest['hinted_motion'] = state['hint'] == Hint.MOVES
+    trusted = trusted and not rest['hinted_motion']
     if not note_sample(rest, sample, trusted, missing, lengths):
         return
     for axis in range(3):
@@ -208,7 +209,7 @@ def track_bias(
     hand_on_block(rest, state['other_noise']['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
-    told = _note_what_robot_says(state, lengths)
+    stood = _note_hinted_stand(state, lengths)
     found = close_block(rest, lengths)
     look_for_other_noise(rest, state['other_noise'], lengths)
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
@@ -217,7 +218,7 @@ def track_bias(
     elif found != BlockOutcome.NOTHING:
         _take_segment(state, found, lengths, settings)
         forget_stand(state['shaken_stand'])
-    elif told:
+    elif stood:
         _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
@@ -229,7 +230,7 @@ def _take_segment(
 ) -> None:
     """Learn from a segment that is ready, as `found` says."""
     rest, ended_rest = state['rest'], found != BlockOutcome.SEGMENT
-    if state['hint'] == Hint.MOVES:
+    if rest['hinted_motion'] and found != BlockOutcome.STOP:
         next_segment(rest, True)
         return
     if ended_rest:
@@ -250,7 +251,7 @@ def _take_segment(
 
 
 @kernel
-def _note_what_robot_says(state: Bias, lengths: RestLengths) -> bool:
+def _note_hinted_stand(state: Bias, lengths: RestLengths) -> bool:
     """Note the full block where the robot says that it stands and there is no rest.
 
     Return whether that brings a mean for `_take_shaken_stand`.

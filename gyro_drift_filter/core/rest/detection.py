@@ -173,7 +173,8 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 def _is_still(rest: Rest, lengths: RestLengths) -> bool:
     """Return whether the block is still; if it is not, the obstacle is noted."""
     if not is_block_filled(rest, lengths):
-        note_obstacle(rest, Obstacle.FEW_SAMPLES, 0)
+        moves = rest['hinted_motion']
+        note_obstacle(rest, Obstacle.HINTED_MOTION if moves else Obstacle.FEW_SAMPLES, 0)
         return False
     still = True
     for i in range(SIGNALS):
@@ -234,8 +235,14 @@ def _ended_rest(rest: Rest, obstacle_before: int) -> BlockOutcome:
         return BlockOutcome.NOTHING
     if rest['halves'] != Halves.WHOLE:
         return BlockOutcome.END_OF_REST if blocks >= HALF + LEAST_SEGMENT else BlockOutcome.NOTHING
-    sudden = obstacle_before == Obstacle.VARIES and rest['obstacle'] == Obstacle.VARIES
+    sudden = _is_sudden(obstacle_before) and _is_sudden(rest['obstacle'])
     return BlockOutcome.STOP if sudden and blocks >= SHORTEST_STOP else BlockOutcome.NOTHING
+
+
+@kernel
+def _is_sudden(obstacle: int) -> bool:
+    """Return whether an obstacle is that of a motion that shows in a single block."""
+    return obstacle in (Obstacle.VARIES, Obstacle.HINTED_MOTION)
 
 
 @kernel

@@ -102,7 +102,7 @@ class Obstacle(IntEnum):
     """Why the last block, or the segment that it completes, is no rest."""
 
     NONE = 0  # it is, or nothing speaks against it yet
-    FEW_SAMPLES = 1  # more than half are missing, were held back, or came while a hint said MOVES
+    FEW_SAMPLES = 1  # more than half are missing or were held back
     VARIES = 2  # the values of the block vary more than noise does
     MOVED = 3  # the mean of the block is another one than that of the segment
     SCATTERS = 4  # the means of blocks scatter more than those of noise
@@ -111,6 +111,7 @@ class Obstacle(IntEnum):
     LOUD = 7  # the accelerations vary far more than at a rest before
     TILTED = 8  # gravity is elsewhere than in the segment before
     NO_BIAS = 9  # its rate is none that the bias can have come to
+    HINTED_MOTION = 10  # the robot itself says that it moves, which leaves its samples out
 
 
 class Rest(TypedDict):
@@ -129,9 +130,10 @@ class Rest(TypedDict):
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile
     standing_blocks: int  # for which it has stood, rest or not
+    hinted_motion: bool  # a hint of the robot says that it moves
     at_rest: bool
     obstacle: int  # a member of Obstacle
-    obstacle_signal: int  # of which signal; of all where it is `FEW_SAMPLES` or `NO_BIAS`
+    obstacle_signal: int  # of which signal, where it is that of one
     samples: int  # since the start of the value, missing ones among them
     averaged: int  # of them, those that are in its mean
     index: int  # values since the start of the block, missing ones among them
