@@ -430,6 +430,27 @@ def test_a_machine_that_stays_on_between_long_drives_hides_no_rest(machine, rand
     assert np.abs(results['bias'] - truth)[late].max() < 0.3 * DEGREE
 
 
+@pytest.mark.parametrize('speed', [0.5, 1.5])
+def test_vibration_in_a_curve_that_is_driven_again_and_again_is_no_rest(speed, random):
+    """As in laps: the noise is the same each time, and so is the rate."""
+    parts = [at_rest(random, 10)]
+    for _ in range(10):
+        for seconds in (16, 4, 8):
+            rates, accelerations = at_rest(random, seconds)
+            if seconds == 4:
+                rates += 0.01 * random.standard_normal(rates.shape) + [0, 0, speed * DEGREE]
+                accelerations += 0.1 * random.standard_normal(rates.shape)
+            else:
+                turn, push = by_hand(random, seconds)
+                rates, accelerations = rates + turn, accelerations + push
+                rates[:, 2] += 0.4 if seconds == 16 else 0.0
+            parts.append((rates, accelerations))
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][1500:].mean() < 0.01
+    assert np.abs(results['bias'][1000:, 2]).max() < 0.1 * DEGREE
+
+
 def test_a_machine_that_runs_now_and_then_hides_no_rest(random):
     rates, accelerations = at_rest(random, 120)
     runs = (np.arange(len(rates)) % 2000 < 600) & (np.arange(len(rates)) > 1000)

@@ -175,13 +175,14 @@ def test_a_clock_that_is_set_back_into_a_gap_costs_one_sample(random):
     assert np.abs(error).max() < 8.0 * np.sqrt(usual['measurement_noise'][-1].max())
 
 
-def test_what_comes_too_late_is_the_next_sample(random):
-    """More messages have come since than are kept, so that it has no place any more."""
+@pytest.mark.parametrize('others', [KEPT_SAMPLES - 1, KEPT_SAMPLES, KEPT_SAMPLES + 2])
+def test_what_comes_too_late_is_the_next_sample(others, random):
+    """As many messages have come since as are kept, so that it has no place any more."""
     stamps, rates, accelerations = drive(random, 12.0)
-    order = delayed(len(stamps), [(500, KEPT_SAMPLES + 2)])
+    order = delayed(len(stamps), [(500, others)])
     filter_, _ = run_in(order, (stamps, rates, accelerations))
     assert filter_.state['clock']['backward_stamps'] == 1
-    assert filter_.state['clock']['overtaken'] == 0
+    assert filter_.state['clock']['overtaken'] == (others < KEPT_SAMPLES)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def drives_and_stands(random, stand, moves_first):
 @pytest.mark.parametrize('moves_first', [False, True])
 @pytest.mark.parametrize('stand', [13, 30])
 def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, random):
-    """It warms up by a degree a second. Nothing is still but the first stand, if at all."""
+    """It moves by 1 deg/s as it warms up. Nothing is still but the first stand, if at all."""
     rates, accelerations, moves = drives_and_stands(random, stand, moves_first)
     warmth = 1.0 - np.exp(-np.arange(len(rates)) / 100 / 120)
     truth = BIAS + np.outer(warmth, (0.2, -0.3, 1.0)) * DEGREE
@@ -114,6 +114,23 @@ def test_stops_between_drives_that_the_robot_tells_of_may_be_short(delay, random
     assert np.abs(lost).max() < 60.0 * DEGREE  # 150 to 170 where such stops do not count
 
 
+@pytest.mark.parametrize('delay', range(36, 50))
+def test_a_short_stop_ends_wherever_in_a_block_the_robot_says_so(delay, random):
+    """`delay` samples behind its end; a block at 100 Hz has twelve or thirteen."""
+    parts = [(at_rest(random, 10), False), (driving(random, 10), True)]
+    parts += [(at_rest(random, 2), False), (driving(random, 5), True)]
+    rates, accelerations = (np.concatenate([part[0][i] for part in parts]) for i in (0, 1))
+    moves = np.concatenate([np.full(len(part[0][0]), part[1]) for part in parts])
+    filter_: Any = Filter()
+    before = 0
+    for k in range(len(rates)):
+        if k == 2000:
+            before = filter_.state['bias']['segments'].item()
+        filter_.hint(bool(moves[max(k - delay, 0)]))
+        filter_.step(START + k * 10**7, rates[k], accelerations[k])
+    assert filter_.state['bias']['segments'] == before + 1
+
+
 def test_a_first_stand_in_which_it_is_shaken_shows_the_bias(random):
     filter_: Any = Filter()
     rates, accelerations = rocking(random, 13)
@@ -129,12 +146,57 @@ def test_a_first_stand_in_which_it_is_shaken_shows_the_bias(random):
 def test_what_the_robot_does_before_it_stands_is_left_out(random):
     """Its commands end while it still rolls on for two seconds."""
     filter_: Any = Filter()
-    run_told(filter_, *at_rest(random, 10, BIAS), None)
     rates, accelerations = rocking(random, 13)
-    rates[:200, 2] += 0.5
-    moves = np.zeros(len(rates), bool)
-    run_told(filter_, rates + BIAS, accelerations, moves, START + 10 * 10**9)
+    rates[:200, 2] += 0.3
+    run_told(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
     np.testing.assert_allclose(filter_.state['bias']['bias'], BIAS, atol=0.1 * DEGREE)
+
+
+@pytest.mark.parametrize(
+    'interrupt',
+    [
+        lambda filter_: filter_.reset(),
+        lambda filter_: filter_.set_bias(BIAS, (1e-3, 1e-3, 1e-3)),
+        lambda filter_: filter_.hint(moves=True),
+        lambda filter_: None,  # a gap
+    ],
+)
+def test_a_stand_that_is_interrupted_begins_anew(interrupt, random):
+    """Not a mean of what was before and of what comes behind."""
+    filter_: Any = Filter()
+    run_told(filter_, *at_rest(random, 10, BIAS), None)
+    rates, accelerations = rocking(random, 8)
+    stands = np.zeros(len(rates), bool)
+    run_told(filter_, rates + BIAS, accelerations, stands, START + 10 * 10**9)
+    assert filter_.state['bias']['shaken_stand']['parts'] == 2
+    interrupt(filter_)
+    learned = filter_.state['bias']['segments'].item()
+    rates, accelerations = rocking(random, 5)
+    later = START + 3600 * 10**9
+    run_told(filter_, rates + BIAS, accelerations, stands[:500], later)
+    assert filter_.state['bias']['shaken_stand']['parts'] == 1
+    assert filter_.state['bias']['segments'] == learned
+
+
+def test_a_bias_that_is_known_well_is_not_made_worse_by_what_shakes_a_gyroscope(random):
+    """Which is off then by as much as on the drones of EuRoC that idle."""
+    filter_: Any = Filter()
+    run_told(filter_, *at_rest(random, 120, BIAS), None)
+    rates, accelerations = rocking(random, 14)
+    stands = np.zeros(len(rates), bool)
+    run_told(filter_, rates + BIAS + 0.8e-3, accelerations, stands, START + 120 * 10**9)
+    assert np.abs(filter_.state['bias']['bias'] - BIAS).max() < 0.4e-3
+
+
+def test_no_mean_of_a_stand_is_lost_where_it_is_nearly_steady(random):
+    """So little that the bias would be a provisional one without the hint."""
+    filter_: Any = Filter()
+    rates, accelerations = at_rest(random, 44)
+    wave = np.sin(2 * np.pi * np.arange(len(rates)) / 100)[:, None]
+    rates += 0.014 * wave * [1.0, 0.6, 0.3]
+    accelerations += 0.1 * wave * [0.6, 1.0, 0.0]
+    run_told(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
+    assert filter_.state['bias']['segments'] == 4
 
 
 def test_a_robot_that_is_carried_away_while_its_wheels_stand_does_not_stand(random):

@@ -219,8 +219,8 @@ class Parameters:
         'none',
         'motion_hint',
         'Type of the messages on the topic motion_hint, by which the robot says whether it moves. '
-        'While it moves, no bias is learned. While it stands, its mean rate is the bias, even '
-        'where it is shaken and never still.',
+        'While it moves, no bias is learned. While it stands, the mean of the measured rates is '
+        'the bias, even where it is shaken and never still.',
         choices=('none', 'twist', 'twist_stamped', 'odometry'),
     )
     outlier_enabled: bool = _parameter(

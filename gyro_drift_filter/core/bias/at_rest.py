@@ -78,7 +78,11 @@ from gyro_drift_filter.core.rest.noise import (
     unlearn_first_segment,
     variance_of_mean,
 )
-from gyro_drift_filter.core.rest.other_noise import hand_on_block, look_for_other_noise
+from gyro_drift_filter.core.rest.other_noise import (
+    confirm_other_noise,
+    finds_other_segment,
+    hand_on_block,
+)
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
@@ -160,6 +164,7 @@ def leave_rest(state: Bias) -> None:
     """Forget the rest under way: time has jumped, or the filter starts anew. The bias is kept."""
     start_rest(state['rest'])
     start_rest(state['other_noise']['rest'])
+    forget_stand(state['shaken_stand'])
     lose_direction(state['motion'])
     lose_direction(state['unknown'])
     _forget_stillness(state)
@@ -198,8 +203,11 @@ def track_bias(
     state['growth'] += growth
     state['motion']['growth'] += growth
     state['unknown']['growth'] += growth
-    rest['hinted_motion'] = state['hint'] == Hint.MOVES
-    trusted = trusted and not rest['hinted_motion']
+    if state['hint'] == Hint.MOVES:
+        trusted = False
+        rest['hinted_motion'] = True
+    if state['hint'] != Hint.STANDS:
+        forget_stand(state['shaken_stand'])
     if not note_sample(rest, sample, trusted, missing, lengths):
         return
     for axis in range(3):
@@ -211,14 +219,18 @@ def track_bias(
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     stood = _note_hinted_stand(state, lengths)
     found = close_block(rest, lengths)
-    look_for_other_noise(rest, state['other_noise'], lengths)
+    rest['hinted_motion'] = False
+    if finds_other_segment(rest, state['other_noise'], lengths):
+        other = state['other_noise']
+        confirm_other_noise(rest, other, lengths, _may_be_bias(state, other['rest']))
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     elif found != BlockOutcome.NOTHING:
         _take_segment(state, found, lengths, settings)
         forget_stand(state['shaken_stand'])
-    elif stood:
+        stood = False
+    if stood:
         _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
@@ -230,7 +242,7 @@ def _take_segment(
 ) -> None:
     """Learn from a segment that is ready, as `found` says."""
     rest, ended_rest = state['rest'], found != BlockOutcome.SEGMENT
-    if rest['hinted_motion'] and found != BlockOutcome.STOP:
+    if state['hint'] == Hint.MOVES and found != BlockOutcome.STOP:
         next_segment(rest, True)
         return
     if ended_rest:
@@ -264,26 +276,40 @@ def _note_hinted_stand(state: Bias, lengths: RestLengths) -> bool:
 
 
 @kernel
+def _may_be_bias(state: Bias, rest: Rest) -> bool:
+    """Return whether the mean of a segment of `rest` is a rate that the bias can have come to."""
+    for axis in range(3):
+        distance = segment_mean(rest, axis) - state['bias'][axis]
+        spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
+        if distance * distance > GATE * GATE * spread:
+            return False
+    return True
+
+
+@kernel
 def _take_shaken_stand(state: Bias, bias_max: float) -> None:
     """Take the mean of a stand for the bias, as the robot itself says that it is one."""
     stand = state['shaken_stand']
     for axis in range(3):
         if abs(stand_mean(stand, axis)) > bias_max:
             state['segments_beyond_max'] += 1
-            state['rest_beyond_max'] = True
             return
+    # A gyroscope that is shaken is off by that much, however often it is.
+    besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
     for axis in range(3):
-        noise = variance_of_stand_mean(stand, axis)
-        innovation, variance = stand_mean(stand, axis) - state['bias'][axis], noise
+        noise = variance_of_stand_mean(stand, axis) + besides
+        innovation = stand_mean(stand, axis) - state['bias'][axis]
+        variance, least = noise, noise
         if state['known']:
             variance = bias_variance(state, axis)
+            least = min(variance, besides)
             if innovation * innovation > GATE * GATE * (variance + noise):
                 variance = innovation * innovation
             variance *= noise / (variance + noise)
         state['bias'][axis] += variance / noise * innovation
-        state['variance'][axis] = max(variance, PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION)
+        state['variance'][axis] = max(variance, least)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
-    state['recent_count'] = 0
+    state['recent_count'] = state['doubted_segments'] = 0
     _settle(state)
 
 
@@ -365,7 +391,7 @@ def _accept_segment(
         return False
     _let_gravity_move_bias(state)
     if not state['known']:
-        return _accept_first_rest(state, lengths)
+        return _accept_first_rest(state, found, lengths)
     if state['hint'] == Hint.STANDS:
         _let_bias_come_to_segment(state)
         state['recent_count'] = 0
@@ -389,7 +415,7 @@ def _accept_segment(
     state['segments_turning'] += 1
     state['doubted_segments'] = DOUBTED_SEGMENTS
     take_back(state, unreachable)
-    return _accept_unreachable(state, lengths)
+    return _accept_unreachable(state, found, lengths)
 
 
 @kernel
@@ -415,7 +441,7 @@ def _is_beyond(rest: Rest, bias_max: float) -> bool:
 
 
 @kernel
-def _accept_first_rest(state: Bias, lengths: RestLengths) -> bool:
+def _accept_first_rest(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
     """Do as `_accept_segment` where no bias is known, but a provisional one may be."""
     if not is_far_from_provisional(state):
         return True
@@ -424,8 +450,9 @@ def _accept_first_rest(state: Bias, lengths: RestLengths) -> bool:
         give_up_bias(state)
         return True
     # A motion that is nearly steady, as of a drone that takes off.
-    unlearn_first_segment(state['rest'])
-    return _accept_unreachable(state, lengths)
+    if found == BlockOutcome.SEGMENT:
+        unlearn_first_segment(state['rest'])
+    return _accept_unreachable(state, found, lengths)
 
 
 @kernel
@@ -440,13 +467,14 @@ def _let_bias_come_to_segment(state: Bias) -> None:
 
 
 @kernel
-def _accept_unreachable(state: Bias, lengths: RestLengths) -> bool:
+def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
     """Accept a segment with a rate that the bias can't have come to, if it is one all the same.
 
     Return whether it is.
     """
     rest, turn = state['rest'], state['turn']
-    if shows_motion(rest, lengths['block']):
+    # Noise is learned from whole segments alone.
+    if found == BlockOutcome.SEGMENT and shows_motion(rest, lengths['block']):
         forget_noise(rest)
         learn_noise_from_segment(rest, lengths['block'])
         turn['gave_up'] = False

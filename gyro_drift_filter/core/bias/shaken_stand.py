@@ -45,8 +45,8 @@ from gyro_drift_filter.core.rest.segment import (
 )
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 
-# A mean is that of so many parts of two seconds each. That of few is less certain than their
-# scatter says, by (n - 1) / (n - 3), as the variance of Student's t.
+# A mean is that of so many parts of two seconds each, or more below 64 Hz. That of few is less
+# certain than their scatter says, by (n - 1) / (n - 3), as the variance of Student's t.
 PARTS = 5
 STUDENT = (PARTS - 1.0) / (PARTS - 3.0)
 # The robot may say so while it still comes to a stop.

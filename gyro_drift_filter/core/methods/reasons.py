@@ -102,7 +102,7 @@ REASONS: Mapping[int, str] = {
     Reason.DROPOUT_GOES_ON: 'passed on: reads have failed for as long as samples are held back',
     Reason.UNCONFIRMED: 'accepted: nothing speaks for the sample that the filter started at',
     Reason.REPEATED: 'bridged: the sensor has not measured since the sample before',
-    Reason.AT_LIMIT: 'passed on: the rate is at the end of the range',
+    Reason.AT_LIMIT: 'passed on: the rate is taken for the end of the range',
 }
 
 

@@ -17,8 +17,9 @@
 Where the noise has risen for good nothing is still any more, by what is known of it. So what is not
 known as rest is looked at a second time, by a detector that knows no noise, as before the first
 rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
-the noise at rest from now on. A robot may drive for long in between. Where the noise falls again it
-is learned as always.
+the noise at rest from now on. A robot may drive for long in between, if the bias can have had the
+rate each time: else vibration in a curve that is driven again and again would be confirmed. Where
+the noise falls again it is learned as always.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -56,23 +57,41 @@ def hand_on_block(rest: Rest, other: Rest) -> None:
 
 
 @kernel
-def look_for_other_noise(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
-    """Close the block that was handed on, and take another noise over where it is confirmed."""
+def finds_other_segment(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> bool:
+    """Close the block that was handed on; return whether a segment is ready.
+
+    Then its mean can be read, and `confirm_other_noise` has to be called.
+    """
     other = noise['rest']
     if rest['at_rest'] or not rest['known']:
         start_rest(other)
-        return
+        return False
     if other['restless'] * lengths['block_seconds'] > FORGET_OTHER_NOISE_SECONDS:
         other['known'] = False
     found = close_block(other, lengths)
     if found in (BlockOutcome.END_OF_REST, BlockOutcome.STOP):
         next_segment(other, True)
-    elif found == BlockOutcome.SEGMENT:
-        next_segment(other, False)
+    return bool(found == BlockOutcome.SEGMENT)
+
+
+@kernel
+def confirm_other_noise(
+    rest: Rest, noise: OtherNoise, lengths: RestLengths, may_be_bias: bool
+) -> None:
+    """Take the noise of the segments over where enough of them confirm it.
+
+    They come one after the other, or each of them `may_be_bias`, as its rate says.
+    """
+    other = noise['rest']
+    next_segment(other, False)
+    if may_be_bias:
         _note_segment(noise)
-        stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
-        if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
-            _take_noise(rest, other)
+    else:
+        noise['segments'] = 0
+    confirmed = max(noise['segments'], other['learned']) >= CONFIRMING
+    stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
+    if stands and confirmed and _is_of_a_machine(rest, other):
+        _take_noise(rest, other)
 
 
 @kernel

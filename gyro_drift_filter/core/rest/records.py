@@ -130,7 +130,7 @@ class Rest(TypedDict):
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile
     standing_blocks: int  # for which it has stood, rest or not
-    hinted_motion: bool  # a hint of the robot says that it moves
+    hinted_motion: bool  # a hint of the robot has said so in the block under way
     at_rest: bool
     obstacle: int  # a member of Obstacle
     obstacle_signal: int  # of which signal, where it is that of one
