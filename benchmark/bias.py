@@ -21,6 +21,7 @@ Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of 
 """
 
 import argparse
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -71,11 +72,27 @@ def at_rest(random: np.random.Generator, seconds: float, rate: float) -> tuple[A
     return autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2)), accelerations
 
 
-def _biases(rates: Array, accelerations: Array, rate: float, silent: bool) -> Array:
+def _biases(
+    rates: Array,
+    accelerations: Array,
+    rate: float,
+    silent: bool = False,
+    drives: NDArray[np.bool_] | None = None,
+) -> Array:
+    """Return the biases (n, 3); the robot says that it `drives` (n,) or stands, if it does."""
     stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
     if silent:
         accelerations = np.full_like(accelerations, np.nan)
-    return np.array(Filter(Parameters()).run(stamps, rates, accelerations)['bias'])
+    filter_, size = Filter(Parameters()), len(rates)
+    if drives is not None:
+        size = round(HINT_EVERY * rate)
+    biases = []
+    for first in range(0, len(rates), size):
+        if drives is not None:
+            filter_.hint(bool(drives[first]))
+        part = slice(first, first + size)
+        biases.append(filter_.run(stamps[part], rates[part], accelerations[part])['bias'])
+    return np.concatenate(biases)
 
 
 def slow_turn(
@@ -107,7 +124,7 @@ def jump(random: np.random.Generator, size: float, rate: float) -> float:
     begin, direction = round(REST * rate), random.standard_normal(3)
     step = size * _DEGREE * direction / np.linalg.norm(direction)
     rates[begin:] += step
-    bias = _biases(rates, accelerations, rate, False)[begin:]
+    bias = _biases(rates, accelerations, rate)[begin:]
     unknown = np.flatnonzero(np.linalg.norm(bias - step, axis=1) > 0.25 * size * _DEGREE)
     return float(unknown[-1] + 1) / rate if unknown[-1] < len(bias) - 1 else np.inf
 
@@ -123,7 +140,7 @@ def to_and_fro(
     begin = round(STILL * rate)
     time = np.arange(len(rates) - begin) / rate
     rates[begin:, 2] += speed * _DEGREE * np.sin(2.0 * np.pi * time / period)
-    bias = _biases(rates, accelerations, rate, False)[:, 2] / _DEGREE
+    bias = _biases(rates, accelerations, rate)[:, 2] / _DEGREE
     changed = np.abs(bias[begin:] - bias[begin - 1])
     return float(changed.max()), float(np.abs(np.cumsum(bias[begin:])).max() / rate)
 
@@ -191,8 +208,13 @@ def _lost_in_stands(
         rates += tone * HUM_RATES
         accelerations += tone * HUM_FORCES
     rates[:, 2] += truth
-    bias = _biases(rates + motion, accelerations + motion, rate, False)[:, 2]
-    return float(np.abs(np.cumsum(bias - truth)).max() / rate / _DEGREE)
+    bias = _biases(rates + motion, accelerations + motion, rate)[:, 2]
+    return _largest_angle(bias - truth, rate)
+
+
+def _largest_angle(errors: Array, rate: float) -> float:
+    """Return the largest angle in deg that errors (n,) of a bias in rad/s add up to."""
+    return float(np.abs(np.cumsum(errors)).max() / rate / _DEGREE)
 
 
 def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: float) -> float:
@@ -208,14 +230,8 @@ def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: fl
     rates += motion + 0.02 * wave * [1.0, 0.6, 0.3]
     accelerations += motion + 0.1 * wave * [0.6, 1.0, 0.0]
     rates[:, 2] += truth
-    stamps = START + np.round(time * 1e9).astype(np.int64)
-    filter_, biases, size = Filter(Parameters()), [], round(HINT_EVERY * rate)
-    for first in range(0, len(rates), size):
-        if hinted:
-            filter_.hint(bool(drives[first]))
-        part = slice(first, first + size)
-        biases.append(filter_.run(stamps[part], rates[part], accelerations[part])['bias'][:, 2])
-    return float(np.abs(np.cumsum(np.concatenate(biases) - truth)).max() / rate / _DEGREE)
+    bias = _biases(rates, accelerations, rate, drives=drives if hinted else None)[:, 2]
+    return _largest_angle(bias - truth, rate)
 
 
 def slow_turns_in_drives(random: np.random.Generator, steady: bool, rate: float) -> float:
@@ -236,8 +252,8 @@ def slow_turns_in_drives(random: np.random.Generator, steady: bool, rate: float)
             speed = random.uniform(0.3, 2.0)
         if turns % 4 == 0:
             begin += random.uniform(5.0, 12.0)
-    bias = _biases(rates, accelerations, rate, False)[:, 2]
-    return float(np.abs(np.cumsum(bias)).max() / rate / _DEGREE)
+    bias = _biases(rates, accelerations, rate)[:, 2]
+    return _largest_angle(bias, rate)
 
 
 def _smooth(random: np.random.Generator, n: int, rate: float) -> Array:
@@ -279,7 +295,7 @@ def warm_up(random: np.random.Generator, rate: float) -> Array:
     rests = since >= CYCLE - PAUSE
     window = np.clip(np.minimum(since, CYCLE - PAUSE - since) / 0.5, 0.0, 1.0)
     motion = 0.3 * (window * ~rests)[:, None] * _smooth(random, len(rates), rate)
-    bias = _biases(rates + truth[:, None] + motion, accelerations + motion, rate, False)
+    bias = _biases(rates + truth[:, None] + motion, accelerations + motion, rate)
     ends = np.flatnonzero(rests[:-1] & ~rests[1:]) + round(0.5 * rate)
     return np.asarray(bias[ends] - truth[ends, None]) / _DEGREE
 
@@ -292,9 +308,13 @@ def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, A
     rates, accelerations = at_rest(random, 2 * WARM_UP, rate)
     begin = round(WARM_UP * rate)
     truth = _DEGREE * np.maximum(np.arange(len(rates)) - begin, 0) / begin
-    bias = _biases(rates + truth[:, None], accelerations, rate, False)
+    bias = _biases(rates + truth[:, None], accelerations, rate)
     errors = (bias - truth[:, None]) / _DEGREE
     return errors[round(CYCLE * rate) : begin], errors[begin:]
+
+
+def _median_and_worst(values: Array, decimals: int = 1) -> str:
+    return f'{np.median(values):.{decimals}f}  {values.max():.{decimals}f}'
 
 
 def main() -> None:
@@ -304,6 +324,11 @@ def main() -> None:
     parser.add_argument('--rate', type=float, default=100.0, help='Hz, default %(default)s')
     options = parser.parse_args()
     seeds = range(options.seeds)
+
+    def lost_in(world: Callable[..., float], *arguments: float) -> str:
+        lost = [world(np.random.default_rng(k), *arguments, options.rate) for k in seeds]
+        return _median_and_worst(np.array(lost))
+
     rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
     error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
     for speed in SPEEDS:
@@ -317,7 +342,7 @@ def main() -> None:
                 ]
             )
             shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
-            row.append(f'{np.median(shares):.3f}  {shares.max():.3f}')
+            row.append(_median_and_worst(shares, 3))
             before, after = np.sqrt(np.mean(np.square(biases), axis=0))
             error_row.append(f'{before:.4f}  {after:.4f}')
         rows.append(row)
@@ -337,14 +362,8 @@ def main() -> None:
             to_and_fro(np.random.default_rng(seed), speed, period, options.rate) for seed in seeds
         ]
         moved, lost = np.transpose(of_seeds)
-        rows.append(
-            [
-                f'{speed:g}',
-                f'{period}',
-                f'{np.median(moved):.3f}  {moved.max():.3f}',
-                f'{np.median(lost):.1f}  {lost.max():.1f}',
-            ]
-        )
+        columns = _median_and_worst(moved, 3), _median_and_worst(lost)
+        rows.append([f'{speed:g}', f'{period}', *columns])
     print(table(rows), end='\n\n')
     print(
         'after how long at rest a bias is known that jumps in any direction, '
@@ -364,19 +383,13 @@ def main() -> None:
     rows = [['deg/s', 'heading (deg)']]
     for size in JUMPS:
         tell(f'jumping by {size:g} deg/s between drives ...')
-        lost = np.array(
-            [jump_in_stand(np.random.default_rng(seed), size, options.rate) for seed in seeds]
-        )
-        rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+        rows.append([f'{size:g}', lost_in(jump_in_stand, size)])
     print(table(rows), end='\n\n')
     print(f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s\n')
     rows = [['deg/s', 'heading (deg)']]
     for size in WARM_UPS:
         tell(f'warming up by {size:g} deg/s between drives ...')
-        lost = np.array(
-            [warm_up_in_stands(np.random.default_rng(seed), size, options.rate) for seed in seeds]
-        )
-        rows.append([f'{size:g}', f'{np.median(lost):.1f}  {lost.max():.1f}'])
+        rows.append([f'{size:g}', lost_in(warm_up_in_stands, size)])
     print(table(rows), end='\n\n')
     print(
         f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
@@ -385,28 +398,13 @@ def main() -> None:
     rows = [['stop (s)', 'heading (deg)', 'with a machine (deg)']]
     for stop in STOPS:
         tell(f'warming up between stops of {stop:g} s ...')
-        row = [f'{stop:g}']
-        for hums in (False, True):
-            lost = np.array(
-                [
-                    warm_up_in_stops(np.random.default_rng(seed), stop, hums, options.rate)
-                    for seed in seeds
-                ]
-            )
-            row.append(f'{np.median(lost):.1f}  {lost.max():.1f}')
-        rows.append(row)
+        rows.append([f'{stop:g}', *(lost_in(warm_up_in_stops, stop, on) for on in (False, True))])
     print(table(rows), end='\n\n')
     print(f'the same where it rocks while it stands, for {ROCKED} s each time\n')
     rows = [['it says that it stands', 'heading (deg)']]
     for name, hinted in {'no': False, 'yes': True}.items():
         tell(f'warming up in stands in which it rocks, with a hint: {name} ...')
-        lost = np.array(
-            [
-                warm_up_in_rocked_stands(np.random.default_rng(k), hinted, options.rate)
-                for k in seeds
-            ]
-        )
-        rows.append([name, f'{np.median(lost):.1f}  {lost.max():.1f}'])
+        rows.append([name, lost_in(warm_up_in_rocked_stands, hinted)])
     print(table(rows), end='\n\n')
     print(
         f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
@@ -415,13 +413,7 @@ def main() -> None:
     rows = [['slow turns', 'heading (deg)']]
     for name, steady in {'all as fast': True, 'of any speed': False}.items():
         tell(f'turning slowly between fast turns, {name} ...')
-        lost = np.array(
-            [
-                slow_turns_in_drives(np.random.default_rng(seed), steady, options.rate)
-                for seed in seeds
-            ]
-        )
-        rows.append([name, f'{np.median(lost):.1f}  {lost.max():.1f}'])
+        rows.append([name, lost_in(slow_turns_in_drives, steady)])
     print(table(rows), end='\n\n')
     print(
         f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
@@ -434,13 +426,8 @@ def main() -> None:
             on_other_sides(np.random.default_rng(seed), sensitivity, options.rate) for seed in seeds
         ]
         error, lost = np.transpose(of_seeds)
-        rows.append(
-            [
-                f'{sensitivity:g}',
-                f'{np.median(error):.3f}  {error.max():.3f}',
-                f'{np.median(lost):.1f}  {lost.max():.1f}',
-            ]
-        )
+        columns = _median_and_worst(error, 3), _median_and_worst(lost)
+        rows.append([f'{sensitivity:g}', *columns])
     print(table(rows), end='\n\n')
     print(
         f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
