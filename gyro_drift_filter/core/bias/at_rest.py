@@ -193,8 +193,9 @@ def track_bias(
     settings, lengths = filter_['settings'], filter_['coefficients']['rest']
     rest = state['rest']
     state['hint_seconds'] -= elapsed
-    if state['hint_seconds'] <= 0.0:
+    if state['hint'] != Hint.NONE and state['hint_seconds'] <= 0.0:
         state['hint'] = Hint.NONE
+        forget_stand(state['shaken_stand'])
     state['rest_seconds'] = 0.0 if rest['at_rest'] else state['rest_seconds'] + elapsed
     random_walk = settings['bias_random_walk']
     walked = random_walk * random_walk * elapsed
@@ -206,7 +207,6 @@ def track_bias(
     if state['hint'] == Hint.MOVES:
         trusted = False
         rest['hinted_motion'] = True
-    if state['hint'] != Hint.STANDS:
         forget_stand(state['shaken_stand'])
     if not note_sample(rest, sample, trusted, missing, lengths):
         return
@@ -278,12 +278,18 @@ def _note_hinted_stand(state: Bias, lengths: RestLengths) -> bool:
 @kernel
 def _may_be_bias(state: Bias, rest: Rest) -> bool:
     """Return whether the mean of a segment of `rest` is a rate that the bias can have come to."""
+    beyond = False
     for axis in range(3):
-        distance = segment_mean(rest, axis) - state['bias'][axis]
-        spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
-        if distance * distance > GATE * GATE * spread:
-            return False
-    return True
+        beyond = beyond or _is_beyond_gate(state, rest, axis)
+    return not beyond
+
+
+@kernel
+def _is_beyond_gate(state: Bias, rest: Rest, axis: int) -> bool:
+    """Return whether the mean of an axis in a segment of `rest` lies where the bias can't be."""
+    distance = segment_mean(rest, axis) - state['bias'][axis]
+    spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
+    return bool(distance * distance > GATE * GATE * spread)
 
 
 @kernel
@@ -460,9 +466,8 @@ def _let_bias_come_to_segment(state: Bias) -> None:
     """Widen the bias as far as the segment: the robot itself says that it stands."""
     rest = state['rest']
     for axis in range(3):
-        distance = segment_mean(rest, axis) - state['bias'][axis]
-        spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
-        if distance * distance > GATE * GATE * spread:
+        if _is_beyond_gate(state, rest, axis):
+            distance = segment_mean(rest, axis) - state['bias'][axis]
             widen(state, max(distance * distance - state['growth'], 0.0))
 
 
