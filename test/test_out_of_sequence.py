@@ -216,6 +216,21 @@ def test_an_overtaken_message_takes_no_command_back(command, random):
     assert filter_.state['counts']['samples'] == told[2] + 1
 
 
+@pytest.mark.parametrize('method', [name for name in METHOD_NAMES if name != 'adaptive'])
+def test_another_method_takes_over_from_the_last_sample(method, random):
+    """Not from the message that has just come late: it has no result, as one axis is not ready."""
+    data, end = drive(random, 8.0), 700
+    data[1][: end - 2, 2] = np.nan
+    order = delayed(end, [(end - 3, 2)])
+    assert list(order[-3:]) == [end - 2, end - 1, end - 3]
+    in_order, overtaken = (Filter(Parameters(method=method)) for _ in range(2))
+    for filter_, places in (in_order, np.arange(end)), (overtaken, order):
+        filter_.run(*(array[places] for array in data))
+        filter_.configure(Parameters(method='adaptive'))
+    following = [array[end : end + 100] for array in data]
+    assert overtaken.run(*following).tobytes() == in_order.run(*following).tobytes()
+
+
 def test_a_snapshot_knows_what_was_overtaken(random):
     """A filter that is restored between a gap and what fills it goes back as well."""
     data = drive(random, 12.0)

@@ -32,6 +32,7 @@ from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.records import has_bias
 from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
+from gyro_drift_filter.core.out_of_sequence import recall_result
 from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.quantisation import needs_half_counts, variance_of_cut
 from gyro_drift_filter.core.records import FILTER
@@ -43,6 +44,13 @@ from gyro_drift_filter.gravity import GRAVITY
 
 # A method takes over from another's output where that is so many deviations from the last sample.
 TAKE_OVER_GATE = 4.0
+
+
+@entry_kernel(FILTER)
+def forget_history(filter_: NDArray[np.void]) -> None:
+    """Never go back behind this moment for a message that was overtaken."""
+    recall_result(filter_[0])
+    filter_[0]['history']['count'] = 0
 
 
 @entry_kernel(FILTER, SETTINGS)

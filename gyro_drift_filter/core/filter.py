@@ -87,7 +87,7 @@ class Filter:
         A part of the model that changes replaces what was learned of it.
         """
         before, self.parameters = self.parameters, parameters
-        self._forget_history()
+        commands.forget_history(self.record)
         settings = settings_of(parameters)
         commands.prepare_for_settings(self.record, settings)
         self.record['settings'] = settings
@@ -103,10 +103,6 @@ class Filter:
         )
         if old.state != new.state:
             commands.take_over(self.record)
-
-    def _forget_history(self) -> None:
-        """Never go back behind this moment for a message that was overtaken."""
-        self.record['history']['count'] = 0
 
     def reset(self) -> None:
         """Forget all samples, counts and what was learned from them, except bias and rest."""
@@ -132,7 +128,7 @@ class Filter:
             shift: Of the bias in motion from that at rest.
             known: False where a rest is asked for all the same, and replaces it.
         """
-        self._forget_history()
+        commands.forget_history(self.record)
         variance = np.full(3, np.inf) if deviation is None else np.square(deviation)
         fresh, before = np.zeros(1, BIAS_RECORD), self.record['state']['bias']
         for name in ('hint', 'hint_seconds'):
@@ -182,7 +178,7 @@ class Filter:
                 f'the rates at rest, {listed} deg/s, are beyond bias.max, {limit:g} deg/s: does it '
                 'turn? Else raise bias.max'
             )
-        self._forget_history()
+        commands.forget_history(self.record)
         commands.calibrate(self.record)
 
     def snapshot(self) -> bytes:

@@ -101,6 +101,15 @@ def insert_sample(history: History, sample: Sample) -> int:
 
 
 @kernel
+def recall_result(filter_: FilterRecord) -> None:
+    """Put the last sample's result back where that of an overtaken one stands in its place."""
+    history = filter_['history']
+    if history['displaced']:
+        filter_['state']['result'] = history['result']
+        history['displaced'] = False
+
+
+@kernel
 def go_back(filter_: FilterRecord) -> None:
     """Put the state back to the kept one, and count a message that was overtaken."""
     clock = filter_['state']['clock']

@@ -42,6 +42,7 @@ from gyro_drift_filter.core.out_of_sequence import (
     is_overtaken,
     keep_sample,
     note_backward,
+    recall_result,
 )
 from gyro_drift_filter.core.polling import Message, note_message
 from gyro_drift_filter.core.quantisation import (
@@ -88,9 +89,7 @@ def step(sample: Sample, filter_: FilterRecord) -> None:
     """Take one sample in, at its place in time, and leave its result in the state of the filter."""
     state, history = filter_['state'], filter_['history']
     clock, gap_limit = state['clock'], filter_['settings']['gap_limit']
-    if history['displaced']:
-        state['result'] = history['result']
-        history['displaced'] = False
+    recall_result(filter_)
     if sample['stamp'] < clock['stamp']:
         note_backward(history, clock, sample['stamp'], gap_limit)
         if is_overtaken(history, sample['stamp']):
