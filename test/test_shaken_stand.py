@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.accelerate import zeroed
-from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.shaken_stand import (
     PARTS,
     SHAKEN_STAND,
@@ -34,6 +34,9 @@ from gyro_drift_filter.core.bias.shaken_stand import (
     variance_of_stand_mean,
 )
 from gyro_drift_filter.core.rest.records import REST, SEGMENT_BLOCKS
+from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.simulation.bag import imu_message
 from support.messages import START
 from support.sensor import DEGREE, at_rest, by_hand
 
@@ -141,6 +144,23 @@ def test_a_first_stand_in_which_it_is_shaken_shows_the_bias(random):
     rates, accelerations = at_rest(random, 5, BIAS)
     run_told(filter_, rates, accelerations, None, START + 13 * 10**9)
     np.testing.assert_allclose(filter_.state['bias']['bias'], BIAS, atol=0.05 * DEGREE)
+
+
+def test_a_mean_beyond_the_largest_bias_is_told_until_the_stand_ends(random):
+    """As that of a driver in deg/s is, or of a sensor that has broken."""
+    filter_ = MessageFilter(Parameters())
+    rates, accelerations = rocking(random, 14)
+    for k, (rate, force) in enumerate(zip(rates + 20.0 * DEGREE, accelerations, strict=True)):
+        filter_.filter.hint(moves=False)
+        filter_.take(imu_message(START + k * 10**7, rate, force))
+    report = filter_.report()
+    assert not report.telemetry.bias_known
+    assert report.telemetry.segments_beyond_max == 1
+    _, judged = Health().judge(report, 14.0)
+    assert 'beyond bias.max' in judged.message
+    filter_.filter.hint(moves=True)
+    filter_.take(imu_message(START + 14 * 10**9, rates[0], accelerations[0]))
+    assert not filter_.report().telemetry.rest_beyond_max
 
 
 def test_what_the_robot_does_before_it_stands_is_left_out(random):

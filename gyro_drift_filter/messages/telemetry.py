@@ -50,9 +50,10 @@ class Telemetry(NamedTuple):
     came; overtaken counts messages that later ones had overtaken, and that were filtered at their
     place; stamp is the last one in ns that is not 0; rest_obstacle is a member of `Obstacle`, which
     showed last that a block or a segment was no rest, in the signal rest_obstacle_signal;
-    rest_beyond_max says that the rest under way has a rate beyond bias.max, and segments_beyond_max
-    counts such segments of rest; segments_turning counts those with a rate that the bias can not
-    have come to, so that the sensor turned.
+    rest_beyond_max says that the rest under way, or the last mean of a stand in which the body is
+    shaken, has a rate beyond bias.max, and segments_beyond_max counts such segments and means;
+    segments_turning counts those with a rate that the bias can not have come to, so that the sensor
+    turned.
     """
 
     samples: int
@@ -199,7 +200,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['bias_corrected'] = bias['corrected'] > 0
     # A zero that the first seconds confirm is the initial bias still.
     out['bias_provisional'] = has_provisional(bias) and not is_zero(bias['bias'])
-    out['rest_beyond_max'] = bias['rest_beyond_max']
+    out['rest_beyond_max'] = bias['rest_beyond_max'] or bias['shaken_stand']['beyond_max']
     out['at_rest'] = bias['rest']['at_rest']
     x, y, z = bias['rest']['gravity']
     out['acceleration_at_rest'] = vector_length(x, y, z) if bias['rest']['at_rest'] else 0.0

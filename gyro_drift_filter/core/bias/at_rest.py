@@ -296,9 +296,11 @@ def _is_beyond_gate(state: Bias, rest: Rest, axis: int) -> bool:
 def _take_shaken_stand(state: Bias, bias_max: float) -> None:
     """Take the mean of a stand for the bias, as the robot itself says that it is one."""
     stand = state['shaken_stand']
+    stand['beyond_max'] = False
     for axis in range(3):
         if abs(stand_mean(stand, axis)) > bias_max:
             state['segments_beyond_max'] += 1
+            stand['beyond_max'] = True
             return
     # A gyroscope that is shaken is off by that much, however often it is.
     besides = PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION

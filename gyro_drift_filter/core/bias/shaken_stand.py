@@ -60,6 +60,7 @@ class ShakenStand(TypedDict):
     sums: PerSignal  # of their means, in rad/s and m/s^2
     gravity: PerAxis  # m/s^2, of the first part
     parts: int  # so far; negative for those that are left out
+    beyond_max: bool  # the last mean was beyond the largest bias
     means: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the parts, in rad/s
 
 
@@ -71,6 +72,7 @@ def forget_stand(stand: ShakenStand) -> None:
     """Begin anew with what comes."""
     stand['blocks'] = 0
     stand['parts'] = -SKIPPED_PARTS
+    stand['beyond_max'] = False
 
 
 @kernel
