@@ -450,7 +450,7 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
-        if state['checks']['at_limit'][axis]:
+        if state['checks']['range_end']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
     seconds = state['clock']['period'] * (1 + missing)
     _follow(bias['motion'], sample, clipped, seconds, filter_)

@@ -305,7 +305,7 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     turn_compensation(axes, state['clock']['period'])
     for axis in range(3):
         axis_state, own = axes[axis], workspace['axes'][axis]
-        own['at_limit'] = checks['at_limit'][axis]
+        own['at_limit'] = checks['range_end']['at_limit'][axis]
         own['hangs'] = _hangs(axis_state, checks, axis, circumstances['still'])
         if not state['methods']['tracking'][axis]:
             continue
@@ -333,7 +333,7 @@ def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int, still: bool) ->
     Before the first rest motion may be in the noise, so that a body that stands `still` says
     nothing: a sensor of coarse steps shows one rate then.
     """
-    if checks['equal'][axis] < LEAST_HANG or checks['at_limit'][axis]:
+    if checks['equal'][axis] < LEAST_HANG or checks['range_end']['at_limit'][axis]:
         return False
     noise = state['noise']
     if still and noise['blocks'] == 0:
