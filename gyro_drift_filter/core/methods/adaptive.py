@@ -16,8 +16,9 @@
 
 The modes of the mode set (`mode_set.py`) are Kalman filters that weigh each other's predictions
 (`interacting.py`). R and the noise's correlation are learned at rest (`noise.py`). A doubtful
-sample is held back (`outliers.py`); if it was motion after all, what it turned is given back
-(`missed_turns.py`). The records of an axis are in `adaptive_axis.py`.
+sample is held back (`outliers.py`), unless the accelerometer explains it (`jolts.py`); if it was
+motion after all, what it turned is given back (`missed_turns.py`). The records of an axis are in
+`adaptive_axis.py`.
 
 Rates are in rad/s, variances in (rad/s)^2. Acceleration and jerk are angular, in rad/s per sample
 and per sample squared. Equation numbers are the paper's.
@@ -46,6 +47,14 @@ from gyro_drift_filter.core.methods.interacting import (
     put_modes_at,
     take_prediction,
 )
+from gyro_drift_filter.core.methods.jolts import (
+    FIRST_CHANGE,
+    JOLT_SAMPLES,
+    feel_jolt,
+    jump_by_shake,
+    shake_along,
+    was_jolted,
+)
 from gyro_drift_filter.core.methods.missed_turns import (
     compensate,
     gives_back_knock,
@@ -73,25 +82,19 @@ from gyro_drift_filter.core.methods.noise import (
 )
 from gyro_drift_filter.core.methods.outliers import (
     CONFIRMED_START,
-    FIRST_CHANGE,
-    JOLT_SAMPLES,
     Circumstances,
     OutlierLimits,
     derive_limits,
-    feel_jolt,
     fill_innovation_limits,
     find_reason,
-    jump_by_shake,
     lies_at_accepted,
     note_held,
     note_innovation,
     note_missing,
     note_rate_change,
     note_repeat,
-    shake_along,
     start_doubt,
     unmeasured_variance,
-    was_jolted,
 )
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
@@ -265,8 +268,8 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
-    limits = filter_['coefficients']['methods']['adaptive']['limits']
-    jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), limits)
+    per_jump = filter_['coefficients']['methods']['adaptive']['limits']['shake_per_jump']
+    jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), per_jump)
     circumstances['explained_jump'] = 0.0 if still else jump
     circumstances['still'] = still
     circumstances['noise_alone'] = shows_noise(rest)
