@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.methods.adaptive_axis import (
     ADAPTIVE_AXIS_WORKSPACE,
     AdaptiveAxis,
@@ -81,13 +81,13 @@ from gyro_drift_filter.core.methods.noise import (
     usual_deviation,
 )
 from gyro_drift_filter.core.methods.outliers import (
-    CONFIRMED_START,
     Circumstances,
     OutlierLimits,
     derive_limits,
     fill_innovation_limits,
     find_reason,
     lies_at_accepted,
+    note_confirmation,
     note_held,
     note_innovation,
     note_missing,
@@ -318,15 +318,22 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
             fast = True
         if polling['bridged'] and _has_turned(axis_state, own, rate[axis]):
             turned = True
-    measured, force, dropout = checks['measured'], sample['linear_acceleration'], False
-    if fast and surprised and is_one_value(measured):
-        # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
-        failed = is_one_value(force) and force[0] != 0.0
-        dropout = failed or (measured[0] == 0.0 and not checks['gives_zeros'])
+    dropout = fast and surprised and _may_have_failed(checks, sample['linear_acceleration'])
     circumstances['dropout'] = dropout and filter_['settings']['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
+
+
+@kernel
+def _may_have_failed(checks: SensorChecks, force: PerAxis) -> bool:
+    """Return whether rates and acceleration (3,) in m/s^2 may be those of a read that failed."""
+    measured = checks['measured']
+    if not is_one_value(measured):
+        return False
+    # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
+    failed = is_one_value(force) and force[0] != 0.0
+    return bool(failed or (measured[0] == 0.0 and not checks['gives_zeros']))
 
 
 @kernel
@@ -381,50 +388,13 @@ def update(
         The innovation in rad/s, and whether the sample was held back.
     """
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
-    doubt, limits = state['doubt'], coefficients['limits']
-    innovation, typical = sample - own['prediction'], own['typical_innovation']
-    last_accepted, unmeasured = state['last_accepted'], doubt['unmeasured']
-    reason = _judge(state, own, circumstances, sample, limits)
-    decision = decision_of(reason)
-    if decision == Decision.ACCEPT:
-        doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
-    elif reason == Reason.UNCONFIRMED:
-        doubt['confirmations'] = 1
-    own['reason'] = reason
+    doubt, last_accepted = state['doubt'], state['last_accepted']
+    own['reason'] = _judge(state, own, circumstances, sample, coefficients['limits'])
     own['accepted_before'] = last_accepted
     own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
-    if decision == Decision.HOLD or decision == Decision.BRIDGE:
-        if decision == Decision.HOLD:
-            note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
-        else:
-            note_missing(doubt, typical)
-        take_prediction(state, own)
-        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
-    elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
-        _restart_at(state, own, sample, decision, coefficients['modes'])
-    else:
-        steps = 1.0 + doubt['held']
-        doubt['held'] = doubt['unmeasured'] = 0
-        correct(state, own, sample, steps, coefficients['modes'])
-    if own['hangs'] and decision != Decision.BRIDGE:
-        # A value that is used meanwhile was not measured either.
-        note_missing(doubt, typical)
-        doubt['unmeasured'] = unmeasured + 1
-    doubt['last_sample'] = sample
-    if doubt['unmeasured'] == 0:
-        doubt['behind_gap'] = unmeasured > 0
-    is_held = decision == Decision.HOLD and not circumstances['dropout']
-    note_innovation(doubt, innovation, is_held)
-    if not is_held and not own['hangs']:
-        note_rate_change(doubt, sample - last_accepted, limits)
-    taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
-    if taken and circumstances['polled']:
-        predicted = own['prediction'] - last_accepted
-        note_prediction(state['bridge'], predicted, sample - last_accepted)
-    if taken or decision == Decision.PASS:
-        state['last_accepted'] = sample
-    _learn_noise(state, own, sample, circumstances['noise_alone'], coefficients['noise'])
-    return innovation, decision == Decision.HOLD
+    _take_in(state, own, circumstances, coefficients, sample)
+    _learn(state, own, circumstances, coefficients, sample)
+    return sample - own['prediction'], decision_of(own['reason']) == Decision.HOLD
 
 
 @kernel
@@ -456,6 +426,67 @@ def _judge(
     if reason == Reason.RETURNED and gives_back_knock(state):
         return Reason.KNOCKED
     return reason
+
+
+@kernel
+def _take_in(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    coefficients: AdaptiveCoefficients,
+    sample: float,
+) -> None:
+    """Do with a sample (rad/s) what was decided: in the modes, and in what is doubted."""
+    doubt, typical = state['doubt'], workspace['typical_innovation']
+    limits, modes = coefficients['limits'], coefficients['modes']
+    reason, unmeasured = workspace['reason'], doubt['unmeasured']
+    decision = decision_of(reason)
+    note_confirmation(doubt, reason)
+    if decision == Decision.HOLD or decision == Decision.BRIDGE:
+        if decision == Decision.HOLD:
+            innovation = sample - workspace['prediction']
+            note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
+        else:
+            note_missing(doubt, typical)
+        take_prediction(state, workspace)
+        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
+    elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
+        _restart_at(state, workspace, sample, modes)
+    else:
+        steps = 1.0 + doubt['held']
+        doubt['held'] = doubt['unmeasured'] = 0
+        correct(state, workspace, sample, steps, modes)
+    if workspace['hangs'] and decision != Decision.BRIDGE:
+        # A value that is used meanwhile was not measured either.
+        note_missing(doubt, typical)
+        doubt['unmeasured'] = unmeasured + 1
+    if doubt['unmeasured'] == 0:
+        doubt['behind_gap'] = unmeasured > 0
+    doubt['last_sample'] = sample
+    if decision != Decision.HOLD and decision != Decision.BRIDGE:
+        state['last_accepted'] = sample
+
+
+@kernel
+def _learn(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    coefficients: AdaptiveCoefficients,
+    sample: float,
+) -> None:
+    """Learn from a sample (rad/s) what is usual, what can be predicted, and what noise is."""
+    doubt, prediction = state['doubt'], workspace['prediction']
+    accepted_before, decision = workspace['accepted_before'], decision_of(workspace['reason'])
+    change = sample - accepted_before
+    is_held = decision == Decision.HOLD and not circumstances['dropout']
+    note_innovation(doubt, sample - prediction, is_held)
+    if not is_held and not workspace['hangs']:
+        note_rate_change(doubt, change, coefficients['limits'])
+    taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
+    if taken and circumstances['polled']:
+        note_prediction(state['bridge'], prediction - accepted_before, change)
+    _learn_noise(state, workspace, sample, circumstances['noise_alone'], coefficients['noise'])
 
 
 @kernel
@@ -505,11 +536,10 @@ def _restart_at(
     state: AdaptiveAxis,
     workspace: AdaptiveAxisWorkspace,
     sample: float,
-    decision: Decision,
     modes: ModeSet,
 ) -> None:
     """Put all modes at a sample (rad/s), for a decision that is not to hold it back."""
-    doubt = state['doubt']
+    doubt, decision = state['doubt'], decision_of(workspace['reason'])
     put_modes_at(state, sample)
     doubt['held'] = doubt['unmeasured'] = 0
     doubt['before_restart'] = state['last_accepted']

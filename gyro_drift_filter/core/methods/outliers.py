@@ -46,7 +46,7 @@ from gyro_drift_filter.core.methods.jolts import (
 )
 from gyro_drift_filter.core.methods.mode_set import FORESEEN_SECONDS
 from gyro_drift_filter.core.methods.noise import LARGEST_NOISE
-from gyro_drift_filter.core.methods.reasons import Reason
+from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.sensor_checks import RANGE
 
 if TYPE_CHECKING:
@@ -392,6 +392,15 @@ def lies_at_accepted(doubt: Doubt, sample: float, last_accepted: float) -> bool:
     That shows that the one held back before it was an outlier.
     """
     return bool(abs(sample - last_accepted) < RETURN * abs(doubt['last_sample'] - last_accepted))
+
+
+@kernel
+def note_confirmation(doubt: Doubt, reason: int) -> None:
+    """Note whether a sample confirms the one that the filter starts at, or takes its place."""
+    if reason == Reason.UNCONFIRMED:
+        doubt['confirmations'] = 1
+    elif decision_of(reason) == Decision.ACCEPT:
+        doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
 
 
 @kernel
