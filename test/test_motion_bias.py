@@ -243,7 +243,7 @@ def test_the_covariance_stays_one(random):
             )
             assert common**2 <= variances[0] * variances[1] * 1.0001
             assert common <= variances[1] * 1.0001  # what the biases share is in both of them
-            assert motion['bias_at_rest']['untracked'][axis] >= 0.0
+            assert motion['bias_at_rest']['untracked_variance'][axis] >= 0.0
 
 
 def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
@@ -254,7 +254,7 @@ def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
     total = motion_variances(motion)
     rates, accelerations = flown(random, 1, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 0.0)
     run(filter_, rates, accelerations, start=10**18 + 603 * 10**9)
-    assert (motion['bias_at_rest']['untracked'] > 0.5 * total).all()
+    assert (motion['bias_at_rest']['untracked_variance'] > 0.5 * total).all()
     assert (motion_variances(motion) > 0.95 * total).all()
     assert before['at_rest'][-50000:].sum() == 0
 

@@ -67,7 +67,7 @@ class Filter:
     def bias_deviation(self) -> NDArray[np.float64]:
         """The standard deviation of the bias at rest by now, (3,) in rad/s."""
         bias = self.state['bias']
-        deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['growth'])
+        deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['process_noise'])
         return deviation
 
     @property

@@ -231,7 +231,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     lose_direction(bias['unknown'])
     forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
-    lacking = deviation * deviation - bias['growth']
+    lacking = deviation * deviation - bias['process_noise']
     if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):
         leave_rest(bias)
         widen(bias, lacking)

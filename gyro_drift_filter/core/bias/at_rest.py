@@ -63,6 +63,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     give_up_bias,
     interrupt_slow_turn,
     is_back,
+    largest_bias_variance,
     note_fast_turn,
     update_slow_turn,
 )
@@ -145,7 +146,7 @@ def start_bias(
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['temperature'] = np.nan
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])
     forget_swing(state['swing'])
 
@@ -199,11 +200,11 @@ def track_bias(
     state['rest_seconds'] = 0.0 if rest['at_rest'] else state['rest_seconds'] + elapsed
     random_walk = settings['bias_random_walk']
     walked = random_walk * random_walk * elapsed
-    state['reach'] += walked * max(state['walk'], 1.0)
-    growth = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
-    state['growth'] += growth
-    state['motion']['growth'] += growth
-    state['unknown']['growth'] += growth
+    state['largest_process_noise'] += walked * max(state['walk'], 1.0)
+    process_noise = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
+    state['process_noise'] += process_noise
+    state['motion']['pending_process_noise'] += process_noise
+    state['unknown']['pending_process_noise'] += process_noise
     if state['hint'] == Hint.MOVES:
         trusted = False
         rest['hinted_motion'] = True
@@ -252,7 +253,7 @@ def _take_segment(
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
     if _accept_segment(state, found, lengths, settings['bias_max']):
         _learn(state)
-        state['motion']['untrackable'] = _untrackable(
+        state['motion']['untracked_share'] = _untracked_share(
             rest, lengths['block_seconds'], settings['bias_random_walk']
         )
         next_segment(rest, ended_rest)
@@ -288,7 +289,7 @@ def _may_be_bias(state: Bias, rest: Rest) -> bool:
 def _is_beyond_gate(state: Bias, rest: Rest, axis: int) -> bool:
     """Return whether the mean of an axis in a segment of `rest` lies where the bias can't be."""
     distance = segment_mean(rest, axis) - state['bias'][axis]
-    spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
+    spread = largest_bias_variance(state, axis) + segment_variance(rest, axis)
     return bool(distance * distance > GATE * GATE * spread)
 
 
@@ -320,7 +321,7 @@ def _take_shaken_stand(state: Bias, bias_max: float) -> None:
 
 
 @kernel
-def _untrackable(rest: Rest, block_seconds: float, random_walk: float) -> float:
+def _untracked_share(rest: Rest, block_seconds: float, random_walk: float) -> float:
     """Return by what share of its variance the random walk exceeds that of this sensor's bias.
 
     `random_walk` in rad/s^(3/2); see `FASTEST_WALK`.
@@ -378,9 +379,9 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
 @kernel
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
-    state['growth'] += variance
-    state['motion']['growth'] += variance
-    state['reach'] += variance
+    state['process_noise'] += variance
+    state['motion']['pending_process_noise'] += variance
+    state['largest_process_noise'] += variance
 
 
 @kernel
@@ -468,7 +469,7 @@ def _let_bias_come_to_segment(state: Bias) -> None:
     for axis in range(3):
         if _is_beyond_gate(state, rest, axis):
             distance = segment_mean(rest, axis) - state['bias'][axis]
-            widen(state, max(distance * distance - state['growth'], 0.0))
+            widen(state, max(distance * distance - state['process_noise'], 0.0))
 
 
 @kernel
@@ -509,8 +510,8 @@ def _expect_warm_up(state: Bias) -> None:
     for axis in range(3):
         moved = segment_mean(state['rest'], axis) - state['bias'][axis]
         largest = max(largest, moved * moved)
-    if state['reach'] > 0.0:
-        walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['reach'])
+    if state['largest_process_noise'] > 0.0:
+        walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['largest_process_noise'])
         state['walk'] = max(state['walk'], 1.0) * max(walk, 1.0)
 
 
@@ -547,7 +548,7 @@ def _correct(state: Bias) -> None:
         widen_both(state['motion'], axis, lagged)
         gain = variance / spread
         surprise += innovation * innovation / spread / 3.0
-        share += state['growth'] / spread / 3.0
+        share += state['process_noise'] / spread / 3.0
         learn_at_rest(state['motion'], axis, mean, noise)
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
@@ -555,8 +556,8 @@ def _correct(state: Bias) -> None:
     # Only `_expect_warm_up` lets it be more than the parameter allows.
     largest = max(state['walk'], 1.0)
     state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), largest)
-    state['recent'][0]['growth'] = state['growth']
-    state['recent'][0]['reach'] = state['reach']
+    state['recent'][0]['process_noise'] = state['process_noise']
+    state['recent'][0]['largest_process_noise'] = state['largest_process_noise']
 
 
 @kernel
@@ -580,5 +581,5 @@ def _settle(state: Bias) -> None:
     state['rest_beyond_max'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])

@@ -71,8 +71,8 @@ from gyro_drift_filter.core.bias.shared import (
     Covariance,
     MotionBias,
     PerState,
+    add_bias_process_noise,
     limit_prior,
-    settle_growth,
     tracks_scale,
     widen_shift,
 )
@@ -494,7 +494,7 @@ def _predict_covariance(
         for k in range(BIAS, i + 1):
             covariance[i, k] = covariance[k, i] = product[i, k] * forward[k, k]
     _add_process_noise(state, mean_left, rest, lengths)
-    settle_growth(state)
+    add_bias_process_noise(state)
 
 
 @kernel

@@ -123,7 +123,7 @@ def _begin_provisional(state: Bias, standing: bool) -> None:
         limit_shift(state['motion'], axis, noise)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     state['known'] = False
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
 
 
 @kernel

@@ -81,7 +81,7 @@ class BiasAtRest(TypedDict):
     bias: PerAxis  # rad/s
     variance: PerAxis
     common: PerAxis  # covariance with the bias in motion
-    untracked: PerAxis  # more of all three, which motion teaches nothing of
+    untracked_variance: PerAxis  # more of all three, which motion teaches nothing of
     known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
 
@@ -96,8 +96,8 @@ class MotionBias(TypedDict):
     state_vector: PerState
     covariance: Covariance
     bias_at_rest: BiasAtRest
-    growth: float  # (rad/s)^2, of both biases, since it was last added
-    untrackable: float  # share of the growth that motion teaches nothing of
+    pending_process_noise: float  # (rad/s)^2, of both biases, since it was last added
+    untracked_share: float  # of the process noise: what motion teaches nothing of
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     # sums over it
@@ -127,7 +127,7 @@ class SharedBias(TypedDict):
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
     bias_at_rest: BiasAtRest
-    settled: float  # (rad/s)^2, of the growth since the last segment, what is in the variance
+    added_process_noise: float  # (rad/s)^2, that is in the variance, since the last segment
 
 
 SHARED_BIAS = record(SharedBias)
@@ -258,8 +258,8 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         state['covariance'][i, i] = variance[axis] + of_shift
         bias_at_rest['bias'][axis] = bias[axis]
         bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
-        bias_at_rest['untracked'][axis] = 0.0
-    state['growth'] = 0.0
+        bias_at_rest['untracked_variance'][axis] = 0.0
+    state['pending_process_noise'] = 0.0
     state['moving_seconds'] = state['vertical_angle'] = state['carried'] = 0.0
     state['moving'] = False
     _start_scale(state, variance)
@@ -278,7 +278,7 @@ def start_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis) -> Non
 @kernel
 def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> None:
     """Take the mean rate of a rest, in rad/s, with the variance of its noise, in (rad/s)^2, in."""
-    settle_growth(state)
+    add_bias_process_noise(state)
     track_all(state, axis)
     bias_at_rest, i = state['bias_at_rest'], BIAS + axis
     variance, common = bias_at_rest['variance'][axis], bias_at_rest['common'][axis]
@@ -296,9 +296,12 @@ def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> No
 
 
 @kernel
-def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
-    """Keep what a segment of rest may change, before it does; `growth` is of the bias at rest."""
-    kept['settled'] = growth - state['growth']
+def keep_shared(state: MotionBias, kept: SharedBias, process_noise: float) -> None:
+    """Keep what a segment of rest may change, before it does.
+
+    `process_noise` is that of the bias at rest since the last segment.
+    """
+    kept['added_process_noise'] = process_noise - state['pending_process_noise']
     for axis in range(3):
         i = BIAS + axis
         kept['bias'][axis] = state['state_vector'][i]
@@ -307,9 +310,9 @@ def keep_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
 
 
 @kernel
-def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
-    """Undo what segments of rest have changed since; `growth` is of the bias at rest by then."""
-    state['growth'] = growth - kept['settled']
+def restore_shared(state: MotionBias, kept: SharedBias, process_noise: float) -> None:
+    """Undo what segments of rest have changed since; `process_noise` as for `keep_shared`."""
+    state['pending_process_noise'] = process_noise - kept['added_process_noise']
     for axis in range(3):
         i = BIAS + axis
         before = state['covariance'][i, i]
@@ -323,16 +326,16 @@ def restore_shared(state: MotionBias, kept: SharedBias, growth: float) -> None:
 def motion_variance(state: MotionBias, axis: int) -> float:
     """Return the variance of the bias in motion at present, in (rad/s)^2."""
     i = BIAS + axis
-    untracked = state['bias_at_rest']['untracked'][axis]
-    return float(state['covariance'][i, i] + state['growth'] + untracked)
+    untracked = state['bias_at_rest']['untracked_variance'][axis]
+    return float(state['covariance'][i, i] + state['pending_process_noise'] + untracked)
 
 
 @kernel
 def track_all(state: MotionBias, axis: int) -> None:
     """Track what was left out."""
-    untracked = state['bias_at_rest']['untracked'][axis]
+    untracked = state['bias_at_rest']['untracked_variance'][axis]
     widen_both(state, axis, untracked)
-    state['bias_at_rest']['untracked'][axis] = 0.0
+    state['bias_at_rest']['untracked_variance'][axis] = 0.0
 
 
 @kernel
@@ -344,29 +347,29 @@ def widen_both(state: MotionBias, axis: int, variance: float) -> None:
 
 
 @kernel
-def settle_growth(state: MotionBias) -> None:
-    """Add what both biases have walked since the last time."""
-    untrackable = state['untrackable'] * state['growth']
+def add_bias_process_noise(state: MotionBias) -> None:
+    """Add the process noise of both biases since the last time."""
+    untracked = state['untracked_share'] * state['pending_process_noise']
     for axis in range(3):
-        widen_both(state, axis, state['growth'] - untrackable)
-        state['bias_at_rest']['untracked'][axis] += untrackable
-    state['growth'] = 0.0
+        widen_both(state, axis, state['pending_process_noise'] - untracked)
+        state['bias_at_rest']['untracked_variance'][axis] += untracked
+    state['pending_process_noise'] = 0.0
 
 
 @kernel
 def limit_prior(state: MotionBias) -> None:
     """Leave out of what is tracked in motion what is beyond the largest prior."""
-    settled = (1.0 - state['untrackable']) * state['growth']
-    settle_growth(state)
+    added = (1.0 - state['untracked_share']) * state['pending_process_noise']
+    add_bias_process_noise(state)
     if state['wide']:
         return
     bias_at_rest = state['bias_at_rest']
     for axis in range(3):
         i = BIAS + axis
         # What the bias has just walked, or was left out before, goes with no other state yet.
-        correlated = state['covariance'][i, i] - settled
+        correlated = state['covariance'][i, i] - added
         largest_prior = LARGEST_PRIOR
-        if state['covariance'][i, i] + bias_at_rest['untracked'][axis] > UNKNOWN * UNKNOWN:
+        if state['covariance'][i, i] + bias_at_rest['untracked_variance'][axis] > UNKNOWN * UNKNOWN:
             track_all(state, axis)
             waits = state['moving_seconds'] < UNKNOWN_SECONDS
             largest_prior = UNKNOWN_PRIOR if waits else LATER_PRIOR
@@ -374,7 +377,7 @@ def limit_prior(state: MotionBias) -> None:
         beyond = min(beyond, bias_at_rest['common'][axis])
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
-            bias_at_rest['untracked'][axis] += beyond
+            bias_at_rest['untracked_variance'][axis] += beyond
         _correlate_less(state, axis, correlated)
 
 

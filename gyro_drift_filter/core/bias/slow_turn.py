@@ -91,6 +91,12 @@ SLOW_TURN = record(SlowTurn)
 
 
 @kernel
+def largest_bias_variance(state: 'Bias', axis: int) -> float:
+    """Return the variance of a bias that has walked as far as it may by now, in (rad/s)^2."""
+    return float(state['variance'][axis] + state['largest_process_noise'])
+
+
+@kernel
 def forget_slow_turn(turn: SlowTurn) -> None:
     """Begin anew: the bias is known."""
     turn['seconds'] = 0.0
@@ -137,7 +143,7 @@ def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
         interrupt_slow_turn(turn)
     variance = noise = 0.0  # of the axis where each is largest
     for axis in range(3):
-        variance = max(variance, state['variance'][axis] + state['reach'])
+        variance = max(variance, largest_bias_variance(state, axis))
         noise = max(noise, segment_variance(rest, axis))
         turn['rate'][axis] = segment_mean(rest, axis)
         turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
@@ -205,7 +211,7 @@ def give_up_bias(state: 'Bias') -> None:
     turn['gave_up'] = True
     for axis in range(3):
         turn['given_up'][axis] = state['bias'][axis]
-        turn['given_up_variance'][axis] = state['variance'][axis] + state['reach']
+        turn['given_up_variance'][axis] = largest_bias_variance(state, axis)
 
 
 @kernel
