@@ -68,6 +68,7 @@ from gyro_drift_filter.core.bias.slow_turn import (
     update_slow_turn,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.quantisation import likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
@@ -281,16 +282,16 @@ def _may_be_bias(state: Bias, rest: Rest) -> bool:
     """Return whether the mean of a segment of `rest` is a rate that the bias can have come to."""
     beyond = False
     for axis in range(3):
-        beyond = beyond or _is_beyond_gate(state, rest, axis)
+        beyond = beyond or _is_out_of_reach(state, rest, axis)
     return not beyond
 
 
 @kernel
-def _is_beyond_gate(state: Bias, rest: Rest, axis: int) -> bool:
+def _is_out_of_reach(state: Bias, rest: Rest, axis: int) -> bool:
     """Return whether the mean of an axis in a segment of `rest` lies where the bias can't be."""
     distance = segment_mean(rest, axis) - state['bias'][axis]
     spread = largest_bias_variance(state, axis) + segment_variance(rest, axis)
-    return bool(distance * distance > GATE * GATE * spread)
+    return is_beyond_gate(distance, GATE, spread)
 
 
 @kernel
@@ -310,7 +311,7 @@ def _take_shaken_stand(state: Bias, bias_max: float) -> None:
         if state['known']:
             variance = bias_variance(state, axis)
             least = min(variance, besides)
-            if innovation * innovation > GATE * GATE * (variance + noise):
+            if is_beyond_gate(innovation, GATE, variance + noise):
                 variance = innovation * innovation
             variance *= noise / (variance + noise)
         state['bias'][axis] += variance / noise * innovation
@@ -467,7 +468,7 @@ def _let_bias_come_to_segment(state: Bias) -> None:
     """Widen the bias as far as the segment: the robot itself says that it stands."""
     rest = state['rest']
     for axis in range(3):
-        if _is_beyond_gate(state, rest, axis):
+        if _is_out_of_reach(state, rest, axis):
             distance = segment_mean(rest, axis) - state['bias'][axis]
             widen(state, max(distance * distance - state['process_noise'], 0.0))
 

@@ -77,6 +77,7 @@ from gyro_drift_filter.core.bias.shared import (
     widen_shift,
 )
 from gyro_drift_filter.core.bias.vibration import interrupt_vibration, note_vibration
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import Matrix, multiply, rotation_terms, vector_length
 from gyro_drift_filter.core.rest.noise import random_walk_of
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
@@ -252,7 +253,7 @@ def _follow_accelerometer(state: MotionBias, rest: Rest) -> None:
         signal = rest['signals'][3 + axis]
         distance = speed[axis] / seconds - signal['waiting_mean']
         spread = signal['variance'] + signal['scatter']
-        if distance * distance > MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread:
+        if is_beyond_gate(distance, MEAN_DEVIATIONS, spread):
             return
     size = vector_length(speed[0], speed[1], speed[2])
     if size > 0.0:

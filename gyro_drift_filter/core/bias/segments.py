@@ -18,6 +18,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.records import RECENT, Bias
 from gyro_drift_filter.core.bias.shared import keep_shared, restore_shared
 from gyro_drift_filter.core.bias.slow_turn import GATE
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.segment import segment_mean
 
@@ -59,7 +60,7 @@ def unreachable_segments(state: Bias) -> int:
             distance = total / count - segment['bias'][axis]
             spread = segment['variance'][axis] + process_noise + noise / (count * count)
             gate = GATE if i == 0 else RECENT_GATE
-            if distance * distance > gate * gate * spread:
+            if is_beyond_gate(distance, gate, spread):
                 return i + 1
     return 0
 

@@ -28,6 +28,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import block_moments, is_block_filled, segment_mean
@@ -171,7 +172,7 @@ def _stays(turn: SlowTurn, rest: Rest) -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['rate'][axis]
         spread = 2.0 * segment_variance(rest, axis)
-        if distance * distance > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+        if is_beyond_gate(distance, SAME_TURN_GATE, spread):
             return False
     return True
 
@@ -194,7 +195,7 @@ def _moves_on(turn: SlowTurn, rest: Rest, since_rest: float, bias: PerAxis) -> b
         furthest = share * before
         beyond = max(min(before, furthest) - now, now - max(before, furthest))
         spread = (1.0 + share * share) * segment_variance(rest, axis)
-        if beyond > 0.0 and beyond * beyond > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+        if beyond > 0.0 and is_beyond_gate(beyond, SAME_TURN_GATE, spread):
             return False
     return True
 
@@ -227,7 +228,8 @@ def is_back(state: 'Bias') -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['given_up'][axis]
         spread = turn['given_up_variance'][axis] + segment_variance(rest, axis)
-        if distance * distance > max(GATE * GATE * spread, BACK_SHARE * BACK_SHARE * jump):
+        far = is_beyond_gate(distance, BACK_SHARE, jump)
+        if far and is_beyond_gate(distance, GATE, spread):
             return False
     return True
 

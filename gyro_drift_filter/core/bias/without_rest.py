@@ -41,6 +41,7 @@ from gyro_drift_filter.core.bias.shared import (
     MotionBias,
     start_motion_bias,
 )
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -164,7 +165,7 @@ def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
         distance += direction[axis] * (unknown['state_vector'][BIAS + axis] - bias[axis])
     gate = FIRST_GATE if state['corrected'] == 0 else NEXT_GATE
     variance = _error_variance(unknown, _covariance(unknown, direction, direction))
-    if distance * distance <= gate * gate * variance:
+    if not is_beyond_gate(distance, gate, variance):
         return False
     for axis in range(3):
         if abs(bias[axis] + distance * direction[axis]) > bias_max:
