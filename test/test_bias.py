@@ -25,9 +25,9 @@ from benchmark.bias import on_other_sides, to_and_fro, warm_up, warm_up_standing
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias import at_rest as bias_at_rest
+from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION
 from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
-from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.rest.detection import close_block

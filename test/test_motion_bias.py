@@ -22,15 +22,17 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.in_motion import (
     MOTION_BLOCK_SECONDS,
-    MOTION_WORKSPACE,
-    SPEED_SECONDS,
     START_DIRECTION,
-    _expect_mean_velocity,
-    _predict_covariance,
     _take_value,
     lose_direction,
 )
-from gyro_drift_filter.core.bias.shared import (
+from gyro_drift_filter.core.bias.motion_filter import (
+    MOTION_WORKSPACE,
+    SPEED_SECONDS,
+    expect_mean_velocity,
+    predict_covariance,
+)
+from gyro_drift_filter.core.bias.motion_state import (
     ACCELERATION,
     BIAS,
     DIRECTION,
@@ -42,14 +44,10 @@ from gyro_drift_filter.core.bias.shared import (
     SPEED,
     STATES,
     VELOCITY,
-    BiasShift,
-    keep_shared,
-    learn_at_rest,
     motion_variance,
-    restore_shared,
-    shift_of,
-    shift_variance,
 )
+from gyro_drift_filter.core.bias.shared import keep_shared, learn_at_rest, restore_shared
+from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_variance
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
@@ -393,7 +391,7 @@ def test_motion_and_rest_are_one_kalman_filter(random):
     state, values, covariance = joint(random)
     state['wide'], state['block_seconds'] = True, MOTION_BLOCK_SECONDS
     state['moving_seconds'] = 60.0
-    _expect_mean_velocity(state, zeroed(MOTION_WORKSPACE)[0])
+    expect_mean_velocity(state, zeroed(MOTION_WORKSPACE)[0])
     noise = SPEED * SPEED * 2.0 * SPEED_SECONDS / MOTION_BLOCK_SECONDS
     for axis in range(3):
         row = np.zeros(ALL)
@@ -415,7 +413,7 @@ def moved(vector, rate, force):
         state['samples'], state['seconds'] = 1, VALUE_SECONDS
         state['angle'], state['speed'] = rate * VALUE_SECONDS, force * VALUE_SECONDS
         _take_value(state, workspace, rest, lengths)
-    _predict_covariance(state, workspace, rest, lengths)
+    predict_covariance(state, workspace, rest, lengths)
     return state, workspace
 
 

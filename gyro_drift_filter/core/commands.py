@@ -30,7 +30,7 @@ from gyro_drift_filter.core.bias.at_rest import (
 )
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.records import has_bias
-from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
+from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.quantisation import needs_half_counts, variance_of_cut

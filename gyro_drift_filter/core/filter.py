@@ -26,7 +26,7 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias.at_rest import HINT_SECONDS
 from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
-from gyro_drift_filter.core.bias.shared import NO_SHIFT, BiasShift
+from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, HISTORY, STATE, WORKSPACE, State

@@ -21,14 +21,9 @@ from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, 
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
+from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
 from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
-from gyro_drift_filter.core.bias.shared import (
-    BIAS,
-    MotionBias,
-    forget_scale,
-    limit_prior,
-    motion_variance,
-)
+from gyro_drift_filter.core.bias.shared import forget_scale, limit_prior
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,

@@ -34,6 +34,7 @@ import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.bias.in_motion import lose_direction
+from gyro_drift_filter.core.bias.motion_state import widen_both
 from gyro_drift_filter.core.bias.provisional import (
     PROVISIONAL_DEVIATION,
     is_far_from_provisional,
@@ -49,13 +50,8 @@ from gyro_drift_filter.core.bias.shaken_stand import (
     stand_mean,
     variance_of_stand_mean,
 )
-from gyro_drift_filter.core.bias.shared import (
-    learn_at_rest,
-    limit_shift,
-    start_motion_bias,
-    start_wide_prior,
-    widen_both,
-)
+from gyro_drift_filter.core.bias.shared import learn_at_rest, start_motion_bias, start_wide_prior
+from gyro_drift_filter.core.bias.shift import limit_shift
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
     SlowTurnOutcome,

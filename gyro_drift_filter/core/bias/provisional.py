@@ -21,7 +21,8 @@ the start, where gravity has stood for so long that no noise of the rates can be
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance, has_provisional
-from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
+from gyro_drift_filter.core.bias.shared import start_motion_bias
+from gyro_drift_filter.core.bias.shift import limit_shift
 from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest

@@ -19,8 +19,8 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.bias.motion_state import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.shaken_stand import ShakenStand
-from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
 from gyro_drift_filter.core.rest.records import OtherNoise, Rest

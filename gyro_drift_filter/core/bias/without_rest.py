@@ -33,14 +33,9 @@ from gyro_drift_filter.core.bias.in_motion import (
     LEAST_GRAVITY_SHARE,
     MOTION_BLOCK_SECONDS,
 )
+from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
 from gyro_drift_filter.core.bias.records import Bias
-from gyro_drift_filter.core.bias.shared import (
-    BIAS,
-    DIRECTION,
-    SPEED,
-    MotionBias,
-    start_motion_bias,
-)
+from gyro_drift_filter.core.bias.shared import start_motion_bias
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
