@@ -31,7 +31,7 @@ from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import block_moments, is_block_filled, segment_mean
+from gyro_drift_filter.core.rest.segment import block_mean, is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 if TYPE_CHECKING:
@@ -122,8 +122,7 @@ def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: f
         return
     rate = 0.0
     for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][axis])
-        rate = max(rate, abs(mean))
+        rate = max(rate, abs(block_mean(rest, axis)))
     if rate > bias_max:
         turn['turned'] += rate * lengths['block_seconds']
 

@@ -77,12 +77,12 @@ TURN_SHARE, LEAST_TURN, TURN_DEVIATIONS = 0.25, 0.05, 2.0
 
 
 @kernel
-def obstacle_of_block(rest: Rest, signal: Signal) -> Obstacle:
-    """Return what shows that the block is no noise, as far as the noise is known."""
+def obstacle_of_block(rest: Rest, index: int) -> Obstacle:
+    """Return what of signal `index` shows that the block is no noise, as far as that is known."""
     if not rest['known']:
         return Obstacle.NONE
-    count = rest['count']
-    mean, variance = block_moments(rest, signal)
+    signal, count = rest['signals'][index], rest['count']
+    mean, variance = block_moments(rest, index)
     alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
     if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
         return Obstacle.VARIES
