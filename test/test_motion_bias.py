@@ -234,7 +234,7 @@ def test_the_covariance_stays_one(random):
         )
         assert np.abs(motion['state_vector'][ACCELERATION:]).max() < 1.0
         for axis in range(3):
-            common = motion['bias_at_rest']['common'][axis]
+            common = motion['bias_at_rest']['cross_covariance'][axis]
             variances = (
                 motion['covariance'][BIAS + axis, BIAS + axis],
                 motion['bias_at_rest']['variance'][axis],
@@ -352,7 +352,7 @@ def joint(random):
     bias_at_rest = state['bias_at_rest']
     bias_at_rest['bias'] = random.standard_normal(3)
     own = np.diag(state['covariance'])[BIAS : BIAS + 3]
-    bias_at_rest['common'] = 0.5 * own
+    bias_at_rest['cross_covariance'] = 0.5 * own
     bias_at_rest['variance'] = 0.7 * own
     values = np.concatenate([state['state_vector'], bias_at_rest['bias']])
     covariance = np.zeros((ALL, ALL))
@@ -379,7 +379,7 @@ def check(state, values, covariance):
     for axis in range(3):
         own, bias = STATES + axis, BIAS + axis
         assert bias_at_rest['variance'][axis] == pytest.approx(covariance[own, own])
-        assert bias_at_rest['common'][axis] == pytest.approx(covariance[own, bias])
+        assert bias_at_rest['cross_covariance'][axis] == pytest.approx(covariance[own, bias])
         difference = np.zeros(ALL)
         difference[bias], difference[own] = 1.0, -1.0
         assert shift_of(state, axis) == pytest.approx(difference @ values)
@@ -521,7 +521,7 @@ def test_errors_of_the_scale_are_states_from_where_the_bias_is_known(random):
     assert not filter_.state['bias']['motion']['covariance'][SCALE:].any()
     run(filter_, rates[:500], accelerations[:500], start=START + 20 * 10**9)
     assert filter_.state['bias']['known']
-    for motion, variance in (('motion', SCALE_ERROR**2), ('unknown', 0.0)):
+    for motion, variance in (('motion', SCALE_ERROR**2), ('wide_prior', 0.0)):
         own = np.diag(filter_.state['bias'][motion]['covariance'])[SCALE:]
         np.testing.assert_array_equal(own, variance)
 

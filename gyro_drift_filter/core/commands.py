@@ -63,7 +63,7 @@ def prepare_for_settings(filter_: NDArray[np.void], settings: NDArray[np.void]) 
     if after['bias_in_motion'] and not before['bias_in_motion']:
         # Nobody knows how the body has turned meanwhile.
         lose_direction(bias['motion'])
-        lose_direction(bias['unknown'])
+        lose_direction(bias['wide_prior'])
     if has_bias(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']

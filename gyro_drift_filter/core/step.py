@@ -223,7 +223,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
     filter_['history']['count'] = 0
     lose_direction(bias['motion'])
-    lose_direction(bias['unknown'])
+    lose_direction(bias['wide_prior'])
     forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
     lacking = deviation * deviation - bias['process_noise']
@@ -451,8 +451,8 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
     _follow(bias['motion'], sample, clipped, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):
-            lose_direction(bias['unknown'])  # nobody knows how the body turns about that axis
-        _follow(bias['unknown'], sample, clipped, seconds, filter_)
+            lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
+        _follow(bias['wide_prior'], sample, clipped, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 
 

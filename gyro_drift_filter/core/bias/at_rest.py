@@ -138,7 +138,7 @@ def start_bias(
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional_variance'][axis] = 0.0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
-    start_wide_prior(state['unknown'], state['bias'], state['variance'])
+    start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = 1.0
     state['doubted_segments'] = 0
     state['corrected'] = 0
@@ -164,7 +164,7 @@ def leave_rest(state: Bias) -> None:
     start_rest(state['other_noise']['rest'])
     forget_stand(state['shaken_stand'])
     lose_direction(state['motion'])
-    lose_direction(state['unknown'])
+    lose_direction(state['wide_prior'])
     _forget_stillness(state)
 
 
@@ -201,7 +201,7 @@ def track_bias(
     process_noise = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
     state['process_noise'] += process_noise
     state['motion']['pending_process_noise'] += process_noise
-    state['unknown']['pending_process_noise'] += process_noise
+    state['wide_prior']['pending_process_noise'] += process_noise
     if state['hint'] == Hint.MOVES:
         trusted = False
         rest['hinted_motion'] = True
@@ -538,14 +538,14 @@ def _correct(state: Bias) -> None:
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         noise += variance_of_swing(state['swing'], rest, axis)
         variance = bias_variance(state, axis)
-        innovation, spread = mean - state['bias'][axis], variance + noise
-        lagged = _variance_of_lag(state, axis, innovation, spread)
+        innovation, innovation_variance = mean - state['bias'][axis], variance + noise
+        lagged = _variance_of_lag(state, axis, innovation, innovation_variance)
         variance += lagged
-        spread += lagged
+        innovation_variance += lagged
         widen_both(state['motion'], axis, lagged)
-        gain = variance / spread
-        surprise += innovation * innovation / spread / 3.0
-        share += state['process_noise'] / spread / 3.0
+        gain = variance / innovation_variance
+        surprise += innovation * innovation / innovation_variance / 3.0
+        share += state['process_noise'] / innovation_variance / 3.0
         learn_at_rest(state['motion'], axis, mean, noise)
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
@@ -558,14 +558,16 @@ def _correct(state: Bias) -> None:
 
 
 @kernel
-def _variance_of_lag(state: Bias, axis: int, innovation: float, spread: float) -> float:
+def _variance_of_lag(
+    state: Bias, axis: int, innovation: float, innovation_variance: float
+) -> float:
     """Return the variance in (rad/s)^2 by which a bias that moves steadily leads its estimate.
 
-    `innovation` in rad/s is that of the segment, `spread` its variance by noise and random walk.
+    Innovation in rad/s, and its variance by noise and random walk.
     """
     lag = (1.0 - LAG_WEIGHT) * state['lag'][axis] + LAG_WEIGHT * innovation
     state['lag'][axis] = lag
-    of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * spread
+    of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * innovation_variance
     return float(max(lag * lag - LAG_DEVIATIONS * LAG_DEVIATIONS * of_mean, 0.0))
 
 

@@ -316,9 +316,9 @@ def _doubt_direction(state: MotionBias, variance: float) -> None:
     for i in range(3):
         for k in range(3):
             across = (1.0 if i == k else 0.0) - vector[DIRECTION + i] * vector[DIRECTION + k]
-            common = variance / GRAVITY * across
-            covariance[i, k] += common / GRAVITY
-            covariance[i, ACCELERATION + k] = covariance[ACCELERATION + k, i] = -common
+            cross_covariance = variance / GRAVITY * across
+            covariance[i, k] += cross_covariance / GRAVITY
+            covariance[i, ACCELERATION + k] = covariance[ACCELERATION + k, i] = -cross_covariance
 
 
 @kernel

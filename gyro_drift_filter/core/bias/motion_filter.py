@@ -201,10 +201,12 @@ def expect_mean_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
     variance = deviation * deviation * 2.0 * _speed_seconds(state) / seconds
     for axis in range(3):
         i, mean = VELOCITY + axis, MEAN_VELOCITY + axis
-        spread = covariance[i, i] - 2.0 * covariance[i, mean] + covariance[mean, mean] + variance
+        innovation_variance = (
+            covariance[i, i] - 2.0 * covariance[i, mean] + covariance[mean, mean] + variance
+        )
         for k in range(STATES):
-            workspace['gain'][k] = (covariance[k, i] - covariance[k, mean]) / spread
-        _correct(state, workspace, vector[mean] - vector[i], spread)
+            workspace['gain'][k] = (covariance[k, i] - covariance[k, mean]) / innovation_variance
+        _correct(state, workspace, vector[mean] - vector[i], innovation_variance)
 
 
 @kernel
@@ -241,15 +243,15 @@ def expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
     x, y, z = x / length, y / length, z / length
     for k in range(STATES):
         gain[k] = covariance[k, 0] * x + covariance[k, 1] * y + covariance[k, 2] * z
-    spread = gain[0] * x + gain[1] * y + gain[2] * z + LENGTH_VARIANCE
+    innovation_variance = gain[0] * x + gain[1] * y + gain[2] * z + LENGTH_VARIANCE
     for k in range(STATES):
-        gain[k] /= spread
-    _correct(state, workspace, 1.0 - length, spread)
+        gain[k] /= innovation_variance
+    _correct(state, workspace, 1.0 - length, innovation_variance)
 
 
 @kernel
 def _correct(
-    state: MotionBias, workspace: MotionWorkspace, innovation: float, spread: float
+    state: MotionBias, workspace: MotionWorkspace, innovation: float, innovation_variance: float
 ) -> None:
     """Correct state and covariance by an innovation, (11) and (12); the gain is there."""
     vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
@@ -258,14 +260,14 @@ def _correct(
         vector[i] += gain[i] * innovation
     for axis in range(3):
         i = BIAS + axis
-        removed = gain[i] * gain[i] * spread / covariance[i, i]
+        removed = gain[i] * gain[i] * innovation_variance / covariance[i, i]
         # The bias at rest follows by what is common to both.
-        weight = bias_at_rest['common'][axis] / covariance[i, i]
+        weight = bias_at_rest['cross_covariance'][axis] / covariance[i, i]
         bias_at_rest['bias'][axis] += weight * gain[i] * innovation
-        bias_at_rest['variance'][axis] -= weight * bias_at_rest['common'][axis] * removed
-        bias_at_rest['common'][axis] *= 1.0 - removed
+        bias_at_rest['variance'][axis] -= weight * bias_at_rest['cross_covariance'][axis] * removed
+        bias_at_rest['cross_covariance'][axis] *= 1.0 - removed
     for i in range(STATES):
-        weighted = gain[i] * spread
+        weighted = gain[i] * innovation_variance
         for k in range(STATES):
             covariance[i, k] -= weighted * gain[k]
 

@@ -49,7 +49,7 @@ class BiasAtRest(TypedDict):
 
     bias: PerAxis  # rad/s
     variance: PerAxis
-    common: PerAxis  # covariance with the bias in motion
+    cross_covariance: PerAxis  # with the bias in motion
     untracked_variance: PerAxis  # more of all three, which motion teaches nothing of
     known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
@@ -122,7 +122,7 @@ def widen_both(state: MotionBias, axis: int, variance: float) -> None:
     """Add a variance in (rad/s)^2 of what moves both biases."""
     state['covariance'][BIAS + axis, BIAS + axis] += variance
     state['bias_at_rest']['variance'][axis] += variance
-    state['bias_at_rest']['common'][axis] += variance
+    state['bias_at_rest']['cross_covariance'][axis] += variance
 
 
 @kernel

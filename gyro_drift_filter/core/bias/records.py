@@ -64,7 +64,7 @@ class Bias(TypedDict):
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
     motion: MotionBias  # the bias in motion
-    unknown: MotionBias  # the same by a wide prior, while there is nothing else
+    wide_prior: MotionBias  # the same from a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
     walk: float  # share of the random walk's variance that the bias takes
     process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment

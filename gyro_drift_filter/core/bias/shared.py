@@ -56,7 +56,7 @@ def start_motion_bias(state: MotionBias, bias: PerAxis, variance: PerAxis) -> No
         state['state_vector'][i] = bias[axis] + shift
         state['covariance'][i, i] = variance[axis] + of_shift
         bias_at_rest['bias'][axis] = bias[axis]
-        bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = variance[axis]
+        bias_at_rest['variance'][axis] = bias_at_rest['cross_covariance'][axis] = variance[axis]
         bias_at_rest['untracked_variance'][axis] = 0.0
     state['pending_process_noise'] = 0.0
     state['moving_seconds'] = state['vertical_angle'] = state['carried'] = 0.0
@@ -112,14 +112,15 @@ def learn_at_rest(state: MotionBias, axis: int, mean: float, noise: float) -> No
     add_bias_process_noise(state)
     track_all(state, axis)
     bias_at_rest, i = state['bias_at_rest'], BIAS + axis
-    variance, common = bias_at_rest['variance'][axis], bias_at_rest['common'][axis]
-    innovation, spread = mean - bias_at_rest['bias'][axis], variance + noise
-    gain, gain_in_motion = variance / spread, common / spread
+    variance = bias_at_rest['variance'][axis]
+    cross_covariance = bias_at_rest['cross_covariance'][axis]
+    innovation, innovation_variance = mean - bias_at_rest['bias'][axis], variance + noise
+    gain, gain_in_motion = variance / innovation_variance, cross_covariance / innovation_variance
     bias_at_rest['bias'][axis] += gain * innovation
     bias_at_rest['variance'][axis] -= gain * variance
-    bias_at_rest['common'][axis] -= gain * common
+    bias_at_rest['cross_covariance'][axis] -= gain * cross_covariance
     state['state_vector'][i] += gain_in_motion * innovation
-    left = state['covariance'][i, i] - gain_in_motion * common
+    left = state['covariance'][i, i] - gain_in_motion * cross_covariance
     # Each axis by itself, as the bias at rest is.
     for k in range(STATES):
         state['covariance'][i, k] = state['covariance'][k, i] = 0.0
@@ -171,7 +172,7 @@ def limit_prior(state: MotionBias) -> None:
             waits = state['moving_seconds'] < UNKNOWN_SECONDS
             largest_prior = UNKNOWN_PRIOR if waits else LATER_PRIOR
         beyond = state['covariance'][i, i] - largest_prior * largest_prior
-        beyond = min(beyond, bias_at_rest['common'][axis])
+        beyond = min(beyond, bias_at_rest['cross_covariance'][axis])
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
             bias_at_rest['untracked_variance'][axis] += beyond

@@ -67,11 +67,9 @@ def shift_of(state: MotionBias, axis: int) -> float:
 @kernel
 def shift_variance(state: MotionBias, axis: int) -> float:
     """Return the variance of the shift of an axis, in (rad/s)^2."""
-    bias_at_rest, i = state['bias_at_rest'], BIAS + axis
-    common = bias_at_rest['common'][axis]
-    return float(
-        max(state['covariance'][i, i] - 2.0 * common + bias_at_rest['variance'][axis], 0.0)
-    )
+    bias_at_rest, in_motion = state['bias_at_rest'], state['covariance'][BIAS + axis, BIAS + axis]
+    at_rest, both = bias_at_rest['variance'][axis], bias_at_rest['cross_covariance'][axis]
+    return float(max(in_motion - 2.0 * both + at_rest, 0.0))
 
 
 @kernel
@@ -93,7 +91,7 @@ def replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -
     bias_at_rest, i = state['bias_at_rest'], BIAS + axis
     state['state_vector'][i] = bias_at_rest['bias'][axis] + shift
     state['covariance'][i, i] = variance
-    bias_at_rest['variance'][axis] = bias_at_rest['common'][axis] = 0.0
+    bias_at_rest['variance'][axis] = bias_at_rest['cross_covariance'][axis] = 0.0
 
 
 @kernel
