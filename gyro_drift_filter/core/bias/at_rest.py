@@ -312,9 +312,7 @@ def _take_shaken_stand(state: Bias, bias_max: float) -> None:
             variance *= noise / (variance + noise)
         state['bias'][axis] += variance / noise * innovation
         state['variance'][axis] = max(variance, least)
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
-    state['recent_count'] = state['doubted_segments'] = 0
-    _settle(state)
+    _settle_anew(state)
 
 
 @kernel
@@ -352,10 +350,7 @@ def calibrate_bias(state: Bias) -> None:
         blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
         state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
-    # What came before says nothing against it.
-    state['recent_count'] = state['doubted_segments'] = 0
-    _settle(state)
+    _settle_anew(state)
 
 
 @kernel
@@ -569,6 +564,14 @@ def _variance_of_lag(
     state['lag'][axis] = lag
     of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * innovation_variance
     return float(max(lag * lag - LAG_DEVIATIONS * LAG_DEVIATIONS * of_mean, 0.0))
+
+
+@kernel
+def _settle_anew(state: Bias) -> None:
+    """Begin anew with a bias that takes the place of the one before, whatever speaks against it."""
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
+    state['recent_count'] = state['doubted_segments'] = 0
+    _settle(state)
 
 
 @kernel
