@@ -21,15 +21,9 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import (
-    calibrate_bias,
-    leave_rest,
-    start_bias,
-    warm_bias,
-    widen,
-)
+from gyro_drift_filter.core.bias.at_rest import calibrate_bias, leave_rest, start_bias, warm_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import has_bias
+from gyro_drift_filter.core.bias.records import has_bias, widen
 from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling

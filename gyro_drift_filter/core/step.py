@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
 from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
-from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
+from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional, widen
 from gyro_drift_filter.core.bias.shared import forget_scale, limit_prior
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (

@@ -112,3 +112,11 @@ def has_provisional(state: Bias) -> bool:
 def has_bias(state: Bias) -> bool:
     """Return whether a bias is known, or a provisional one."""
     return bool(state['known'] or has_provisional(state))
+
+
+@kernel
+def widen(state: Bias, variance: float) -> None:
+    """Take a step of the bias into account, by its variance in (rad/s)^2."""
+    state['process_noise'] += variance
+    state['motion']['pending_process_noise'] += variance
+    state['largest_process_noise'] += variance
