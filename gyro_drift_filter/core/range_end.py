@@ -68,7 +68,7 @@ RANGE_END = record(RangeEnd)
 
 
 @kernel
-def is_at_limit(
+def note_rate(
     checks: 'SensorChecks', axis: int, rate: float, change: float, same: bool, rest: Rest
 ) -> bool:
     """Note a rate in rad/s; return whether it is at the end of the range.
@@ -78,7 +78,7 @@ def is_at_limit(
     """
     size, side, ends = abs(rate), _side(rate), checks['range_end']
     earlier, before = ends['step_before'][axis], ends['step'][axis]
-    _note_change(checks, axis, rate, change)
+    _note_steps(checks, axis, rate, change)
     if size <= CLIPPED_RATE or _is_far_passed(ends, axis, size):
         ends['flat'][axis] = 0
         return False
@@ -131,7 +131,7 @@ def _may_be_limit(ends: RangeEnd, axis: int, rate: float, resolution: float) -> 
 
 
 @kernel
-def _note_change(checks: 'SensorChecks', axis: int, rate: float, change: float) -> None:
+def _note_steps(checks: 'SensorChecks', axis: int, rate: float, change: float) -> None:
     """Note a rate beside those before it, and by how much it has changed."""
     ends = checks['range_end']
     if 0.0 < abs(change) < np.inf:

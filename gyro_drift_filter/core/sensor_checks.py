@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.range_end import RangeEnd, is_at_limit
+from gyro_drift_filter.core.range_end import RangeEnd, note_rate
 from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
@@ -295,7 +295,7 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
         at_limit = False
         if is_usable(rate[axis]):
             change = _note_change(checks, axis, rate[axis])
-            at_limit = is_at_limit(checks, axis, rate[axis], change, same, rest)
+            at_limit = note_rate(checks, axis, rate[axis], change, same, rest)
         checks['range_end']['at_limit'][axis] = at_limit
         measured[axis] = rate[axis]
     return same
