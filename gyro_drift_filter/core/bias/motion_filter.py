@@ -97,11 +97,8 @@ def predict_covariance(
     state: MotionBias, workspace: MotionWorkspace, rest: Rest, lengths: RestLengths
 ) -> None:
     """Carry the covariance over the block, (8)."""
-    forward, product, covariance = (
-        workspace['transition'],
-        workspace['product'],
-        state['covariance'],
-    )
+    forward, product = workspace['transition'], workspace['product']
+    covariance = state['covariance']
     mean_left = math.exp(-state['block_seconds'] / _memory_seconds(state))
     _fill_transition(state, forward, mean_left)
     for axis in range(3):

@@ -244,19 +244,16 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
 @kernel
 def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Note what the accelerometer and all axes together show, before the prediction of a sample."""
-    axes, tracking = (
-        filter_['state']['methods']['adaptive'],
-        filter_['state']['methods']['tracking'],
-    )
+    states = filter_['state']['methods']
     circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
     rest, force = filter_['state']['bias']['rest'], sample['linear_acceleration']
     still, measured = has_stood_still(rest, STILL_BLOCKS), not is_one_value(force)
     shake = usual_shake = 0.0
     jolted = jolted_before = False
     for axis in range(3):
-        if not tracking[axis]:
+        if not states['tracking'][axis]:
             continue
-        jolt = axes[axis]['jolt']
+        jolt = states['adaptive'][axis]['jolt']
         if feel_jolt(jolt, force[axis] if measured else np.nan):
             jolted = True
         if was_jolted(jolt):
