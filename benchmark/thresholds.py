@@ -14,7 +14,8 @@
 
 """Which thresholds matter, and how much: each is changed by a factor, and everything scored again.
 
-    python -m benchmark.thresholds [--module FILE] [--only NAME ...] [--factors FACTOR ...] [--all]
+    python -m benchmark.thresholds [--module FILE ...] [--only NAME ...] [--factors FACTOR ...]
+        [--all]
 
 A cell names the figures of `benchmark.quality`, at 100 and at 50 Hz, and of `benchmark.drivers`
 that have moved by more than a tenth of their bar, the furthest first: a share of the bar as
@@ -43,7 +44,8 @@ from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-MODULE = Path('gyro_drift_filter/core/methods/outliers.py')
+METHODS = Path('gyro_drift_filter/core/methods')
+MODULES = (METHODS / 'outliers.py', METHODS / 'jolts.py')
 _PACKAGES = ('gyro_drift_filter', 'benchmark')
 _RATES = (100.0, 50.0)  # Hz
 _MOVED = 0.1  # of a bar
@@ -152,24 +154,27 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument('--module', type=Path, default=MODULE, metavar='FILE')
+    parser.add_argument('--module', nargs='+', type=Path, default=MODULES, metavar='FILE')
     parser.add_argument('--only', nargs='*', metavar='NAME')
     parser.add_argument('--factors', nargs='*', type=float, default=[0.7, 1.4], metavar='FACTOR')
     parser.add_argument('--all', action='store_true', help='tell of those that move nothing, too')
     options = parser.parse_args(arguments)
-    source = (ROOT / options.module).read_text()
-    names = options.only or list(constants_of(source))
-    texts = [[(name, changed(source, name, f)) for f in options.factors] for name in names]
+    sources = {module: (ROOT / module).read_text() for module in options.module}
+    places = {name: module for module in sources for name in constants_of(sources[module])}
+    for name in options.only or ():
+        if name not in places:
+            raise GyroDriftFilterError(f'there is no constant {name}')
     delivered = shares_of_bars()
     rows = [['constant', *(f'times {factor:g}' for factor in options.factors)]]
-    for variants in texts:
-        cells = []
-        for name, text in variants:
+    for name in options.only or places:
+        module, cells = places[name], []
+        for factor in options.factors:
             tell(f'changing {name} ...')
-            moved = list(_moved(delivered, _shares_with(options.module, text)))
+            text = changed(sources[module], name, factor)
+            moved = list(_moved(delivered, _shares_with(module, text)))
             cells.append('; '.join(moved[:_NAMED]))
         if options.all or any(cells):
-            rows.append([variants[0][0], *cells])
+            rows.append([name, *cells])
     print(table(rows))
     return 0
 

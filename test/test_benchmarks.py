@@ -24,7 +24,7 @@ pytest.importorskip('filterpy', reason="the benchmark's other filters are not in
 
 from benchmark import drivers, quality, speed, thresholds
 from benchmark.limits import Trial, left_by_best
-from gyro_drift_filter.core.methods import outliers
+from gyro_drift_filter.core.methods import jolts, outliers
 from gyro_drift_filter.errors import GyroDriftFilterError
 from support.paths import REPOSITORY
 
@@ -85,11 +85,14 @@ def function():
 
 def test_the_constants_of_a_module_are_its_own_numbers():
     assert list(thresholds.constants_of(CONSTANTS)) == ['LIMIT', 'LEAST', 'MOST', 'SHARE']
-    own = thresholds.constants_of((REPOSITORY / thresholds.MODULE).read_text())
-    assert {name: vars(outliers)[name] for name in own} == {
-        name: eval(compile(ast.Expression(place), name, 'eval')) for name, place in own.items()
-    }
-    assert len(own) > 30
+    found = 0
+    for path, module in zip(thresholds.MODULES, (outliers, jolts), strict=True):
+        own = thresholds.constants_of((REPOSITORY / path).read_text())
+        assert {name: vars(module)[name] for name in own} == {
+            name: eval(compile(ast.Expression(place), name, 'eval')) for name, place in own.items()
+        }
+        found += len(own)
+    assert found > 30
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ from benchmark.bias import on_other_sides, to_and_fro, warm_up, warm_up_standing
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias import at_rest as bias_at_rest
+from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION
 from gyro_drift_filter.core.bias.records import BIAS_RECORD
 from gyro_drift_filter.core.bias.segments import note_segment, take_back
-from gyro_drift_filter.core.bias.shared import BIAS, DIRECTION
 from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.rest.detection import close_block
@@ -951,7 +951,7 @@ def test_what_is_taken_back_leaves_no_trace():
     before = []
     for step in (0.0, 2e-3, 4e-3):
         set_segment(state, np.full(3, step), np.full(3, 1e-7))
-        state['growth'], state['reach'] = 1e-6, 3e-6
+        state['process_noise'], state['largest_process_noise'] = 1e-6, 3e-6
         before.append({name: np.copy(state[name]) for name in known})
         note_segment(state)
         bias_at_rest._learn(state)
@@ -962,8 +962,8 @@ def test_what_is_taken_back_leaves_no_trace():
         assert (state[name] == before[1][name]).all()
         # Nor in what the segments say of the time before them: they may be taken back with others.
         assert (state['recent'][:3][name] == before[1][name]).all()
-    assert state['growth'] == pytest.approx(2e-6)
-    assert state['reach'] == pytest.approx(6e-6)
+    assert state['process_noise'] == pytest.approx(2e-6)
+    assert state['largest_process_noise'] == pytest.approx(6e-6)
 
 
 @pytest.mark.parametrize('nothing', [0.0, np.nan])

@@ -147,6 +147,21 @@ def rows_of(page, title):
 
 
 @pytest.mark.node
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_code_that_a_page_names_exists(page):
+    """A list item that begins with `Code:` names files, and what stands in one of them."""
+    items = r'^- Code: (.*?)(?=^- |\n\n|\Z)'
+    for item in re.findall(items, page.read_text(), re.MULTILINE | re.DOTALL):
+        named = re.findall(r'`([\w./]+)`', item)
+        paths = [name for name in named if name.endswith(('.py', '/'))]
+        code = ''
+        for path in (REPOSITORY / 'gyro_drift_filter' / name for name in paths):
+            files = path.glob('*.py') if path.is_dir() else [path]
+            code += '\n'.join(file.read_text() for file in files)
+        for name in set(named) - set(paths):
+            assert re.search(rf'^ *(def |class )?{name}\b', code, re.MULTILINE), (name, item)
+
+
 def test_topics_are_those_of_the_node():
     rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed')
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy

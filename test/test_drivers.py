@@ -327,7 +327,7 @@ def test_the_end_of_the_range_is_met_where_a_driver_has_calibrated_the_rates(sha
     # Once it is known.
     assert np.quantile(error[1800:], 0.99) < 0.05
     assert results['outlier'][1800:].mean() < 0.002
-    assert filter_.state['checks']['clipped_calibrated'][[0, 2]].all()
+    assert filter_.state['checks']['range_end']['clipped_calibrated'][[0, 2]].all()
 
 
 @pytest.mark.parametrize('every', [2, 4, 8])
@@ -340,8 +340,8 @@ def test_what_a_driver_interpolates_meets_no_end_of_a_range(every, random):
     given = np.column_stack([np.interp(at, at[::every], column[::every]) for column in z.T])
     filter_ = Filter()
     filter_.run(stamps(8000, 200.0), given, upright(random, 8000))
-    assert not filter_.state['checks']['clipped_calibrated'].any()
-    assert filter_.state['checks']['clipped'].sum() == 0
+    assert not filter_.state['checks']['range_end']['clipped_calibrated'].any()
+    assert filter_.state['checks']['range_end']['clipped'].sum() == 0
 
 
 def test_an_end_of_the_range_that_is_exceeded_was_none(random):
@@ -353,9 +353,9 @@ def test_an_end_of_the_range_that_is_exceeded_was_none(random):
     given = given @ (np.eye(3) + 0.01 * random.choice([-1.0, 1.0], (3, 3)))
     filter_, times = Filter(), stamps(len(z), 100.0)
     filter_.run(times[:2000], given[:2000], upright(random, 2000))
-    assert filter_.state['checks']['clipped_calibrated'].any()
+    assert filter_.state['checks']['range_end']['clipped_calibrated'].any()
     filter_.run(times[2000:], given[2000:], upright(random, len(z) - 2000))
-    assert not filter_.state['checks']['clipped_calibrated'].any()
+    assert not filter_.state['checks']['range_end']['clipped_calibrated'].any()
 
 
 def test_a_table_that_stops_to_accelerate_is_not_at_the_end_of_its_range(random):
@@ -366,7 +366,7 @@ def test_a_table_that_stops_to_accelerate_is_not_at_the_end_of_its_range(random)
     filter_ = Filter()
     filter_.run(stamps(6000, 100.0), rates, upright(random, 6000))
     assert filter_.state['bias']['rest']['known']
-    assert filter_.state['checks']['clipped'].sum() == 0
+    assert filter_.state['checks']['range_end']['clipped'].sum() == 0
 
 
 @pytest.mark.parametrize('limit', np.radians([75.0, 100.0, 125.0, 250.0]))

@@ -218,8 +218,8 @@ def test_a_sensor_that_is_stuck_or_at_the_end_of_its_range(random):
     filter_ = Filter()
     filter_.run(stamps[:300], rates[:300], accelerations[:300])
     counts = filter_.state['checks']
-    assert 0.8 * clipped < counts['clipped'][1] <= clipped
-    assert counts['clipped'][[0, 2]].tolist() == [0, 0]
+    assert 0.8 * clipped < counts['range_end']['clipped'][1] <= clipped
+    assert counts['range_end']['clipped'][[0, 2]].tolist() == [0, 0]
     assert counts['times_stuck'] == 0
     filter_.run(stamps[300:450], rates[300:450], accelerations[300:450])
     assert filter_.state['checks']['stuck']

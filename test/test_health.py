@@ -719,11 +719,13 @@ def test_telemetry_is_that_of_the_state(random):
         state['checks'],
         filter_.filter.record[0]['state']['methods']['adaptive']['noise'],
     )
+    ends = checks['range_end']
     deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
     expected = {
         **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
-        **{name: checks[name] for name in ('unusable', 'clipped', 'clipped_calibrated')},
+        **{name: ends[name] for name in ('at_limit', 'clipped', 'clipped_calibrated')},
         **{name: checks[name] for name in ('beyond_range', 'beyond_gravity', 'times_stuck')},
+        'unusable': checks['unusable'],
         'not_measured': state['polling']['not_measured'],
         'samples_per_message': 1.0,
         'faults': checks['fault'],
@@ -753,7 +755,6 @@ def test_telemetry_is_that_of_the_state(random):
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],
         'accelerometer_hangs': checks['accelerometer_hangs'],
-        'at_limit': checks['at_limit'],
         'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],

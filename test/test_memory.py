@@ -24,7 +24,7 @@ import pytest
 
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.records import has_provisional
-from gyro_drift_filter.core.bias.shared import BiasShift
+from gyro_drift_filter.core.bias.shift import BiasShift
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
     RememberedBias,

@@ -22,15 +22,17 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.in_motion import (
     MOTION_BLOCK_SECONDS,
-    MOTION_WORKSPACE,
-    SPEED_SECONDS,
     START_DIRECTION,
-    _expect_mean_velocity,
-    _predict_covariance,
     _take_value,
     lose_direction,
 )
-from gyro_drift_filter.core.bias.shared import (
+from gyro_drift_filter.core.bias.motion_filter import (
+    MOTION_WORKSPACE,
+    SPEED_SECONDS,
+    expect_mean_velocity,
+    predict_covariance,
+)
+from gyro_drift_filter.core.bias.motion_state import (
     ACCELERATION,
     BIAS,
     DIRECTION,
@@ -42,14 +44,10 @@ from gyro_drift_filter.core.bias.shared import (
     SPEED,
     STATES,
     VELOCITY,
-    BiasShift,
-    keep_shared,
-    learn_at_rest,
     motion_variance,
-    restore_shared,
-    shift_of,
-    shift_variance,
 )
+from gyro_drift_filter.core.bias.shared import keep_shared, learn_at_rest, restore_shared
+from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_variance
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
@@ -236,14 +234,14 @@ def test_the_covariance_stays_one(random):
         )
         assert np.abs(motion['state_vector'][ACCELERATION:]).max() < 1.0
         for axis in range(3):
-            common = motion['bias_at_rest']['common'][axis]
+            common = motion['bias_at_rest']['cross_covariance'][axis]
             variances = (
                 motion['covariance'][BIAS + axis, BIAS + axis],
                 motion['bias_at_rest']['variance'][axis],
             )
             assert common**2 <= variances[0] * variances[1] * 1.0001
             assert common <= variances[1] * 1.0001  # what the biases share is in both of them
-            assert motion['bias_at_rest']['untracked'][axis] >= 0.0
+            assert motion['bias_at_rest']['untracked_variance'][axis] >= 0.0
 
 
 def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
@@ -254,7 +252,7 @@ def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
     total = motion_variances(motion)
     rates, accelerations = flown(random, 1, (0.01, 0.0, 0.0), (0.0, 1e-3, 0.0), 0.0)
     run(filter_, rates, accelerations, start=10**18 + 603 * 10**9)
-    assert (motion['bias_at_rest']['untracked'] > 0.5 * total).all()
+    assert (motion['bias_at_rest']['untracked_variance'] > 0.5 * total).all()
     assert (motion_variances(motion) > 0.95 * total).all()
     assert before['at_rest'][-50000:].sum() == 0
 
@@ -354,7 +352,7 @@ def joint(random):
     bias_at_rest = state['bias_at_rest']
     bias_at_rest['bias'] = random.standard_normal(3)
     own = np.diag(state['covariance'])[BIAS : BIAS + 3]
-    bias_at_rest['common'] = 0.5 * own
+    bias_at_rest['cross_covariance'] = 0.5 * own
     bias_at_rest['variance'] = 0.7 * own
     values = np.concatenate([state['state_vector'], bias_at_rest['bias']])
     covariance = np.zeros((ALL, ALL))
@@ -381,7 +379,7 @@ def check(state, values, covariance):
     for axis in range(3):
         own, bias = STATES + axis, BIAS + axis
         assert bias_at_rest['variance'][axis] == pytest.approx(covariance[own, own])
-        assert bias_at_rest['common'][axis] == pytest.approx(covariance[own, bias])
+        assert bias_at_rest['cross_covariance'][axis] == pytest.approx(covariance[own, bias])
         difference = np.zeros(ALL)
         difference[bias], difference[own] = 1.0, -1.0
         assert shift_of(state, axis) == pytest.approx(difference @ values)
@@ -393,7 +391,7 @@ def test_motion_and_rest_are_one_kalman_filter(random):
     state, values, covariance = joint(random)
     state['wide'], state['block_seconds'] = True, MOTION_BLOCK_SECONDS
     state['moving_seconds'] = 60.0
-    _expect_mean_velocity(state, zeroed(MOTION_WORKSPACE)[0])
+    expect_mean_velocity(state, zeroed(MOTION_WORKSPACE)[0])
     noise = SPEED * SPEED * 2.0 * SPEED_SECONDS / MOTION_BLOCK_SECONDS
     for axis in range(3):
         row = np.zeros(ALL)
@@ -415,7 +413,7 @@ def moved(vector, rate, force):
         state['samples'], state['seconds'] = 1, VALUE_SECONDS
         state['angle'], state['speed'] = rate * VALUE_SECONDS, force * VALUE_SECONDS
         _take_value(state, workspace, rest, lengths)
-    _predict_covariance(state, workspace, rest, lengths)
+    predict_covariance(state, workspace, rest, lengths)
     return state, workspace
 
 
@@ -523,7 +521,7 @@ def test_errors_of_the_scale_are_states_from_where_the_bias_is_known(random):
     assert not filter_.state['bias']['motion']['covariance'][SCALE:].any()
     run(filter_, rates[:500], accelerations[:500], start=START + 20 * 10**9)
     assert filter_.state['bias']['known']
-    for motion, variance in (('motion', SCALE_ERROR**2), ('unknown', 0.0)):
+    for motion, variance in (('motion', SCALE_ERROR**2), ('wide_prior', 0.0)):
         own = np.diag(filter_.state['bias'][motion]['covariance'])[SCALE:]
         np.testing.assert_array_equal(own, variance)
 

@@ -91,7 +91,7 @@ def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, 
     assert len(ends) >= 4
     assert np.abs(results['bias'] - truth)[ends].max() < 0.15 * DEGREE
     state = filter_.state['bias']
-    deviation = np.sqrt(state['variance'] + state['growth'])
+    deviation = np.sqrt(state['variance'] + state['process_noise'])
     assert (np.abs(results['bias'] - truth)[-1] < 4.0 * deviation).all()
     untold = run_told(Filter(), rates + truth, accelerations, None)
     assert np.abs(untold['bias'] - truth)[ends[-1], 2] > 0.6 * DEGREE

@@ -21,16 +21,10 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import (
-    calibrate_bias,
-    leave_rest,
-    start_bias,
-    warm_bias,
-    widen,
-)
+from gyro_drift_filter.core.bias.at_rest import calibrate_bias, leave_rest, start_bias, warm_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import has_bias
-from gyro_drift_filter.core.bias.shared import set_shift, shift_of, shift_variance
+from gyro_drift_filter.core.bias.records import has_bias, widen
+from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.out_of_sequence import recall_result
 from gyro_drift_filter.core.polling import start_polling
@@ -71,7 +65,7 @@ def prepare_for_settings(filter_: NDArray[np.void], settings: NDArray[np.void]) 
     if after['bias_in_motion'] and not before['bias_in_motion']:
         # Nobody knows how the body has turned meanwhile.
         lose_direction(bias['motion'])
-        lose_direction(bias['unknown'])
+        lose_direction(bias['wide_prior'])
     if has_bias(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']

@@ -26,7 +26,7 @@ from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias.at_rest import HINT_SECONDS
 from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
-from gyro_drift_filter.core.bias.shared import NO_SHIFT, BiasShift
+from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, HISTORY, STATE, WORKSPACE, State
@@ -67,7 +67,7 @@ class Filter:
     def bias_deviation(self) -> NDArray[np.float64]:
         """The standard deviation of the bias at rest by now, (3,) in rad/s."""
         bias = self.state['bias']
-        deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['growth'])
+        deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['process_noise'])
         return deviation
 
     @property

@@ -166,7 +166,7 @@ def _is_repeat(polling: Polling, checks: SensorChecks, sample: Sample, number: i
     chance = 1.0
     for axis in range(3):
         # At the end of its range an axis says nothing of whether it was measured again.
-        if not checks['at_limit'][axis]:
+        if not checks['range_end']['at_limit'][axis]:
             chance *= _share_stayed(rates, axis, number)
         if same:
             chance *= _share_stayed(accelerations, axis, number)

@@ -18,7 +18,7 @@ from collections.abc import MutableSequence
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
-from gyro_drift_filter.core.bias.in_motion import MotionWorkspace
+from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.records import Bias
 from gyro_drift_filter.core.clock.records import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether a sensor is stuck, at the end of its range, or in degrees, by its raw values."""
+"""Whether a sensor is stuck, or in degrees, by its raw values."""
 
 from enum import IntEnum
 from typing import Annotated, TypedDict
@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.rest.noise import deviation_of_values, has_noise_of
+from gyro_drift_filter.core.range_end import RangeEnd, note_rate
+from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
 
@@ -41,23 +42,6 @@ STUCK_SAMPLES = 20
 # acceleration changes by so many m/s^2, which no robot does without turning.
 CROSS_STEPS = 100.0
 LEAST_PUSH = 1.0
-# A rate that comes CLIPPED_SAMPLES times in a row is the end of the range if the step to it was
-# more than so many steps of the resolution, which it is not at the top of a turn, if it led away
-# from zero, as the end is met from below, and if no larger rate was held like this. It exceeds
-# CLIPPED_RATE (rad/s): the smallest range is 75 deg/s. Drivers subtract a bias, so that each side
-# has its own end.
-CLIPPED_RATE = 1.25
-CLIPPED_STEPS = 10.0
-CLIPPED_SAMPLES = 3
-# A driver that calibrates mixes a little of the other axes into a rate at the end of its range, so
-# that it moves. But it stops abruptly: its change falls to 1 / CORNER from one sample to the next,
-# from more than CORNER deviations of the noise. And the noise is gone: FLAT_SAMPLES times in a row
-# the change varies by less than FLAT deviations, as noise does by chance in one of six.
-CORNER, FLAT, FLAT_SAMPLES = 20.0, 0.5, 5
-MIXED = 0.06  # the largest share of other axes, which moves the end of the range by as much
-# No rate is the end of the range that so many samples in a row have passed: outliers are fewer. An
-# axis that hangs in a turn shows one rate for a while, too, but turns on, and faster.
-PASSED_SAMPLES = 4
 # Zeros on all axes so many times in a row are no drop-out of a sample or two.
 LONG_ZEROS = 20
 
@@ -80,10 +64,6 @@ class Stays(TypedDict):
 
 STAYS = record(Stays)
 
-# The sides of positive and of negative rates.
-ABOVE, BELOW = 0, 1
-PerSide = Annotated[NDArray[np.float64], np.float64, (2, 3)]
-
 
 class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
@@ -91,14 +71,7 @@ class SensorChecks(TypedDict):
     measured: PerAxis  # angular velocity of the last sample, rad/s; NaN before the first
     linear_acceleration: PerAxis  # m/s^2, of the last sample
     equal: CountPerAxis  # how often the rate has come before in a row
-    range_end: PerSide  # largest |rate| so far that was the end of the range, rad/s; 0 before
-    passed: PerAxis  # largest |rate| that `PASSED_SAMPLES` in a row reached, rad/s
-    at_limit: CountPerAxis  # 1 where the rate is at the end of the range, else 0
-    last_step: PerAxis  # last change of the rate that was not 0, rad/s
-    step: PerAxis  # change of the rate with the last sample, rad/s
-    step_before: PerAxis  # and with the one before
-    flat: CountPerAxis  # samples without noise since the rate has stopped
-    clipped_calibrated: CountPerAxis  # 1 where `_note_flat` found the end of the range, else 0
+    range_end: RangeEnd
     resolution: PerAxis  # smallest change of it, rad/s; 0 before the first
     living: CountPerAxis  # 1 where it has changed at all, else 0
     comes_alive: bool  # an axis does with this sample
@@ -122,7 +95,6 @@ class SensorChecks(TypedDict):
     beyond_range: int  # samples that no gyroscope measures: degrees, not radians?
     beyond_gravity: int  # samples with an acceleration that no body has for long: counts or mg?
     times_stuck: int
-    clipped: CountPerAxis
     unusable: CountPerAxis
 
 
@@ -304,7 +276,7 @@ def _find_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> 
 
 @kernel
 def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
-    """Look for rates at the end of the range; return whether all are those of the sample before."""
+    """Note the rates; return whether all are those of the sample before."""
     rate, measured, equal = sample['angular_velocity'], checks['measured'], checks['equal']
     same = are_equal(rate, measured)
     stays = checks['rates']
@@ -320,153 +292,31 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
             stays['stayed'][axis] += 1
         else:
             equal[axis] = 0
-        checks['at_limit'][axis] = is_usable(rate[axis]) and _note_rate(
-            checks, axis, rate[axis], same, rest
-        )
+        at_limit = False
+        if is_usable(rate[axis]):
+            change = _note_change(checks, axis, rate[axis])
+            at_limit = note_rate(checks, axis, rate[axis], change, same, rest)
+        checks['range_end']['at_limit'][axis] = at_limit
         measured[axis] = rate[axis]
     return same
 
 
 @kernel
-def _note_rate(checks: SensorChecks, axis: int, rate: float, same: bool, rest: Rest) -> bool:
-    """Note a rate; return whether it is at the end of the range. `same`: no axis has changed."""
-    size, side, range_end = abs(rate), _side(rate), checks['range_end']
-    earlier, before = checks['step_before'][axis], checks['step'][axis]
-    changed = _note_change(checks, axis, rate)
-    if size <= CLIPPED_RATE or _is_far_passed(checks, axis, size):
-        checks['flat'][axis] = 0
-        return False
-    if checks['clipped_calibrated'][axis] and size > (1.0 + MIXED) * _largest(range_end, axis):
-        _forget_range_end(checks, axis)
-    if _note_flat(checks, axis, size, before - earlier, deviation_of_values(rest, axis)):
-        range_end[side, axis] = max(range_end[side, axis], size)
-        checks['clipped_calibrated'][axis] = 1
-        checks['clipped'][axis] += 1
-        return True
-    if not _is_known_limit(checks, axis, size):
-        if same or changed or not _may_be_limit(checks, axis, rate):
-            return False
-        range_end[side, axis] = size
-    if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
-        checks['clipped'][axis] += 1
-    return True
+def _note_change(checks: SensorChecks, axis: int, rate: float) -> float:
+    """Note by how much a rate has changed, in rad/s, and return it.
 
-
-@kernel
-def _side(rate: float) -> int:
-    """Return the side of a rate."""
-    return ABOVE if rate > 0.0 else BELOW
-
-
-@kernel
-def _largest(values: PerSide, axis: int) -> float:
-    """Return the larger one of the values of both sides."""
-    return float(max(values[ABOVE, axis], values[BELOW, axis]))
-
-
-@kernel
-def _forget_range_end(checks: SensorChecks, axis: int) -> None:
-    """Forget an end of the range that was none."""
-    for side in range(2):
-        checks['range_end'][side, axis] = 0.0
-    checks['clipped_calibrated'][axis] = 0
-
-
-@kernel
-def _may_be_limit(checks: SensorChecks, axis: int, rate: float) -> bool:
-    """Return whether a rate in rad/s that stays the same may be the end of the range."""
-    side, step = _side(rate), checks['last_step'][axis]
-    resolution = checks['resolution'][axis]
-    outward = step if side == ABOVE else -step
-    largest = checks['range_end'][side, axis]
-    return bool(outward > CLIPPED_STEPS * resolution and abs(rate) >= largest - resolution)
-
-
-@inlined_kernel
-def _note_change(checks: SensorChecks, axis: int, rate: float) -> bool:
-    """Note a rate beside those before it, and by how much it has changed; return whether it has."""
-    step, resolution = rate - checks['measured'][axis], checks['resolution']
-    change, from_zero = abs(step), False
+    Until an axis has changed at all, its rate itself counts, which is a number of steps, too.
+    """
+    change: float = rate - checks['measured'][axis]
     if checks['living'][axis] == 0:
-        if change > 0.0:
+        if abs(change) > 0.0:
             checks['living'][axis] = 1
             checks['comes_alive'] = True
         else:
-            change, from_zero = abs(rate), True  # a rate is a number of steps, too
-    if 0.0 < change < np.inf:
-        checks['last_step'][axis] = rate if from_zero else step
-        resolution[axis] = finer(resolution[axis], change)
-    if abs(rate) > CLIPPED_RATE:
-        _note_passed(checks, axis, rate)  # by the steps before this one
-    checks['step_before'][axis] = checks['step'][axis]
-    checks['step'][axis] = step
-    # Behind a rate that is no number nobody knows whether it stays.
-    return bool(change != 0.0)
-
-
-@kernel
-def _note_passed(checks: SensorChecks, axis: int, rate: float) -> None:
-    """Note the rate that this sample and the three before it have passed to one side.
-
-    Where other axes are mixed in, they move the end of the range. Where they are not, no rate is
-    beyond it.
-    """
-    first = checks['measured'][axis]
-    second = first - checks['step'][axis]
-    third = second - checks['step_before'][axis]
-    if not (rate * first > 0.0 and rate * second > 0.0 and rate * third > 0.0):
-        return
-    slowest = min(min(abs(rate), abs(first)), min(abs(second), abs(third)))
-    checks['passed'][axis] = max(checks['passed'][axis], slowest)
-    side, range_end = _side(rate), checks['range_end']
-    is_beyond = slowest > range_end[side, axis] + checks['resolution'][axis]
-    if _is_far_passed(checks, axis, _largest(range_end, axis)):
-        _forget_range_end(checks, axis)
-    elif is_beyond and not checks['clipped_calibrated'][axis]:
-        range_end[side, axis] = 0.0
-
-
-@kernel
-def _is_far_passed(checks: SensorChecks, axis: int, size: float) -> bool:
-    """Return whether rates were faster than this size in rad/s, beyond what other axes mix in."""
-    return bool((1.0 - MIXED) * checks['passed'][axis] > (1.0 + MIXED) * size)
-
-
-@kernel
-def _note_flat(
-    checks: SensorChecks, axis: int, size: float, change_before: float, noise: float
-) -> bool:
-    """Note a rate; return whether it has stopped in full motion, and its noise with it.
-
-    By `change_before` the two steps before the last one differ; `noise` is the deviation at rest,
-    0 while that is not known; all in rad/s.
-    """
-    step, before, flat = checks['step'][axis], checks['step_before'][axis], checks['flat']
-    stays = 0.0 < abs(step) * FLAT_SAMPLES < MIXED * size  # what stays the same is told by that
-    if stays and flat[axis] > 0 and abs(step - before) < FLAT * noise:
-        flat[axis] += 1
-    else:
-        stops = noise > 0.0 and abs(before) > CORNER * max(noise, abs(step))
-        # A driver that interpolates gives no noise at any time.
-        had_noise = abs(change_before) > FLAT * noise
-        flat[axis] = 1 if stays and stops and had_noise else 0
-    return bool(flat[axis] > FLAT_SAMPLES)
-
-
-@kernel
-def _is_known_limit(checks: SensorChecks, axis: int, size: float) -> bool:
-    """Return whether rates were stopped at this size before, on any axis, to either side."""
-    clipped, range_end = checks['clipped'], checks['range_end']
-    if checks['clipped_calibrated'][axis]:
-        return bool(size >= (1.0 - MIXED) * _largest(range_end, axis))
-    for other in range(3):
-        for side in range(2):
-            end = range_end[side, other]
-            mixed = checks['clipped_calibrated'][other]
-            near = MIXED * end if mixed else checks['resolution'][axis]
-            if clipped[other] > 0 and end > 0.0 and abs(size - end) <= near:
-                return True
-    return False
+            change = rate
+    if abs(change) < np.inf:
+        checks['resolution'][axis] = finer(checks['resolution'][axis], abs(change))
+    return change
 
 
 @kernel

@@ -19,16 +19,11 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias, widen
+from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
-from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
-from gyro_drift_filter.core.bias.shared import (
-    BIAS,
-    MotionBias,
-    forget_scale,
-    limit_prior,
-    motion_variance,
-)
+from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
+from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional, widen
+from gyro_drift_filter.core.bias.shared import forget_scale, limit_prior
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,
@@ -227,10 +222,10 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
     filter_['history']['count'] = 0
     lose_direction(bias['motion'])
-    lose_direction(bias['unknown'])
+    lose_direction(bias['wide_prior'])
     forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
-    lacking = deviation * deviation - bias['growth']
+    lacking = deviation * deviation - bias['process_noise']
     if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):
         leave_rest(bias)
         widen(bias, lacking)
@@ -449,14 +444,14 @@ def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
-        if state['checks']['at_limit'][axis]:
+        if state['checks']['range_end']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
     seconds = state['clock']['period'] * (1 + missing)
     _follow(bias['motion'], sample, clipped, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):
-            lose_direction(bias['unknown'])  # nobody knows how the body turns about that axis
-        _follow(bias['unknown'], sample, clipped, seconds, filter_)
+            lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
+        _follow(bias['wide_prior'], sample, clipped, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 
 

@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from gyro_drift_filter.core.sensor_checks import CLIPPED_SAMPLES
+from gyro_drift_filter.core.range_end import CLIPPED_SAMPLES
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 

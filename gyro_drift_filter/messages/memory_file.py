@@ -33,7 +33,7 @@ from urllib.parse import quote
 import numpy as np
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.bias.shared import BiasShift
+from gyro_drift_filter.core.bias.shift import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 from gyro_drift_filter.whole_file import write_whole
 

@@ -222,9 +222,9 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['faults'][axis] = checks['fault'][axis]
         out['count_size'][axis] = known_count(quantisation, axis)
         out['unusable'][axis] = checks['unusable'][axis]
-        out['clipped'][axis] = checks['clipped'][axis]
-        out['at_limit'][axis] = checks['at_limit'][axis]
-        out['clipped_calibrated'][axis] = checks['clipped_calibrated'][axis]
+        out['clipped'][axis] = checks['range_end']['clipped'][axis]
+        out['at_limit'][axis] = checks['range_end']['at_limit'][axis]
+        out['clipped_calibrated'][axis] = checks['range_end']['clipped_calibrated'][axis]
         out['outliers'][axis] = counts['outliers'][axis]
         out['outlier_reason'][axis] = counts['outlier_reason'][axis]
         out['outlier_method'][axis] = counts['outlier_method'][axis]

@@ -39,7 +39,7 @@ from mcap.writer import CompressionType
 from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
-from gyro_drift_filter.core.bias.shared import BiasShift
+from gyro_drift_filter.core.bias.shift import BiasShift
 from gyro_drift_filter.mcap.reader import read_layout, read_messages
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover

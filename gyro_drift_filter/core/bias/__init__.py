@@ -14,11 +14,13 @@
 
 """The bias of the gyroscope: at rest, in the first seconds, and in motion.
 
-`at_rest.py` tracks it from one rest to the next, by the segments that `core/rest/` finds;
-`segments.py` judges several of them together, `slow_turn.py` tells a slow turn from a bias that has
-jumped, `shaken_stand.py` has one of a robot that says that it stands and is never still, and
-`provisional.py` has one before there is a rest. `in_motion.py` follows the bias in
-motion by gravity, and `without_rest.py` finds it by that alone where there is no rest; `shared.py`
-is what the bias in motion and that at rest have in common, and `vibration.py` measures what moves
-the one away from the other. `records.py` declares the state.
+`at_rest.py` tracks it from one rest to the next, by the segments that `core/rest/` finds and
+`acceptance.py` accepts; `segments.py` judges several of them together, `slow_turn.py` tells a slow
+turn from a bias that has jumped, `shaken_stand.py` has one of a robot that says that it stands and
+is never still, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias
+in motion by gravity, and `without_rest.py` finds it by that alone where there is no rest; its
+filter has its state in `motion_state.py`, and prediction and correction in `motion_filter.py`.
+`shared.py` is what is done to the bias in motion and to that at rest together, `shift.py` what the
+one is above the other, and `vibration.py` measures what moves them apart. `records.py` declares the
+state.
 """

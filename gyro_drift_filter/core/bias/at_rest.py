@@ -15,16 +15,7 @@
 """The bias of the gyroscope, tracked at rest: one small Kalman filter per axis.
 
 The measurement is the mean rate of a segment of rest (`rest/`), its noise what such means scatter
-by. Between rests the bias walks at random. A constant slow turn can't be told from a bias by an IMU
-alone, so a segment is accepted only where
-
-- its mean is within `bias.max` on all axes,
-- the robot does not say that it moves; if it says that it stands, that alone decides,
-- it lies where the bias can have come since the last one, by the deviation of the bias, and so do
-  the last ones of this rest together, however many of them, and
-- after a slow turn one segment more has agreed (`DOUBTED_SEGMENTS`).
-
-A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
+by. Between rests the bias walks at random. Not every segment is accepted (`acceptance.py`).
 """
 
 import math
@@ -33,59 +24,41 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.core.bias.acceptance import accept_segment, may_be_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
+from gyro_drift_filter.core.bias.motion_state import widen_both
 from gyro_drift_filter.core.bias.provisional import (
     PROVISIONAL_DEVIATION,
-    is_far_from_provisional,
-    is_less_steady,
     take_provisional,
     take_standing,
 )
-from gyro_drift_filter.core.bias.records import Bias, Hint, bias_variance
-from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
+from gyro_drift_filter.core.bias.records import Bias, Hint, bias_variance, widen
 from gyro_drift_filter.core.bias.shaken_stand import (
     forget_stand,
     note_stand,
     stand_mean,
     variance_of_stand_mean,
 )
-from gyro_drift_filter.core.bias.shared import (
-    learn_at_rest,
-    limit_shift,
-    start_motion_bias,
-    start_wide_prior,
-    widen_both,
-)
+from gyro_drift_filter.core.bias.shared import learn_at_rest, start_motion_bias, start_wide_prior
+from gyro_drift_filter.core.bias.shift import limit_shift
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
-    SlowTurnOutcome,
     forget_slow_turn,
-    give_up_bias,
     interrupt_slow_turn,
-    is_back,
     note_fast_turn,
-    update_slow_turn,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.quantisation import likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
-from gyro_drift_filter.core.rest.noise import (
-    forget_noise,
-    learn_noise_from_segment,
-    note_count,
-    segment_variance,
-    shows_motion,
-    unlearn_first_segment,
-    variance_of_mean,
-)
+from gyro_drift_filter.core.rest.noise import note_count, segment_variance, variance_of_mean
 from gyro_drift_filter.core.rest.other_noise import (
     confirm_other_noise,
     finds_other_segment,
     hand_on_block,
 )
-from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Obstacle, Rest, RestLengths
+from gyro_drift_filter.core.rest.records import BlockOutcome, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean
-from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
 
@@ -100,22 +73,13 @@ REST_SHARE = 0.003
 # A squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk
 # is at least LEAST_WALK of what the parameter allows.
 WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
-# What a bias has moved by where it has warmed up faster than the parameter allows, in deviations of
-# the random walk from then on. So the next rest may lie nearly twice as far away.
-WARM_UP_DEVIATIONS = 2.0
 # A sensor warms up for minutes, and meanwhile its bias leads the estimate: by the mean innovation
 # of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
 # noise adds to the variance.
 LAG_WEIGHT, LAG_DEVIATIONS = 0.05, 3.0
-# After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
-# to and fro passes the bias.
-DOUBTED_SEGMENTS = 2
 # No gyroscope's bias walks further within a second than its noise says for a second: the Allan
 # deviation of each falls for 1.7 s at least, and of most for minutes. In 1/s.
 FASTEST_WALK = 1.0
-# A gyroscope feels accelerations a little, so that its bias is another one where it lies otherwise:
-# data sheets of small MEMS ones have 0.1 deg/s per g. In rad/s per m/s^2.
-ACCELERATION_SENSITIVITY = 1.8e-4
 LARGEST_THERMAL_CHANGE = 1.0  # rad/s: no change of temperature moves the bias by more
 # A hint of the robot is good for so long.
 HINT_SECONDS = 1.0
@@ -140,12 +104,12 @@ def start_bias(
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
         state['provisional_variance'][axis] = 0.0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
-    start_wide_prior(state['unknown'], state['bias'], state['variance'])
+    start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = 1.0
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['temperature'] = np.nan
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])
     forget_swing(state['swing'])
 
@@ -166,7 +130,7 @@ def leave_rest(state: Bias) -> None:
     start_rest(state['other_noise']['rest'])
     forget_stand(state['shaken_stand'])
     lose_direction(state['motion'])
-    lose_direction(state['unknown'])
+    lose_direction(state['wide_prior'])
     _forget_stillness(state)
 
 
@@ -192,45 +156,58 @@ def track_bias(
     state, quantisation = filter_['state']['bias'], filter_['state']['quantisation']
     settings, lengths = filter_['settings'], filter_['coefficients']['rest']
     rest = state['rest']
-    state['hint_seconds'] -= elapsed
-    if state['hint'] != Hint.NONE and state['hint_seconds'] <= 0.0:
-        state['hint'] = Hint.NONE
-        forget_stand(state['shaken_stand'])
-    state['rest_seconds'] = 0.0 if rest['at_rest'] else state['rest_seconds'] + elapsed
-    random_walk = settings['bias_random_walk']
-    walked = random_walk * random_walk * elapsed
-    state['reach'] += walked * max(state['walk'], 1.0)
-    growth = walked * state['walk'] * (REST_SHARE if rest['at_rest'] else 1.0)
-    state['growth'] += growth
-    state['motion']['growth'] += growth
-    state['unknown']['growth'] += growth
+    _let_time_pass(state, elapsed, settings['bias_random_walk'])
     if state['hint'] == Hint.MOVES:
         trusted = False
         rest['hinted_motion'] = True
         forget_stand(state['shaken_stand'])
-    if not note_sample(rest, sample, trusted, missing, lengths):
-        return
-    for axis in range(3):
-        note_count(rest, axis, likely_count(quantisation, axis))
-        note_count(rest, 3 + axis, rest['force']['resolution'][axis])
+    if note_sample(rest, sample, trusted, missing, lengths):
+        for axis in range(3):
+            note_count(rest, axis, likely_count(quantisation, axis))
+            note_count(rest, 3 + axis, rest['force']['resolution'][axis])
+        _take_block(state, lengths, settings)
+
+
+@kernel
+def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
+    """Let hints grow old, and the bias walk, within `elapsed` s.
+
+    `random_walk` in rad/s^(3/2).
+    """
+    at_rest = state['rest']['at_rest']
+    state['hint_seconds'] -= elapsed
+    if state['hint'] != Hint.NONE and state['hint_seconds'] <= 0.0:
+        state['hint'] = Hint.NONE
+        forget_stand(state['shaken_stand'])
+    state['rest_seconds'] = 0.0 if at_rest else state['rest_seconds'] + elapsed
+    walked = random_walk * random_walk * elapsed
+    state['largest_process_noise'] += walked * max(state['walk'], 1.0)
+    process_noise = walked * state['walk'] * (REST_SHARE if at_rest else 1.0)
+    state['process_noise'] += process_noise
+    state['motion']['pending_process_noise'] += process_noise
+    state['wide_prior']['pending_process_noise'] += process_noise
+
+
+@kernel
+def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None:
+    """Take in what the block that is complete says of rest, and so of the bias."""
+    rest, other = state['rest'], state['other_noise']
     run = rest['run']
-    hand_on_block(rest, state['other_noise']['rest'])
+    hand_on_block(rest, other['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     stood = _note_hinted_stand(state, lengths)
     found = close_block(rest, lengths)
     rest['hinted_motion'] = False
-    if finds_other_segment(rest, state['other_noise'], lengths):
-        other = state['other_noise']
-        confirm_other_noise(rest, other, lengths, _may_be_bias(state, other['rest']))
+    if finds_other_segment(rest, other, lengths):
+        confirm_other_noise(rest, other, lengths, may_be_bias(state, other['rest']))
     take_standing(state, lengths['block_seconds'], settings['bias_max'])
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
-    elif found != BlockOutcome.NOTHING:
+    if found != BlockOutcome.NOTHING and found != BlockOutcome.STEADY:
         _take_segment(state, found, lengths, settings)
         forget_stand(state['shaken_stand'])
-        stood = False
-    if stood:
+    elif stood:
         _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
@@ -250,9 +227,9 @@ def _take_segment(
         state['recent_count'] = 0
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
-    if _accept_segment(state, found, lengths, settings['bias_max']):
+    if accept_segment(state, found, lengths, settings['bias_max']):
         _learn(state)
-        state['motion']['untrackable'] = _untrackable(
+        state['motion']['untracked_share'] = _untracked_share(
             rest, lengths['block_seconds'], settings['bias_random_walk']
         )
         next_segment(rest, ended_rest)
@@ -276,23 +253,6 @@ def _note_hinted_stand(state: Bias, lengths: RestLengths) -> bool:
 
 
 @kernel
-def _may_be_bias(state: Bias, rest: Rest) -> bool:
-    """Return whether the mean of a segment of `rest` is a rate that the bias can have come to."""
-    beyond = False
-    for axis in range(3):
-        beyond = beyond or _is_beyond_gate(state, rest, axis)
-    return not beyond
-
-
-@kernel
-def _is_beyond_gate(state: Bias, rest: Rest, axis: int) -> bool:
-    """Return whether the mean of an axis in a segment of `rest` lies where the bias can't be."""
-    distance = segment_mean(rest, axis) - state['bias'][axis]
-    spread = state['variance'][axis] + state['reach'] + segment_variance(rest, axis)
-    return bool(distance * distance > GATE * GATE * spread)
-
-
-@kernel
 def _take_shaken_stand(state: Bias, bias_max: float) -> None:
     """Take the mean of a stand for the bias, as the robot itself says that it is one."""
     stand = state['shaken_stand']
@@ -311,18 +271,16 @@ def _take_shaken_stand(state: Bias, bias_max: float) -> None:
         if state['known']:
             variance = bias_variance(state, axis)
             least = min(variance, besides)
-            if innovation * innovation > GATE * GATE * (variance + noise):
+            if is_beyond_gate(innovation, GATE, variance + noise):
                 variance = innovation * innovation
             variance *= noise / (variance + noise)
         state['bias'][axis] += variance / noise * innovation
         state['variance'][axis] = max(variance, least)
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
-    state['recent_count'] = state['doubted_segments'] = 0
-    _settle(state)
+    _settle_anew(state)
 
 
 @kernel
-def _untrackable(rest: Rest, block_seconds: float, random_walk: float) -> float:
+def _untracked_share(rest: Rest, block_seconds: float, random_walk: float) -> float:
     """Return by what share of its variance the random walk exceeds that of this sensor's bias.
 
     `random_walk` in rad/s^(3/2); see `FASTEST_WALK`.
@@ -356,10 +314,7 @@ def calibrate_bias(state: Bias) -> None:
         blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
         state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
-    # What came before says nothing against it.
-    state['recent_count'] = state['doubted_segments'] = 0
-    _settle(state)
+    _settle_anew(state)
 
 
 @kernel
@@ -375,145 +330,6 @@ def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
         bias_change = min(coefficient * abs(change), LARGEST_THERMAL_CHANGE)
         widen(state, bias_change * bias_change)
     state['temperature'] = temperature
-
-
-@kernel
-def widen(state: Bias, variance: float) -> None:
-    """Take a step of the bias into account, by its variance in (rad/s)^2."""
-    state['growth'] += variance
-    state['motion']['growth'] += variance
-    state['reach'] += variance
-
-
-@kernel
-def _accept_segment(
-    state: Bias, found: BlockOutcome, lengths: RestLengths, bias_max: float
-) -> bool:
-    """Accept a segment if its rate is one that the bias can have; return whether it is.
-
-    The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
-    """
-    if _is_beyond(state['rest'], bias_max):
-        state['segments_beyond_max'] += 1
-        state['rest_beyond_max'] = True
-        return False
-    _let_gravity_move_bias(state)
-    if not state['known']:
-        return _accept_first_rest(state, found, lengths)
-    if state['hint'] == Hint.STANDS:
-        _let_bias_come_to_segment(state)
-        state['recent_count'] = 0
-        return True
-    note_segment(state)
-    unreachable = unreachable_segments(state)
-    if unreachable == 0:
-        # One that is put together from the halves of two lifts no doubt.
-        if state['rest']['halves'] == Halves.WHOLE:
-            state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
-        return bool(state['doubted_segments'] == 0)
-    if found == BlockOutcome.END_OF_REST:
-        # The start of the next motion may be in it, so it raises no doubt about later rests.
-        return False
-    if state['segments'] == 0:
-        # The first rest of a run: since it was switched off the bias may have come anywhere.
-        give_up_bias(state)
-        state['known'] = False
-        state['recent_count'] = 0
-        return True
-    state['segments_turning'] += 1
-    state['doubted_segments'] = DOUBTED_SEGMENTS
-    take_back(state, unreachable)
-    return _accept_unreachable(state, found, lengths)
-
-
-@kernel
-def _let_gravity_move_bias(state: Bias) -> None:
-    """Widen the bias by what gravity may add to it where it has another direction than before."""
-    before, square = state['gravity'], 0.0
-    for axis in range(3):
-        change = segment_mean(state['rest'], 3 + axis) - before[axis]
-        square += change * change
-    if square > STEADY_GRAVITY * STEADY_GRAVITY:
-        for axis in range(3):
-            before[axis] = segment_mean(state['rest'], 3 + axis)
-        widen(state, ACCELERATION_SENSITIVITY * ACCELERATION_SENSITIVITY * square)
-
-
-@kernel
-def _is_beyond(rest: Rest, bias_max: float) -> bool:
-    """Return whether the rate of the segment is beyond the largest bias, in rad/s."""
-    beyond = False
-    for axis in range(3):
-        beyond = beyond or abs(segment_mean(rest, axis)) > bias_max
-    return beyond
-
-
-@kernel
-def _accept_first_rest(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
-    """Do as `_accept_segment` where no bias is known, but a provisional one may be."""
-    if not is_far_from_provisional(state):
-        return True
-    if not is_less_steady(state):
-        # One of the two was a turn about the vertical: the next rest shows which.
-        give_up_bias(state)
-        return True
-    # A motion that is nearly steady, as of a drone that takes off.
-    if found == BlockOutcome.SEGMENT:
-        unlearn_first_segment(state['rest'])
-    return _accept_unreachable(state, found, lengths)
-
-
-@kernel
-def _let_bias_come_to_segment(state: Bias) -> None:
-    """Widen the bias as far as the segment: the robot itself says that it stands."""
-    rest = state['rest']
-    for axis in range(3):
-        if _is_beyond_gate(state, rest, axis):
-            distance = segment_mean(rest, axis) - state['bias'][axis]
-            widen(state, max(distance * distance - state['growth'], 0.0))
-
-
-@kernel
-def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
-    """Accept a segment with a rate that the bias can't have come to, if it is one all the same.
-
-    Return whether it is.
-    """
-    rest, turn = state['rest'], state['turn']
-    # Noise is learned from whole segments alone.
-    if found == BlockOutcome.SEGMENT and shows_motion(rest, lengths['block']):
-        forget_noise(rest)
-        learn_noise_from_segment(rest, lengths['block'])
-        turn['gave_up'] = False
-    elif is_back(state):
-        turn['gave_up'] = False
-        turn['mistaken'] = True
-        state['walk'] = min(state['walk'], 1.0)
-    else:
-        outcome = update_slow_turn(state, lengths['block_seconds'])
-        if outcome == SlowTurnOutcome.TURN:
-            return False
-        if outcome == SlowTurnOutcome.LASTED:
-            if turn['moves']:
-                _expect_warm_up(state)
-            give_up_bias(state)
-        else:
-            turn['gave_up'] = False
-    state['known'] = False
-    state['doubted_segments'] = state['recent_count'] = 0
-    return True
-
-
-@kernel
-def _expect_warm_up(state: Bias) -> None:
-    """Let the bias walk as fast as it has moved since the last rest: the sensor warms up."""
-    largest = 0.0
-    for axis in range(3):
-        moved = segment_mean(state['rest'], axis) - state['bias'][axis]
-        largest = max(largest, moved * moved)
-    if state['reach'] > 0.0:
-        walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['reach'])
-        state['walk'] = max(state['walk'], 1.0) * max(walk, 1.0)
 
 
 @kernel
@@ -542,14 +358,14 @@ def _correct(state: Bias) -> None:
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         noise += variance_of_swing(state['swing'], rest, axis)
         variance = bias_variance(state, axis)
-        innovation, spread = mean - state['bias'][axis], variance + noise
-        lagged = _variance_of_lag(state, axis, innovation, spread)
+        innovation, innovation_variance = mean - state['bias'][axis], variance + noise
+        lagged = _variance_of_lag(state, axis, innovation, innovation_variance)
         variance += lagged
-        spread += lagged
+        innovation_variance += lagged
         widen_both(state['motion'], axis, lagged)
-        gain = variance / spread
-        surprise += innovation * innovation / spread / 3.0
-        share += state['growth'] / spread / 3.0
+        gain = variance / innovation_variance
+        surprise += innovation * innovation / innovation_variance / 3.0
+        share += state['process_noise'] / innovation_variance / 3.0
         learn_at_rest(state['motion'], axis, mean, noise)
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
@@ -557,20 +373,30 @@ def _correct(state: Bias) -> None:
     # Only `_expect_warm_up` lets it be more than the parameter allows.
     largest = max(state['walk'], 1.0)
     state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), largest)
-    state['recent'][0]['growth'] = state['growth']
-    state['recent'][0]['reach'] = state['reach']
+    state['recent'][0]['process_noise'] = state['process_noise']
+    state['recent'][0]['largest_process_noise'] = state['largest_process_noise']
 
 
 @kernel
-def _variance_of_lag(state: Bias, axis: int, innovation: float, spread: float) -> float:
+def _variance_of_lag(
+    state: Bias, axis: int, innovation: float, innovation_variance: float
+) -> float:
     """Return the variance in (rad/s)^2 by which a bias that moves steadily leads its estimate.
 
-    `innovation` in rad/s is that of the segment, `spread` its variance by noise and random walk.
+    Innovation in rad/s, and its variance by noise and random walk.
     """
     lag = (1.0 - LAG_WEIGHT) * state['lag'][axis] + LAG_WEIGHT * innovation
     state['lag'][axis] = lag
-    of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * spread
+    of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * innovation_variance
     return float(max(lag * lag - LAG_DEVIATIONS * LAG_DEVIATIONS * of_mean, 0.0))
+
+
+@kernel
+def _settle_anew(state: Bias) -> None:
+    """Begin anew with a bias that takes the place of the one before, whatever speaks against it."""
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
+    state['recent_count'] = state['doubted_segments'] = 0
+    _settle(state)
 
 
 @kernel
@@ -582,5 +408,5 @@ def _settle(state: Bias) -> None:
     state['rest_beyond_max'] = False
     state['segments'] += 1
     state['rest_seconds'] = 0.0
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])

@@ -21,8 +21,10 @@ the start, where gravity has stood for so long that no noise of the rates can be
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance, has_provisional
-from gyro_drift_filter.core.bias.shared import limit_shift, start_motion_bias
+from gyro_drift_filter.core.bias.shared import start_motion_bias
+from gyro_drift_filter.core.bias.shift import limit_shift
 from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -90,8 +92,8 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
         before, distance = bias_variance(state, axis), mean - state['bias'][axis]
         total += variance
         total_before += before
-        is_far = is_far or distance * distance > GATE * GATE * (variance + before)
-        fits_zero = fits_zero and mean * mean <= SIGNIFICANT * SIGNIFICANT * variance
+        is_far = is_far or is_beyond_gate(distance, GATE, variance + before)
+        fits_zero = fits_zero and not is_beyond_gate(mean, SIGNIFICANT, variance)
     if not total < total_before:
         return
     if is_far:
@@ -123,7 +125,7 @@ def _begin_provisional(state: Bias, standing: bool) -> None:
         limit_shift(state['motion'], axis, noise)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     state['known'] = False
-    state['growth'] = state['reach'] = 0.0
+    state['process_noise'] = state['largest_process_noise'] = 0.0
 
 
 @kernel
@@ -160,7 +162,7 @@ def is_far_from_provisional(state: Bias) -> bool:
         return False
     for axis in range(3):
         distance = segment_mean(state['rest'], axis) - state['bias'][axis]
-        if distance * distance > GATE * GATE * bias_variance(state, axis):
+        if is_beyond_gate(distance, GATE, bias_variance(state, axis)):
             return True
     return False
 

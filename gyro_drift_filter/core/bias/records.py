@@ -19,8 +19,8 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.bias.motion_state import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.shaken_stand import ShakenStand
-from gyro_drift_filter.core.bias.shared import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
 from gyro_drift_filter.core.bias.swing import Swing
 from gyro_drift_filter.core.rest.records import OtherNoise, Rest
@@ -45,9 +45,9 @@ class RestSegment(TypedDict):
     bias: PerAxis
     variance: PerAxis
     in_motion: SharedBias
-    # of the state, which ended as the segment was taken in; 0 where it was not
-    growth: float
-    reach: float
+    # those of the state when the segment was taken in; 0 where it was not
+    process_noise: float
+    largest_process_noise: float
 
 
 REST_SEGMENT = record(RestSegment)
@@ -64,11 +64,11 @@ class Bias(TypedDict):
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
     motion: MotionBias  # the bias in motion
-    unknown: MotionBias  # the same by a wide prior, while there is nothing else
+    wide_prior: MotionBias  # the same from a wide prior, while there is nothing else
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
     walk: float  # share of the random walk's variance that the bias takes
-    growth: float  # (rad/s)^2, of the variance since the last segment
-    reach: float  # (rad/s)^2, the same with all of the random walk
+    process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment
+    largest_process_noise: float  # (rad/s)^2, the same with all of the random walk
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
     recent_count: int
     gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
@@ -77,7 +77,7 @@ class Bias(TypedDict):
     swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
     hint_seconds: float  # until it is forgotten
-    temperature: float  # in deg C, at the last growth for it; NaN before the first
+    temperature: float  # in deg C, when the bias was last widened for it; NaN before the first
     # the stillness under way, whether its rate is accepted as the bias or not
     still_seconds: float
     still_blocks: float
@@ -99,7 +99,7 @@ BIAS_RECORD = record(Bias)
 @kernel
 def bias_variance(state: Bias, axis: int) -> float:
     """Return the variance of the bias at rest by now, in (rad/s)^2."""
-    return float(state['variance'][axis] + state['growth'])
+    return float(state['variance'][axis] + state['process_noise'])
 
 
 @kernel
@@ -112,3 +112,11 @@ def has_provisional(state: Bias) -> bool:
 def has_bias(state: Bias) -> bool:
     """Return whether a bias is known, or a provisional one."""
     return bool(state['known'] or has_provisional(state))
+
+
+@kernel
+def widen(state: Bias, variance: float) -> None:
+    """Take a step of the bias into account, by its variance in (rad/s)^2."""
+    state['process_noise'] += variance
+    state['motion']['pending_process_noise'] += variance
+    state['largest_process_noise'] += variance

@@ -18,6 +18,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.records import RECENT, Bias
 from gyro_drift_filter.core.bias.shared import keep_shared, restore_shared
 from gyro_drift_filter.core.bias.slow_turn import GATE
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.segment import segment_mean
 
@@ -40,8 +41,8 @@ def note_segment(state: Bias) -> None:
         last['noise'][axis] = segment_variance(state['rest'], axis)
         last['bias'][axis] = state['bias'][axis]
         last['variance'][axis] = state['variance'][axis]
-    keep_shared(state['motion'], last['in_motion'], state['growth'])
-    last['growth'] = last['reach'] = 0.0
+    keep_shared(state['motion'], last['in_motion'], state['process_noise'])
+    last['process_noise'] = last['largest_process_noise'] = 0.0
 
 
 @kernel
@@ -50,16 +51,16 @@ def unreachable_segments(state: Bias) -> int:
     recent = state['recent']
     for axis in range(3):
         total = noise = 0.0
-        reach = state['reach']
+        process_noise = state['largest_process_noise']
         for i in range(state['recent_count']):
             segment, count = recent[i], i + 1.0
             total += segment['mean'][axis]
             noise += segment['noise'][axis]
-            reach += segment['reach']
+            process_noise += segment['largest_process_noise']
             distance = total / count - segment['bias'][axis]
-            spread = segment['variance'][axis] + reach + noise / (count * count)
+            spread = segment['variance'][axis] + process_noise + noise / (count * count)
             gate = GATE if i == 0 else RECENT_GATE
-            if distance * distance > gate * gate * spread:
+            if is_beyond_gate(distance, gate, spread):
                 return i + 1
     return 0
 
@@ -77,12 +78,12 @@ def take_back(state: Bias, count: int) -> None:
         state['variance'][axis] = before['variance'][axis]
     for i in range(count):
         segment = recent[i]
-        state['growth'] += segment['growth']
-        state['reach'] += segment['reach']
-        segment['growth'] = segment['reach'] = 0.0
+        state['process_noise'] += segment['process_noise']
+        state['largest_process_noise'] += segment['largest_process_noise']
+        segment['process_noise'] = segment['largest_process_noise'] = 0.0
         for axis in range(3):
             segment['bias'][axis] = before['bias'][axis]
             segment['variance'][axis] = before['variance'][axis]
-    restore_shared(state['motion'], before['in_motion'], state['growth'])
+    restore_shared(state['motion'], before['in_motion'], state['process_noise'])
     for i in range(count):
-        keep_shared(state['motion'], recent[i]['in_motion'], state['growth'])
+        keep_shared(state['motion'], recent[i]['in_motion'], state['process_noise'])

@@ -39,7 +39,7 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
     add_mean,
-    block_moments,
+    block_mean,
     mean_of,
     scatter_of_means,
 )
@@ -84,7 +84,7 @@ def note_stand(stand: ShakenStand, rest: Rest) -> bool:
     if stand['parts'] == PARTS:
         stand['parts'] = 0
     for i in range(SIGNALS):
-        mean, _ = block_moments(rest, rest['signals'][i])
+        mean = block_mean(rest, i)
         stand['sums'][i] = mean if stand['blocks'] == 0 else stand['sums'][i] + mean
     stand['blocks'] += 1
     if stand['blocks'] < SEGMENT_BLOCKS:

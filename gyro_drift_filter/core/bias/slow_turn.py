@@ -28,9 +28,10 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import block_moments, is_block_filled, segment_mean
+from gyro_drift_filter.core.rest.segment import block_mean, is_block_filled, segment_mean
 from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 
 if TYPE_CHECKING:
@@ -91,6 +92,12 @@ SLOW_TURN = record(SlowTurn)
 
 
 @kernel
+def largest_bias_variance(state: 'Bias', axis: int) -> float:
+    """Return the variance of a bias that has walked as far as it may by now, in (rad/s)^2."""
+    return float(state['variance'][axis] + state['largest_process_noise'])
+
+
+@kernel
 def forget_slow_turn(turn: SlowTurn) -> None:
     """Begin anew: the bias is known."""
     turn['seconds'] = 0.0
@@ -115,8 +122,7 @@ def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: f
         return
     rate = 0.0
     for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][axis])
-        rate = max(rate, abs(mean))
+        rate = max(rate, abs(block_mean(rest, axis)))
     if rate > bias_max:
         turn['turned'] += rate * lengths['block_seconds']
 
@@ -137,7 +143,7 @@ def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
         interrupt_slow_turn(turn)
     variance = noise = 0.0  # of the axis where each is largest
     for axis in range(3):
-        variance = max(variance, state['variance'][axis] + state['reach'])
+        variance = max(variance, largest_bias_variance(state, axis))
         noise = max(noise, segment_variance(rest, axis))
         turn['rate'][axis] = segment_mean(rest, axis)
         turn['angle'][axis] += (segment_mean(rest, axis) - bias[axis]) * seconds
@@ -165,7 +171,7 @@ def _stays(turn: SlowTurn, rest: Rest) -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['rate'][axis]
         spread = 2.0 * segment_variance(rest, axis)
-        if distance * distance > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+        if is_beyond_gate(distance, SAME_TURN_GATE, spread):
             return False
     return True
 
@@ -188,7 +194,7 @@ def _moves_on(turn: SlowTurn, rest: Rest, since_rest: float, bias: PerAxis) -> b
         furthest = share * before
         beyond = max(min(before, furthest) - now, now - max(before, furthest))
         spread = (1.0 + share * share) * segment_variance(rest, axis)
-        if beyond > 0.0 and beyond * beyond > SAME_TURN_GATE * SAME_TURN_GATE * spread:
+        if beyond > 0.0 and is_beyond_gate(beyond, SAME_TURN_GATE, spread):
             return False
     return True
 
@@ -205,7 +211,7 @@ def give_up_bias(state: 'Bias') -> None:
     turn['gave_up'] = True
     for axis in range(3):
         turn['given_up'][axis] = state['bias'][axis]
-        turn['given_up_variance'][axis] = state['variance'][axis] + state['reach']
+        turn['given_up_variance'][axis] = largest_bias_variance(state, axis)
 
 
 @kernel
@@ -221,7 +227,8 @@ def is_back(state: 'Bias') -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['given_up'][axis]
         spread = turn['given_up_variance'][axis] + segment_variance(rest, axis)
-        if distance * distance > max(GATE * GATE * spread, BACK_SHARE * BACK_SHARE * jump):
+        far = is_beyond_gate(distance, BACK_SHARE, jump)
+        if far and is_beyond_gate(distance, GATE, spread):
             return False
     return True
 

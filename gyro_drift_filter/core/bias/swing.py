@@ -23,7 +23,7 @@ from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.rest.records import HALF, SIGNALS, Obstacle, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_moments, is_block_filled
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, block_mean, is_block_filled
 from gyro_drift_filter.core.rest.stationarity import MEAN_DEVIATIONS, obstacle_of_block
 
 # A swing is remembered for so long, in s: about as long as a boat takes to roll to and fro. From 15
@@ -63,8 +63,7 @@ def note_swing(swing: Swing, rest: Rest, lengths: RestLengths) -> None:
         _end(swing, rest)
         return
     for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][axis])
-        swing['sum'][axis] += mean
+        swing['sum'][axis] += block_mean(rest, axis)
     swing['blocks'] += 1
     if swing['blocks'] == HALF:
         _take_mean(swing, rest, HALF * share)
@@ -110,12 +109,10 @@ def _correlation(swing: Swing, axis: int) -> float:
 @kernel
 def _is_gentle(rest: Rest, lengths: RestLengths) -> bool:
     """Return whether the values of the block vary no more than the noise does."""
-    if not rest['known'] or not is_block_filled(rest, lengths):
-        return False
+    gentle = rest['known'] and is_block_filled(rest, lengths)
     for i in range(SIGNALS):
-        if obstacle_of_block(rest, rest['signals'][i]) == Obstacle.VARIES:
-            return False
-    return True
+        gentle = gentle and obstacle_of_block(rest, i) != Obstacle.VARIES
+    return gentle
 
 
 @kernel

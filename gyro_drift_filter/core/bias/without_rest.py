@@ -33,14 +33,10 @@ from gyro_drift_filter.core.bias.in_motion import (
     LEAST_GRAVITY_SHARE,
     MOTION_BLOCK_SECONDS,
 )
+from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
 from gyro_drift_filter.core.bias.records import Bias
-from gyro_drift_filter.core.bias.shared import (
-    BIAS,
-    DIRECTION,
-    SPEED,
-    MotionBias,
-    start_motion_bias,
-)
+from gyro_drift_filter.core.bias.shared import start_motion_bias
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -68,29 +64,29 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
 
     On no axis beyond `bias_max`, in rad/s.
     """
-    unknown = state['unknown']
+    wide_prior = state['wide_prior']
     # Once for each block of motion, as it has ended.
-    if not unknown['moving'] or unknown['samples'] > 0 or unknown['block_seconds'] > 0.0:
+    if not wide_prior['moving'] or wide_prior['samples'] > 0 or wide_prior['block_seconds'] > 0.0:
         return
-    seconds = min(unknown['moving_seconds'], VERTICAL_MEMORY)
+    seconds = min(wide_prior['moving_seconds'], VERTICAL_MEMORY)
     share = MOTION_BLOCK_SECONDS / max(seconds, MOTION_BLOCK_SECONDS)
     for axis in range(3):
-        step = unknown['state_vector'][DIRECTION + axis] - state['vertical'][axis]
+        step = wide_prior['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
     length = vector_length(x, y, z)
-    if unknown['moving_seconds'] < LEAST_MOTION or length == 0.0:
+    if wide_prior['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
     # At rest, too, it is more than a bias can be; or the driver takes gravity off.
-    if state['segments_beyond_max'] > 0 or not _is_carried(unknown):
+    if state['segments_beyond_max'] > 0 or not _is_carried(wide_prior):
         return
     up = (x / length, y / length, z / length)
     first, second = _across(up)
     # The axes of the ellipse that the covariance is across the vertical.
     along, both, across = (
-        _covariance(unknown, first, first),
-        _covariance(unknown, first, second),
-        _covariance(unknown, second, second),
+        _covariance(wide_prior, first, first),
+        _covariance(wide_prior, first, second),
+        _covariance(wide_prior, second, second),
     )
     angle = 0.5 * math.atan2(2.0 * both, along - across)
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -158,13 +154,13 @@ def _error_variance(state: MotionBias, variance: float) -> float:
 @kernel
 def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
     """Take the bias along a direction, if it is not the one subtracted; return whether it is."""
-    unknown, bias = state['unknown'], state['bias']
+    wide_prior, bias = state['wide_prior'], state['bias']
     distance = 0.0
     for axis in range(3):
-        distance += direction[axis] * (unknown['state_vector'][BIAS + axis] - bias[axis])
+        distance += direction[axis] * (wide_prior['state_vector'][BIAS + axis] - bias[axis])
     gate = FIRST_GATE if state['corrected'] == 0 else NEXT_GATE
-    variance = _error_variance(unknown, _covariance(unknown, direction, direction))
-    if distance * distance <= gate * gate * variance:
+    variance = _error_variance(wide_prior, _covariance(wide_prior, direction, direction))
+    if not is_beyond_gate(distance, gate, variance):
         return False
     for axis in range(3):
         if abs(bias[axis] + distance * direction[axis]) > bias_max:
@@ -177,12 +173,12 @@ def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
 @kernel
 def _start_anew(state: Bias) -> None:
     """Follow the bias in motion from the corrected one, and by the direction that led to it."""
-    motion, unknown = state['motion'], state['unknown']
+    motion, wide_prior = state['motion'], state['wide_prior']
     for axis in range(3):
-        variance = _error_variance(unknown, unknown['covariance'][BIAS + axis, BIAS + axis])
+        variance = _error_variance(wide_prior, wide_prior['covariance'][BIAS + axis, BIAS + axis])
         state['variance'][axis] = min(state['variance'][axis], variance)
     start_motion_bias(motion, state['bias'], state['variance'])
     motion['speed_deviation'] = SPEED
     for axis in range(3):
-        motion['state_vector'][DIRECTION + axis] = unknown['state_vector'][DIRECTION + axis]
+        motion['state_vector'][DIRECTION + axis] = wide_prior['state_vector'][DIRECTION + axis]
     motion['directed'] = True

@@ -16,8 +16,9 @@
 
 The modes of the mode set (`mode_set.py`) are Kalman filters that weigh each other's predictions
 (`interacting.py`). R and the noise's correlation are learned at rest (`noise.py`). A doubtful
-sample is held back (`outliers.py`); if it was motion after all, what it turned is given back
-(`missed_turns.py`). The records of an axis are in `adaptive_axis.py`.
+sample is held back (`outliers.py`), unless the accelerometer explains it (`jolts.py`); if it was
+motion after all, what it turned is given back (`missed_turns.py`). The records of an axis are in
+`adaptive_axis.py`.
 
 Rates are in rad/s, variances in (rad/s)^2. Acceleration and jerk are angular, in rad/s per sample
 and per sample squared. Equation numbers are the paper's.
@@ -29,7 +30,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.methods.adaptive_axis import (
     ADAPTIVE_AXIS_WORKSPACE,
     AdaptiveAxis,
@@ -45,6 +46,14 @@ from gyro_drift_filter.core.methods.interacting import (
     predict_modes,
     put_modes_at,
     take_prediction,
+)
+from gyro_drift_filter.core.methods.jolts import (
+    FIRST_CHANGE,
+    JOLT_SAMPLES,
+    feel_jolt,
+    jump_by_shake,
+    shake_along,
+    was_jolted,
 )
 from gyro_drift_filter.core.methods.missed_turns import (
     compensate,
@@ -72,26 +81,20 @@ from gyro_drift_filter.core.methods.noise import (
     usual_deviation,
 )
 from gyro_drift_filter.core.methods.outliers import (
-    CONFIRMED_START,
-    FIRST_CHANGE,
-    JOLT_SAMPLES,
     Circumstances,
     OutlierLimits,
     derive_limits,
-    feel_jolt,
     fill_innovation_limits,
     find_reason,
-    jump_by_shake,
     lies_at_accepted,
+    note_confirmation,
     note_held,
     note_innovation,
     note_missing,
     note_rate_change,
     note_repeat,
-    shake_along,
     start_doubt,
     unmeasured_variance,
-    was_jolted,
 )
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
@@ -241,19 +244,16 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
 @kernel
 def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Note what the accelerometer and all axes together show, before the prediction of a sample."""
-    axes, tracking = (
-        filter_['state']['methods']['adaptive'],
-        filter_['state']['methods']['tracking'],
-    )
+    states = filter_['state']['methods']
     circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
     rest, force = filter_['state']['bias']['rest'], sample['linear_acceleration']
     still, measured = has_stood_still(rest, STILL_BLOCKS), not is_one_value(force)
     shake = usual_shake = 0.0
     jolted = jolted_before = False
     for axis in range(3):
-        if not tracking[axis]:
+        if not states['tracking'][axis]:
             continue
-        jolt = axes[axis]['jolt']
+        jolt = states['adaptive'][axis]['jolt']
         if feel_jolt(jolt, force[axis] if measured else np.nan):
             jolted = True
         if was_jolted(jolt):
@@ -265,8 +265,8 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
-    limits = filter_['coefficients']['methods']['adaptive']['limits']
-    jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), limits)
+    per_jump = filter_['coefficients']['methods']['adaptive']['limits']['shake_per_jump']
+    jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), per_jump)
     circumstances['explained_jump'] = 0.0 if still else jump
     circumstances['still'] = still
     circumstances['noise_alone'] = shows_noise(rest)
@@ -305,7 +305,7 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     turn_compensation(axes, state['clock']['period'])
     for axis in range(3):
         axis_state, own = axes[axis], workspace['axes'][axis]
-        own['at_limit'] = checks['at_limit'][axis]
+        own['at_limit'] = checks['range_end']['at_limit'][axis]
         own['hangs'] = _hangs(axis_state, checks, axis, circumstances['still'])
         if not state['methods']['tracking'][axis]:
             continue
@@ -315,15 +315,22 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
             fast = True
         if polling['bridged'] and _has_turned(axis_state, own, rate[axis]):
             turned = True
-    measured, force, dropout = checks['measured'], sample['linear_acceleration'], False
-    if fast and surprised and is_one_value(measured):
-        # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
-        failed = is_one_value(force) and force[0] != 0.0
-        dropout = failed or (measured[0] == 0.0 and not checks['gives_zeros'])
+    dropout = fast and surprised and _may_have_failed(checks, sample['linear_acceleration'])
     circumstances['dropout'] = dropout and filter_['settings']['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
     circumstances['polled'] = polling['not_measured'] > 0
+
+
+@kernel
+def _may_have_failed(checks: SensorChecks, force: PerAxis) -> bool:
+    """Return whether rates and acceleration (3,) in m/s^2 may be those of a read that failed."""
+    measured = checks['measured']
+    if not is_one_value(measured):
+        return False
+    # Alike by chance may be the rates of a coarse sensor, or the accelerations, but not both.
+    failed = is_one_value(force) and force[0] != 0.0
+    return bool(failed or (measured[0] == 0.0 and not checks['gives_zeros']))
 
 
 @kernel
@@ -333,7 +340,7 @@ def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int, still: bool) ->
     Before the first rest motion may be in the noise, so that a body that stands `still` says
     nothing: a sensor of coarse steps shows one rate then.
     """
-    if checks['equal'][axis] < LEAST_HANG or checks['at_limit'][axis]:
+    if checks['equal'][axis] < LEAST_HANG or checks['range_end']['at_limit'][axis]:
         return False
     noise = state['noise']
     if still and noise['blocks'] == 0:
@@ -378,50 +385,13 @@ def update(
         The innovation in rad/s, and whether the sample was held back.
     """
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
-    doubt, limits = state['doubt'], coefficients['limits']
-    innovation, typical = sample - own['prediction'], own['typical_innovation']
-    last_accepted, unmeasured = state['last_accepted'], doubt['unmeasured']
-    reason = _judge(state, own, circumstances, sample, limits)
-    decision = decision_of(reason)
-    if decision == Decision.ACCEPT:
-        doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
-    elif reason == Reason.UNCONFIRMED:
-        doubt['confirmations'] = 1
-    own['reason'] = reason
+    doubt, last_accepted = state['doubt'], state['last_accepted']
+    own['reason'] = _judge(state, own, circumstances, sample, coefficients['limits'])
     own['accepted_before'] = last_accepted
     own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
-    if decision == Decision.HOLD or decision == Decision.BRIDGE:
-        if decision == Decision.HOLD:
-            note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
-        else:
-            note_missing(doubt, typical)
-        take_prediction(state, own)
-        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
-    elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
-        _restart_at(state, own, sample, decision, coefficients['modes'])
-    else:
-        steps = 1.0 + doubt['held']
-        doubt['held'] = doubt['unmeasured'] = 0
-        correct(state, own, sample, steps, coefficients['modes'])
-    if own['hangs'] and decision != Decision.BRIDGE:
-        # A value that is used meanwhile was not measured either.
-        note_missing(doubt, typical)
-        doubt['unmeasured'] = unmeasured + 1
-    doubt['last_sample'] = sample
-    if doubt['unmeasured'] == 0:
-        doubt['behind_gap'] = unmeasured > 0
-    is_held = decision == Decision.HOLD and not circumstances['dropout']
-    note_innovation(doubt, innovation, is_held)
-    if not is_held and not own['hangs']:
-        note_rate_change(doubt, sample - last_accepted, limits)
-    taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
-    if taken and circumstances['polled']:
-        predicted = own['prediction'] - last_accepted
-        note_prediction(state['bridge'], predicted, sample - last_accepted)
-    if taken or decision == Decision.PASS:
-        state['last_accepted'] = sample
-    _learn_noise(state, own, sample, circumstances['noise_alone'], coefficients['noise'])
-    return innovation, decision == Decision.HOLD
+    _take_in(state, own, circumstances, coefficients, sample)
+    _learn(state, own, circumstances, coefficients, sample)
+    return sample - own['prediction'], decision_of(own['reason']) == Decision.HOLD
 
 
 @kernel
@@ -453,6 +423,67 @@ def _judge(
     if reason == Reason.RETURNED and gives_back_knock(state):
         return Reason.KNOCKED
     return reason
+
+
+@kernel
+def _take_in(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    coefficients: AdaptiveCoefficients,
+    sample: float,
+) -> None:
+    """Do with a sample (rad/s) what was decided: in the modes, and in what is doubted."""
+    doubt, typical = state['doubt'], workspace['typical_innovation']
+    limits, modes = coefficients['limits'], coefficients['modes']
+    reason, unmeasured = workspace['reason'], doubt['unmeasured']
+    decision = decision_of(reason)
+    note_confirmation(doubt, reason)
+    if decision == Decision.HOLD or decision == Decision.BRIDGE:
+        if decision == Decision.HOLD:
+            innovation = sample - workspace['prediction']
+            note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
+        else:
+            note_missing(doubt, typical)
+        take_prediction(state, workspace)
+        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
+    elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
+        _restart_at(state, workspace, sample, modes)
+    else:
+        steps = 1.0 + doubt['held']
+        doubt['held'] = doubt['unmeasured'] = 0
+        correct(state, workspace, sample, steps, modes)
+    if workspace['hangs'] and decision != Decision.BRIDGE:
+        # A value that is used meanwhile was not measured either.
+        note_missing(doubt, typical)
+        doubt['unmeasured'] = unmeasured + 1
+    if doubt['unmeasured'] == 0:
+        doubt['behind_gap'] = unmeasured > 0
+    doubt['last_sample'] = sample
+    if decision != Decision.HOLD and decision != Decision.BRIDGE:
+        state['last_accepted'] = sample
+
+
+@kernel
+def _learn(
+    state: AdaptiveAxis,
+    workspace: AdaptiveAxisWorkspace,
+    circumstances: Circumstances,
+    coefficients: AdaptiveCoefficients,
+    sample: float,
+) -> None:
+    """Learn from a sample (rad/s) what is usual, what can be predicted, and what noise is."""
+    doubt, prediction = state['doubt'], workspace['prediction']
+    accepted_before, decision = workspace['accepted_before'], decision_of(workspace['reason'])
+    change = sample - accepted_before
+    is_held = decision == Decision.HOLD and not circumstances['dropout']
+    note_innovation(doubt, sample - prediction, is_held)
+    if not is_held and not workspace['hangs']:
+        note_rate_change(doubt, change, coefficients['limits'])
+    taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
+    if taken and circumstances['polled']:
+        note_prediction(state['bridge'], prediction - accepted_before, change)
+    _learn_noise(state, workspace, sample, circumstances['noise_alone'], coefficients['noise'])
 
 
 @kernel
@@ -502,11 +533,10 @@ def _restart_at(
     state: AdaptiveAxis,
     workspace: AdaptiveAxisWorkspace,
     sample: float,
-    decision: Decision,
     modes: ModeSet,
 ) -> None:
     """Put all modes at a sample (rad/s), for a decision that is not to hold it back."""
-    doubt = state['doubt']
+    doubt, decision = state['doubt'], decision_of(workspace['reason'])
     put_modes_at(state, sample)
     doubt['held'] = doubt['unmeasured'] = 0
     doubt['before_restart'] = state['last_accepted']

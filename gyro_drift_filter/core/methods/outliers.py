@@ -38,9 +38,15 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.methods.jolts import (
+    LEAST_USUAL,
+    USUAL_LIMIT,
+    shake_per_jump,
+    usual_after,
+)
 from gyro_drift_filter.core.methods.mode_set import FORESEEN_SECONDS
 from gyro_drift_filter.core.methods.noise import LARGEST_NOISE
-from gyro_drift_filter.core.methods.reasons import Reason
+from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.sensor_checks import RANGE
 
 if TYPE_CHECKING:
@@ -69,27 +75,16 @@ LARGEST_SHARE_HELD = 0.25  # of the samples: above it the doubt is wrong, not th
 SHARE_MEMORY = 0.025  # ... with this weight of a sample in the share
 LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
-JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
-SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
-# The least usual changes, in m/s^2: below lies the resolution.
-JOLT_FLOOR, SHAKE_FLOOR = 0.05, 0.03
-JOLT_SAMPLES = 2  # the gyroscope may lag behind the accelerometer by a sample
-LEVER = 0.03  # m: what turns a body suddenly pushes it, too, this far from the axis or further
-PUSH_SECONDS = 0.01  # a push may last no longer: of samples further apart each shows a part of it
 JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
 JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_REVERSAL`
-FIRST_CHANGE = 10.0  # m/s^2, the usual change until it is known
 # A foot that strikes the ground, or a body that falls, stops from any rate, with up to 6,000
-# rad/s^2. So in motion a shake of so many usual ones excuses a jump of any size, if it explains the
-# jump at this distance from the axis, in levers. Behind a sample that was held back less is enough,
-# as most outliers are alone.
-HIT_RATIO, FIRST_HIT, CONFIRMED_HIT = 3.0, 1.5, 1.0 / 3.0
+# rad/s^2. So in motion a shake excuses a jump of any size, if it explains the jump at this distance
+# from the axis, in levers. Behind a sample that was held back less is enough, as most outliers are
+# alone.
+FIRST_HIT, CONFIRMED_HIT = 1.5, 1.0 / 3.0
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
 
-# Running means of changes and innovations: the weight of a sample, its largest size in such means,
-# and the least mean, as processors are slow with denormal numbers.
-USUAL_MEMORY, USUAL_LIMIT, LEAST_USUAL = 0.05, 5.0, 1e-9
 # The largest change of a rate that swings to and fro, in mean changes.
 LARGEST_RATE_CHANGE = 3.0
 
@@ -121,7 +116,7 @@ class OutlierLimits(TypedDict):
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s
     jolt_limit: float  # rad/s
-    least_shake: float  # m/s^2 for a jump of 1 rad/s
+    shake_per_jump: float  # m/s^2 for a jump of 1 rad/s
     run: int  # samples: the longest run of equal outliers
     longest_hold: int  # samples
 
@@ -157,22 +152,10 @@ class InnovationLimits(TypedDict):
     body_jump: float  # beyond this it is doubtful whatever the other two are
 
 
-class Jolt(TypedDict):
-    """How the accelerometer is shaken along one axis."""
-
-    linear_acceleration: float  # of the last sample, m/s^2
-    change: float  # since the sample before, m/s^2
-    change_before: float  # of that one
-    usual_change: float  # from sample to sample, m/s^2
-    samples_left: int  # for which the last jolt still counts
-    calm_samples: int  # in a row, in which noise alone may have changed it
-
-
 CIRCUMSTANCES = record(Circumstances)
 OUTLIER_LIMITS = record(OutlierLimits)
 DOUBT = record(Doubt)
 INNOVATION_LIMITS = record(InnovationLimits)
-JOLT = record(Jolt)
 
 
 @kernel
@@ -190,72 +173,9 @@ def derive_limits(settings: 'Settings', period: float, limits: OutlierLimits) ->
     limits['agreement_limit'] = AGREEMENT_LIMIT * period
     limits['body_limit'] = BODY_LIMIT * period
     limits['jolt_limit'] = max(JOLT_LIMIT, min(JOLT_ACCELERATION * period, LARGEST_REVERSAL))
-    limits['least_shake'] = LEVER / period * min(PUSH_SECONDS / period, 1.0)
+    limits['shake_per_jump'] = shake_per_jump(period)
     limits['run'] = settings['outlier_run']
     limits['longest_hold'] = 2 * settings['outlier_run'] + 2
-
-
-@kernel
-def shake_along(jolt: Jolt, still: bool) -> float:
-    """Return by how much the acceleration has changed in m/s^2, now or at the sample before.
-
-    Where the sensor is still, what noise may do counts as none.
-    """
-    change = max(jolt['change'], jolt['change_before'])
-    if not still:
-        return change
-    return 0.0 if change < _change_of_noise(jolt) else change
-
-
-@kernel
-def jump_by_shake(shake: float, usual_shake: float, limits: OutlierLimits) -> float:
-    """Return the jump in rad/s that a shake explains in motion, `LEVER` from the axis of rotation.
-
-    It is 0 where the shake is not much more than the usual one, both in m/s^2.
-    """
-    return shake / limits['least_shake'] if shake > HIT_RATIO * usual_shake else 0.0
-
-
-@kernel
-def _change_of_noise(jolt: Jolt) -> float:
-    """Return by how much noise alone may change the acceleration with a sample, in m/s^2."""
-    return SHAKE_RATIO * max(jolt['usual_change'], SHAKE_FLOOR)
-
-
-@kernel
-def was_jolted(jolt: Jolt) -> bool:
-    """Return whether the accelerometer had jumped before this sample; call it after `feel_jolt`."""
-    return bool(0 < jolt['samples_left'] < JOLT_SAMPLES)
-
-
-@kernel
-def feel_jolt(jolt: Jolt, linear_acceleration: float) -> bool:
-    """Note the acceleration along one axis (m/s^2); say if it has jumped, now or just before.
-
-    A knock turns the sensor as suddenly as a spike would, but shakes the accelerometer as well.
-    Where nothing was measured, NaN, nothing is felt, nor at the sample after it.
-    """
-    change = abs(linear_acceleration - jolt['linear_acceleration'])
-    jolt['linear_acceleration'] = linear_acceleration
-    jolt['samples_left'] = max(jolt['samples_left'] - 1, 0)
-    jolt['change_before'] = jolt['change']
-    jolt['change'] = 0.0
-    if not change < np.inf:
-        jolt['calm_samples'] += 1
-        return False
-    jolt['calm_samples'] = 0 if change > _change_of_noise(jolt) else jolt['calm_samples'] + 1
-    usual = max(jolt['usual_change'], JOLT_FLOOR)
-    jolt['change'] = change
-    if change > JOLT_RATIO * usual:
-        jolt['samples_left'] = JOLT_SAMPLES
-    jolt['usual_change'] = _usual_after(jolt['usual_change'], change, USUAL_LIMIT * usual)
-    return bool(jolt['samples_left'] > 0)
-
-
-@kernel
-def _usual_after(usual: float, size: float, largest: float) -> float:
-    """Return what is usual after a sample of a size, which counts as `largest` at most."""
-    return max(usual + USUAL_MEMORY * (min(size, largest) - usual), LEAST_USUAL)
 
 
 @kernel
@@ -337,7 +257,7 @@ def _is_pushed(size: float, circumstances: Circumstances, limits: OutlierLimits)
     """Return whether the accelerometer tells of a push that explains a jump of a size in rad/s."""
     # At rest a shake does not excuse a large jump: a message that is corrupted as a whole shows
     # one, too.
-    shaken = circumstances['shake'] > limits['least_shake'] * size
+    shaken = circumstances['shake'] > limits['shake_per_jump'] * size
     shaken = shaken and (not circumstances['still'] or size <= limits['acceleration_limit'])
     felt = circumstances['jolted_before'] or shaken
     pushed = felt and size < _jolt_limit(circumstances, limits)
@@ -475,6 +395,15 @@ def lies_at_accepted(doubt: Doubt, sample: float, last_accepted: float) -> bool:
 
 
 @kernel
+def note_confirmation(doubt: Doubt, reason: int) -> None:
+    """Note whether a sample confirms the one that the filter starts at, or takes its place."""
+    if reason == Reason.UNCONFIRMED:
+        doubt['confirmations'] = 1
+    elif decision_of(reason) == Decision.ACCEPT:
+        doubt['confirmations'] = min(doubt['confirmations'] + 1, CONFIRMED_START)
+
+
+@kernel
 def note_held(
     doubt: Doubt,
     sample: float,
@@ -523,7 +452,7 @@ def note_innovation(doubt: Doubt, innovation: float, is_held: bool) -> None:
     What is usual is no jump, and a vibration must not be held for ever.
     """
     usual = doubt['usual_innovation']
-    doubt['usual_innovation'] = _usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
+    doubt['usual_innovation'] = usual_after(usual, abs(innovation), USUAL_LIMIT * usual)
     if is_held or doubt['share_held'] > LEAST_SHARE:
         doubt['share_held'] += SHARE_MEMORY * ((1.0 if is_held else 0.0) - doubt['share_held'])
 
@@ -533,7 +462,7 @@ def note_rate_change(doubt: Doubt, change: float, limits: OutlierLimits) -> None
     """Keep account of how much the rate changes from one sample to the next, in rad/s."""
     usual = doubt['usual_rate_change']
     largest = max(USUAL_LIMIT * usual, limits['acceleration_limit'])
-    doubt['usual_rate_change'] = _usual_after(usual, abs(change), largest)
+    doubt['usual_rate_change'] = usual_after(usual, abs(change), largest)
 
 
 @kernel

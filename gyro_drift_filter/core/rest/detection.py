@@ -178,7 +178,7 @@ def _is_still(rest: Rest, lengths: RestLengths) -> bool:
         return False
     still = True
     for i in range(SIGNALS):
-        obstacle = obstacle_of_block(rest, rest['signals'][i])
+        obstacle = obstacle_of_block(rest, i)
         # A signal that varies within the block says more than one whose mean has moved.
         if obstacle == Obstacle.VARIES or (still and obstacle != Obstacle.NONE):
             still = False

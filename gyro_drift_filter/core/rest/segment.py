@@ -68,12 +68,18 @@ def is_block_filled(rest: Rest, lengths: RestLengths) -> bool:
 
 
 @kernel
-def block_moments(rest: Rest, signal: Signal) -> tuple[float, float]:
-    """Return mean and variance of the block."""
-    count = 1.0 * rest['count']
-    mean = signal['sum'] / count
-    variance = (signal['squares'] - mean * signal['sum']) / (count - 1.0)
-    return signal['origin'] + mean, max(variance, signal['least_variance'], LEAST_VARIANCE)
+def block_mean(rest: Rest, index: int) -> float:
+    """Return the mean of signal `index` over the block."""
+    signal = rest['signals'][index]
+    return float(signal['origin'] + signal['sum'] / (1.0 * rest['count']))
+
+
+@kernel
+def block_moments(rest: Rest, index: int) -> tuple[float, float]:
+    """Return mean and variance of signal `index` over the block."""
+    signal, count = rest['signals'][index], 1.0 * rest['count']
+    variance = (signal['squares'] - signal['sum'] / count * signal['sum']) / (count - 1.0)
+    return block_mean(rest, index), max(variance, signal['least_variance'], LEAST_VARIANCE)
 
 
 @kernel
@@ -81,7 +87,7 @@ def let_block_wait(rest: Rest) -> None:
     """Keep the block that is complete until the next one has been judged."""
     for i in range(SIGNALS):
         signal = rest['signals'][i]
-        mean, variance = block_moments(rest, signal)
+        mean, variance = block_moments(rest, i)
         signal['waiting_mean'] = mean
         signal['waiting_variance'] = variance
 

@@ -25,7 +25,7 @@ from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
     add_mean,
-    block_moments,
+    block_mean,
     mean_of,
     scatter_of_means,
 )
@@ -45,21 +45,20 @@ def note_gravity(rest: Rest, block_seconds: float) -> None:
     """Note for how long gravity has stood, and the rates meanwhile, at the end of a block."""
     gravity, size, has_moved = rest['gravity'], 0.0, False
     for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][3 + axis])
+        mean = block_mean(rest, 3 + axis)
         size += mean * mean
         if abs(mean - gravity[axis]) > STEADY_GRAVITY:
             has_moved = True
     rest['steady_seconds'] += block_seconds
     if has_moved:
         for axis in range(3):
-            gravity[axis], _ = block_moments(rest, rest['signals'][3 + axis])
+            gravity[axis] = block_mean(rest, 3 + axis)
     if has_moved or size < LEAST_GRAVITY * LEAST_GRAVITY or rest['force']['late'] > 0:
         rest['steady_seconds'] = 0.0
         rest['standing_blocks'] = 0
         return
     for axis in range(3):
-        mean, _ = block_moments(rest, rest['signals'][axis])
-        add_mean(rest['standing'][axis], mean, rest['standing_blocks'])
+        add_mean(rest['standing'][axis], block_mean(rest, axis), rest['standing_blocks'])
     rest['standing_blocks'] += 1
 
 

@@ -17,6 +17,7 @@
 import math
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import is_calm
 from gyro_drift_filter.core.rest.records import (
     BLOCK_SECONDS,
@@ -76,12 +77,12 @@ TURN_SHARE, LEAST_TURN, TURN_DEVIATIONS = 0.25, 0.05, 2.0
 
 
 @kernel
-def obstacle_of_block(rest: Rest, signal: Signal) -> Obstacle:
-    """Return what shows that the block is no noise, as far as the noise is known."""
+def obstacle_of_block(rest: Rest, index: int) -> Obstacle:
+    """Return what of signal `index` shows that the block is no noise, as far as that is known."""
     if not rest['known']:
         return Obstacle.NONE
-    count = rest['count']
-    mean, variance = block_moments(rest, signal)
+    signal, count = rest['signals'][index], rest['count']
+    mean, variance = block_moments(rest, index)
     alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
     if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
         return Obstacle.VARIES
@@ -90,8 +91,7 @@ def obstacle_of_block(rest: Rest, signal: Signal) -> Obstacle:
         return Obstacle.NONE
     distance = mean - mean_of(signal['segment'], blocks)
     spread = signal['scatter'] * (1.0 + 1.0 / blocks)
-    near = distance * distance <= MEAN_DEVIATIONS * MEAN_DEVIATIONS * spread
-    return Obstacle.NONE if near else Obstacle.MOVED
+    return Obstacle.MOVED if is_beyond_gate(distance, MEAN_DEVIATIONS, spread) else Obstacle.NONE
 
 
 @kernel
@@ -136,7 +136,7 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
         blocks = 1.0 * rest['blocks']
         step = segment_mean(rest, index) - signal['before']
         spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
-        if step * step > GRAVITY_DEVIATIONS * GRAVITY_DEVIATIONS * spread:
+        if is_beyond_gate(step, GRAVITY_DEVIATIONS, spread):
             return Obstacle.TILTED
     return Obstacle.NONE
 
@@ -178,7 +178,7 @@ def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -
     late_means = signal['segment']['means'] - signal['early_means']
     step = late_means / late - signal['early_means'] / HALF
     spread = scatter * (1.0 / HALF + 1.0 / late)
-    return bool(step * step > deviations * deviations * spread)
+    return is_beyond_gate(step, deviations, spread)
 
 
 @kernel

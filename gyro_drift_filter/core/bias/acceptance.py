@@ -1,0 +1,206 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether the mean rate of a segment of rest is accepted as the bias.
+
+A constant slow turn can't be told from a bias by an IMU alone, so a segment is accepted only where
+
+- its mean is within `bias.max` on all axes,
+- the robot does not say that it moves; if it says that it stands, that alone decides,
+- it lies where the bias can have come since the last one, by the deviation of the bias, and so do
+  the last ones of this rest together, however many of them, and
+- after a slow turn one segment more has agreed (`DOUBTED_SEGMENTS`).
+
+A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
+"""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.provisional import is_far_from_provisional, is_less_steady
+from gyro_drift_filter.core.bias.records import Bias, Hint, widen
+from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
+from gyro_drift_filter.core.bias.slow_turn import (
+    GATE,
+    SlowTurnOutcome,
+    give_up_bias,
+    is_back,
+    largest_bias_variance,
+    update_slow_turn,
+)
+from gyro_drift_filter.core.gate import is_beyond_gate
+from gyro_drift_filter.core.rest.noise import (
+    forget_noise,
+    learn_noise_from_segment,
+    segment_variance,
+    shows_motion,
+    unlearn_first_segment,
+)
+from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
+from gyro_drift_filter.core.rest.segment import segment_mean
+from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
+
+# What a bias has moved by where it has warmed up faster than the parameter allows, in deviations of
+# the random walk from then on. So the next rest may lie nearly twice as far away.
+WARM_UP_DEVIATIONS = 2.0
+# After a slow turn so many segments of rest in a row have to agree before they are accepted: a turn
+# to and fro passes the bias.
+DOUBTED_SEGMENTS = 2
+# A gyroscope feels accelerations a little, so that its bias is another one where it lies otherwise:
+# data sheets of small MEMS ones have 0.1 deg/s per g. In rad/s per m/s^2.
+ACCELERATION_SENSITIVITY = 1.8e-4
+
+
+@kernel
+def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_max: float) -> bool:
+    """Accept a segment if its rate is one that the bias can have; return whether it is.
+
+    The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
+    """
+    if _is_beyond_max(state['rest'], bias_max):
+        state['segments_beyond_max'] += 1
+        state['rest_beyond_max'] = True
+        return False
+    _let_gravity_move_bias(state)
+    if not state['known']:
+        return _accept_first_rest(state, found, lengths)
+    if state['hint'] == Hint.STANDS:
+        _let_bias_come_to_segment(state)
+        state['recent_count'] = 0
+        return True
+    note_segment(state)
+    unreachable = unreachable_segments(state)
+    if unreachable == 0:
+        # One that is put together from the halves of two lifts no doubt.
+        if state['rest']['halves'] == Halves.WHOLE:
+            state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
+        return bool(state['doubted_segments'] == 0)
+    if found == BlockOutcome.END_OF_REST:
+        # The start of the next motion may be in it, so it raises no doubt about later rests.
+        return False
+    if state['segments'] == 0:
+        # The first rest of a run: since it was switched off the bias may have come anywhere.
+        give_up_bias(state)
+        state['known'] = False
+        state['recent_count'] = 0
+        return True
+    state['segments_turning'] += 1
+    state['doubted_segments'] = DOUBTED_SEGMENTS
+    take_back(state, unreachable)
+    return _accept_unreachable(state, found, lengths)
+
+
+@kernel
+def _accept_first_rest(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
+    """Do as `accept_segment` where no bias is known, but a provisional one may be."""
+    if not is_far_from_provisional(state):
+        return True
+    if not is_less_steady(state):
+        # One of the two was a turn about the vertical: the next rest shows which.
+        give_up_bias(state)
+        return True
+    # A motion that is nearly steady, as of a drone that takes off.
+    if found == BlockOutcome.SEGMENT:
+        unlearn_first_segment(state['rest'])
+    return _accept_unreachable(state, found, lengths)
+
+
+@kernel
+def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) -> bool:
+    """Accept a segment with a rate that the bias can't have come to, if it is one all the same.
+
+    Return whether it is.
+    """
+    rest, turn = state['rest'], state['turn']
+    # Noise is learned from whole segments alone.
+    if found == BlockOutcome.SEGMENT and shows_motion(rest, lengths['block']):
+        forget_noise(rest)
+        learn_noise_from_segment(rest, lengths['block'])
+        turn['gave_up'] = False
+    elif is_back(state):
+        turn['gave_up'] = False
+        turn['mistaken'] = True
+        state['walk'] = min(state['walk'], 1.0)
+    else:
+        outcome = update_slow_turn(state, lengths['block_seconds'])
+        if outcome == SlowTurnOutcome.TURN:
+            return False
+        if outcome == SlowTurnOutcome.LASTED:
+            if turn['moves']:
+                _expect_warm_up(state)
+            give_up_bias(state)
+        else:
+            turn['gave_up'] = False
+    state['known'] = False
+    state['doubted_segments'] = state['recent_count'] = 0
+    return True
+
+
+@kernel
+def may_be_bias(state: Bias, rest: Rest) -> bool:
+    """Return whether the mean of a segment of `rest` is a rate that the bias can have come to."""
+    beyond = False
+    for axis in range(3):
+        beyond = beyond or _is_out_of_reach(state, rest, axis)
+    return not beyond
+
+
+@kernel
+def _is_out_of_reach(state: Bias, rest: Rest, axis: int) -> bool:
+    """Return whether the mean of an axis in a segment of `rest` lies where the bias can't be."""
+    distance = segment_mean(rest, axis) - state['bias'][axis]
+    spread = largest_bias_variance(state, axis) + segment_variance(rest, axis)
+    return is_beyond_gate(distance, GATE, spread)
+
+
+@kernel
+def _is_beyond_max(rest: Rest, bias_max: float) -> bool:
+    """Return whether the rate of the segment is beyond the largest bias, in rad/s."""
+    beyond = False
+    for axis in range(3):
+        beyond = beyond or abs(segment_mean(rest, axis)) > bias_max
+    return beyond
+
+
+@kernel
+def _let_gravity_move_bias(state: Bias) -> None:
+    """Widen the bias by what gravity may add to it where it has another direction than before."""
+    before, square = state['gravity'], 0.0
+    for axis in range(3):
+        change = segment_mean(state['rest'], 3 + axis) - before[axis]
+        square += change * change
+    if square > STEADY_GRAVITY * STEADY_GRAVITY:
+        for axis in range(3):
+            before[axis] = segment_mean(state['rest'], 3 + axis)
+        widen(state, ACCELERATION_SENSITIVITY * ACCELERATION_SENSITIVITY * square)
+
+
+@kernel
+def _let_bias_come_to_segment(state: Bias) -> None:
+    """Widen the bias as far as the segment: the robot itself says that it stands."""
+    rest = state['rest']
+    for axis in range(3):
+        if _is_out_of_reach(state, rest, axis):
+            distance = segment_mean(rest, axis) - state['bias'][axis]
+            widen(state, max(distance * distance - state['process_noise'], 0.0))
+
+
+@kernel
+def _expect_warm_up(state: Bias) -> None:
+    """Let the bias walk as fast as it has moved since the last rest: the sensor warms up."""
+    largest = 0.0
+    for axis in range(3):
+        moved = segment_mean(state['rest'], axis) - state['bias'][axis]
+        largest = max(largest, moved * moved)
+    if state['largest_process_noise'] > 0.0:
+        walk = largest / (WARM_UP_DEVIATIONS * WARM_UP_DEVIATIONS * state['largest_process_noise'])
+        state['walk'] = max(state['walk'], 1.0) * max(walk, 1.0)

@@ -1,0 +1,23 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The gate of a Kalman filter: what lies further away than its variance explains."""
+
+from gyro_drift_filter.accelerate import kernel
+
+
+@kernel
+def is_beyond_gate(distance: float, gate: float, variance: float) -> bool:
+    """Return whether a distance is more than `gate` standard deviations, by its variance."""
+    return distance * distance > gate * gate * variance
