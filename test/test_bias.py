@@ -516,7 +516,7 @@ def test_where_a_slow_turn_stops_to_differ_from_noise_is_no_short_stop(random):
 
 
 def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
-    """For a minute; docs/bias_measurements.md says how often some of it is learned, and for how long."""
+    """For a minute; docs/bias_measurements.md says how often it is learned, and for how long."""
     learned = []
     for _ in range(9):
         rates, accelerations = at_rest(random, 80)

@@ -30,8 +30,8 @@ SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # So many steps in a row that are equally long, up to this share, are no losses: a link does not
 # lose every second sample so evenly.
 LONG_RUN, EQUALLY_LONG = 20, 0.25
-# In periods: behind a longer step samples may be missing, even if delays explain it so far; and no
-# more than so many samples.
+# In periods: behind a longer step of the first block samples may be missing. No more than so many
+# are allowed for.
 LATE_STEP, MOST_POSSIBLE = 1.4, 5
 
 
@@ -39,16 +39,18 @@ LATE_STEP, MOST_POSSIBLE = 1.4, 5
 def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     """Return how many samples may be missing before one for which `advance_clock` found none.
 
-    There may be some where the step of `elapsed` s is long for the period in s, and where samples
-    have been missing before: delays may hide a loss until later stamps show it. So may there be in
-    the first block, as no loss is found until it shows how far delays vary. Where stamps are so
-    irregular that losses do not show, one may be missing before any sample.
+    Delays may hide a loss until later stamps show it. So where samples have been missing before,
+    each period (s) of the delay may stand for another one. In the first block, which shows how far
+    delays vary, each period of the step of `elapsed` s may do so. Where stamps are so irregular
+    that losses do not show, one may be missing before any sample.
     """
-    if elapsed <= LATE_STEP * period:
-        return 1 if clock['irregularity'] >= REGULAR else 0
-    if clock['missing_samples'] == 0 and clock['blocks'] > 0:
-        return 0
-    return min(int(elapsed / period - LATE_STEP) + 1, MOST_POSSIBLE)
+    possible = 1 if clock['irregularity'] >= REGULAR else 0
+    if clock['blocks'] == 0 and elapsed > LATE_STEP * period:
+        possible = max(int(elapsed / period - LATE_STEP) + 1, possible)
+    elif clock['missing_samples'] > 0:
+        delay = clock['lateness'] - clock['earliest']
+        possible = max(int(delay / period + 1.0 - MADE_UP), possible)
+    return min(possible, MOST_POSSIBLE)
 
 
 @kernel

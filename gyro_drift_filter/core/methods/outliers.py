@@ -230,8 +230,7 @@ def find_reason(
     beyond = apart > innovation_limits['body_jump']
     threshold = innovation_limits['innovation_threshold']
     doubtful = beyond or (size > threshold and size > innovation_limits['least_jump'])
-    possible_change = _possible_change(doubt, circumstances, limits)
-    if possible_change > 0.0 and abs(sample - last_accepted) <= possible_change and not dropout:
+    if _is_within_reach(state, workspace, circumstances, limits, sample) and not dropout:
         if doubtful:
             return Reason.REACHED
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
@@ -338,25 +337,48 @@ def _holds_any(doubt: Doubt) -> bool:
 
 
 @kernel
-def _possible_change(doubt: Doubt, circumstances: Circumstances, limits: OutlierLimits) -> float:
-    """Return how far the rate can have come while nothing was measured, in rad/s; 0 where it was.
+def _is_within_reach(
+    state: 'AdaptiveAxis',
+    workspace: 'AdaptiveAxisWorkspace',
+    circumstances: Circumstances,
+    limits: OutlierLimits,
+    sample: float,
+) -> bool:
+    """Return whether the rate can have come to a sample (rad/s) while nothing was measured.
 
-    An extrapolation says little then: what the body can have come to is no outlier. One that stood
-    still before has hardly got anywhere yet.
+    The extrapolation to it says little then: what the body can have come to is no outlier. One that
+    stood still before has hardly got anywhere yet.
     """
-    largest, possible = 0.0, circumstances['possibly_missing']
+    doubt, still, largest = state['doubt'], circumstances['still'], -1.0
     if doubt['unmeasured'] > 0:
         samples = doubt['unmeasured'] + 1.0
         largest = limits['body_limit'] * samples
-        if circumstances['still']:
+        if still:
             largest = min(largest, limits['least_jump_while_still'] * samples * samples)
-    if doubt['behind_gap']:
+    if doubt['behind_gap'] and not still:
         # One sample behind a gap does not show yet how the motion has changed meanwhile.
-        possible = max(possible, 1)
-    if possible > 0 and not circumstances['still']:
         change = min(LARGEST_RATE_CHANGE * doubt['usual_rate_change'], limits['body_limit'])
-        largest = max(largest, change * (possible + 1.0))
-    return largest
+        largest = max(largest, 2.0 * change)
+    if abs(sample - state['last_accepted']) <= largest:
+        return True
+    possible = circumstances['possibly_missing']
+    return possible > 0 and not still and _is_extrapolated(state, workspace, sample, possible)
+
+
+@kernel
+def _is_extrapolated(
+    state: 'AdaptiveAxis', workspace: 'AdaptiveAxisWorkspace', sample: float, possible: int
+) -> bool:
+    """Return whether a sample (rad/s) is one that is predicted if up to `possible` are missing.
+
+    The error of a prediction grows with the samples that it goes ahead.
+    """
+    prediction = workspace['prediction']
+    innovation = sample - prediction
+    ahead = possible * (prediction - state['last_accepted'])
+    nearest = min(max(innovation, min(ahead, 0.0)), max(ahead, 0.0))
+    limit = workspace['innovation_limits']['innovation_threshold'] * (possible + 1.0)
+    return abs(innovation - nearest) <= limit
 
 
 @kernel
