@@ -19,7 +19,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
+from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
@@ -62,8 +62,8 @@ def add_parser(subcommands: Any) -> None:
         type=Path,
         nargs='+',
         metavar='BAG',
-        help='of one sensor: rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; '
-        "or a file of Kalibr's (.yaml) or of imu_tk's (.calib), to be written as a parameter file",
+        help=f"of one sensor: {BAG}; or a file of Kalibr's (.yaml) or of imu_tk's (.calib), to be "
+        'written as a parameter file',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')

@@ -22,14 +22,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.bag_options import add_topic_option
-from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
+from gyro_drift_filter.cli.filter_options import (
+    add_hint_option,
+    add_method_option,
+    add_params_option,
+    chosen_parameters,
+)
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.phrases import counted
@@ -52,17 +56,11 @@ def add_parser(subcommands: Any) -> None:
         'when, on which axis, by how much they missed their prediction, the limits that this was '
         'held against, why it was too much, and what the next sample showed.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     add_topic_option(command)
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
-    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
-    command.add_argument(
-        '--motion-hint',
-        metavar='TOPIC',
-        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
-    )
+    add_params_option(command)
+    add_method_option(command)
+    add_hint_option(command)
     command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
     add_time_options(command)
     command.set_defaults(run=run)
@@ -81,9 +79,7 @@ def run(options: argparse.Namespace) -> None:
     spare_linear_algebra()
     start, end = between(options)
     check_targets({'--json': options.json})
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     compile_first()
     logs: list[FlaggedLog] = []
 

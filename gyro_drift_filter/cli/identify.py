@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
@@ -41,9 +41,7 @@ def add_parser(subcommands: Any) -> None:
         description='Find the motionless spans of a recording, identify bias and noise of each '
         'axis, and write a parameter file that the node and replay read.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(

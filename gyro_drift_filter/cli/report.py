@@ -21,20 +21,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
+from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
+from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_no_pictures, check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
-from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.core import Parameters
     from gyro_drift_filter.report.page import Recording
 
 # What the recording holds and what the filter makes of it are the same up to here.
@@ -54,11 +54,10 @@ def add_parser(subcommands: Any) -> None:
         'bag',
         type=Path,
         nargs='+',
-        help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; a filtered topic '
-        'in it is compared with what the filter makes of the raw one',
+        help=f'{BAG}; a filtered topic in it is compared with what the filter makes of the raw one',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    add_params_option(command)
     command.add_argument(
         '--methods',
         nargs='+',
@@ -99,7 +98,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.wording import as_text
 
     spare_linear_algebra()
-    parameters = read_parameters(options.params) if options.params else Parameters()
+    parameters = chosen_parameters(options.params)
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
     wanted = () if options.topic is None else (options.topic,)
     selection = Selection(imu_topics=wanted, start=start, end=end)
@@ -139,7 +138,7 @@ def shortest_names(bags: list[Path]) -> list[str]:
 def _recording(
     bag: Path,
     name: str,
-    parameters: list[Parameters],
+    parameters: list['Parameters'],
     selection: 'Selection',
     options: argparse.Namespace,
 ) -> 'Recording':

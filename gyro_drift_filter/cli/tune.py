@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
+from gyro_drift_filter.cli.filter_options import chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
@@ -48,9 +48,7 @@ def add_parser(subcommands: Any) -> None:
         'judge them on stretches held back, and write a parameter file that the node and replay '
         'read. Where the default is as good, it is kept.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(
@@ -92,9 +90,7 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.tune.tuning import tune
     from gyro_drift_filter.cli.identification_samples import read_samples
 
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     if not options.quiet:
         compile_first()
     with Progress(enabled=not options.quiet) as progress:
