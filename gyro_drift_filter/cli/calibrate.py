@@ -24,7 +24,7 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable, yaml_reason
@@ -108,26 +108,22 @@ def run(options: argparse.Namespace) -> int:
     distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
-    texts, written = [report(result)], [options.output]
-    try:
+    with saying(report(result)) as written:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
+        written.append(options.output)
         if options.json:
             write_json(options.json, result)
             written.append(options.json)
         if options.kalibr:
-            of = result.accelerometer
-            upper = of.matrix if of is not None else None
-            found = result.sensitivity
-            by_force = found.matrix if found is not None else None
-            text = to_kalibr(result.noise, topics[0], result.matrix, upper, by_force)
-            write_whole(options.kalibr, text)
+            beside = (
+                None if found is None else found.matrix
+                for found in (result.accelerometer, result.sensitivity)
+            )
+            write_whole(options.kalibr, to_kalibr(result.noise, topics[0], result.matrix, *beside))
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, recordings)
-        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
-    finally:  # also where the disk is full, as it took long to find
-        say('\n'.join(texts))
     for warning in (*result.warnings, *result.unknown):
         tell(f'warning: {warning}')
     if options.kalibr and (text := lacking(result.noise)):
@@ -184,7 +180,7 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
     from gyro_drift_filter.cli.identification_samples import read_samples
 
     with Progress(enabled=True) as progress:
-        found = read_samples(bag, options.topic, between(options), None, progress)
+        found = read_samples(bag, options.topic, between(options), progress)
     for note in found.notes():
         tell(f'note: {bag}: {note}')
     reference = None

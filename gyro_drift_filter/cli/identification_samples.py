@@ -66,8 +66,8 @@ def read_samples(
     bag: Path,
     topic: str | None,
     between: tuple[float, float],
-    sample_rate: float | None,
     progress: Callable[[int, int], None],
+    sample_rate: float | None = None,
 ) -> Samples:
     """Read the samples of a bag.
 
@@ -75,8 +75,8 @@ def read_samples(
         bag: rosbag2 folder or bare .mcap or .db3 file.
         topic: Needed where there are several Imu topics.
         between: First and last time to be used, in s since the first message of the recording.
-        sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
         progress: Called with the number of messages done and their total.
+        sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
 
     Raises:
         BagError: The bag can't be read or holds no usable Imu message in that time.

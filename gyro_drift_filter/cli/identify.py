@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.printing import say, tell
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
@@ -118,11 +118,7 @@ def run(options: argparse.Namespace) -> None:
     )
     with Progress(enabled=True) as progress:
         samples = read_samples(
-            options.bag,
-            options.topic,
-            between(options),
-            options.sample_rate,
-            progress,
+            options.bag, options.topic, between(options), progress, options.sample_rate
         )
     for note in _notes(samples, options.sample_rate):
         tell(f'note: {note}')
@@ -134,9 +130,9 @@ def run(options: argparse.Namespace) -> None:
         paper=options.noise == 'paper',
     )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    texts, written = [report(result, MATERIAL)], [options.output]
-    try:
+    with saying(report(result, MATERIAL)) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
+        written.append(options.output)
         if options.json:
             write_json(options.json, result)
             written.append(options.json)
@@ -145,9 +141,6 @@ def run(options: argparse.Namespace) -> None:
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, samples.stamps, samples.rates)
-        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
-    finally:  # also where the disk is full, as it took long to find
-        say('\n'.join(texts))
     for warning in result.warnings:
         tell(f'warning: {warning}')
     least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))

@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         compile_first()
     with Progress(enabled=not options.quiet) as progress:
-        samples = read_samples(options.bag, options.topic, between(options), None, progress)
+        samples = read_samples(options.bag, options.topic, between(options), progress)
     for note in samples.notes():
         tell(f'note: {note}')
     stamps = np.asarray(samples.stamps)
