@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import Values
 from gyro_drift_filter.rotations import from_vectors, rotate, running_products
 
@@ -221,9 +221,8 @@ def judge_axes(
     turns, errors = carried.turns, carried.errors
     values: dict[str, Any] = {'stretches': len(turns)}
     if len(turns) < _LEAST_WINDOWS:
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             f'gravity turns too little to tell signs and axes: {_times(len(turns))} by '
             f'{math.degrees(_LEAST_TURN):.0f} deg within {2.0 * _HALF_SECONDS[-1]:.0f} s',
             'record the sensor turned by hand about each axis, by 90 deg and more',
@@ -246,16 +245,14 @@ def judge_axes(
     still = [AXES[axis] for axis in range(3) if good[WAYS.index(_FLIPPED[axis])]]
     if shares[0] < _CARRIED and len(still) < 3:
         told = f' except that of {" and ".join(still)}, about which it was hardly turned'
-        return Finding(
+        return sound(
             name,
-            Verdict.SOUND,
             f'signs, axes and unit of the rates fit{told if still else ""}: they {match} '
             f'({100.0 * shares[0]:.2g} % of {turn} are left)',
-            values=values,
+            values,
         )
-    return Finding(
+    return unknown(
         name,
-        Verdict.UNKNOWN,
         f'the rates do not {match}, neither as they are nor with other signs and axes ({turn})',
         'are both of the same body, and are their scales right? Accelerations that last hide '
         'gravity, too',
@@ -266,17 +263,15 @@ def judge_axes(
 def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Finding:
     """Return the finding that the rates are meant in another way."""
     if way == IN_DEGREES:
-        return Finding(
+        return fault(
             'degrees',
-            Verdict.FAULT,
             f'the rates are degrees per second: as such they {match}, as rad/s they do not',
             'multiply by pi / 180 in the driver (REP-103 asks for rad/s)',
             values,
         )
     if way in OTHER_SCALES:
-        return Finding(
+        return fault(
             'scale',
-            Verdict.FAULT,
             f'the rates {match} only if multiplied by about {way.factor:.2g}',
             'a factor of 2 or 4 is another measuring range than the driver converts by; any other '
             'one is the scale of the sensor: find it for each axis with `gyro_drift calibrate`',
@@ -289,9 +284,8 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
     else:
         what = 'axes are swapped' + (' and signs wrong' if flipped else '')
     mirrored = ' (the rates are left-handed)' if np.linalg.det(way.matrix()) < 0.0 else ''
-    return Finding(
+    return fault(
         name,
-        Verdict.FAULT,
         f'{what}: the rates {match} only if taken as {way}{mirrored}',
         'correct it in the driver, or find out whether the other one is wrong; a turned mounting '
         'belongs into the transform of the frame, for both sensors alike',

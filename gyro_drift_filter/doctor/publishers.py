@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 # Every other sample, in stretches of so many, beside the mean of its neighbours: of two sensors,
@@ -48,22 +48,20 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     share = apart / total if total else 0.0
     found: dict[str, Any] = {'connections': connections, 'share_apart': share}
     if share > _SHARE:
-        return Finding(
+        return fault(
             'publishers',
-            Verdict.FAULT,
             'two sensors or drivers take turns on the topic: every other sample has another bias',
             'remap one of them; see who publishes with `ros2 topic info -v`',
             found,
         )
     if connections > 1:
-        return Finding(
+        return fault(
             'publishers',
-            Verdict.FAULT,
             f'the recording names {connections} publishers of the topic',
             'was a driver started anew, or do two publish? See `ros2 topic info -v`',
             found,
         )
-    return Finding('publishers', Verdict.SOUND, 'one publisher', values=found)
+    return sound('publishers', 'one publisher', found)
 
 
 def _take_turns(values: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import Values
 from gyro_drift_filter.rotations import inverse, multiply, rotate, to_vectors
 
@@ -140,14 +140,13 @@ def judge_reference(reference: Reference, turns: Turns) -> Finding:
     name, title = f'orientation {reference.name}', f'the orientation of {reference.name}'
     count = len(turns.reference)
     if reference.own and _is_invented(reference):
-        return Finding(
+        return fault(
             'invented orientation',
-            Verdict.FAULT,
             'an orientation is stated, but it is always the identity, or zeros',
             'set orientation_covariance[0] to -1 in the driver: not reported (REP-145)',
         )
     if count < _LEAST_BLOCKS:
-        return Finding(name, Verdict.UNKNOWN, f'{title} turns too little to be compared')
+        return unknown(name, f'{title} turns too little to be compared')
     if reference.own:
         ways = np.array([way.matrix() for way in WAYS])
         meant = np.einsum('mij,bj->mbi', ways, turns.rates)
@@ -166,9 +165,8 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
     scale = float(mine @ turns.vertical) / float(mine @ mine)
     values: dict[str, Any] = {'correlation': alike, 'scale': scale}
     if alike < -_ALIKE:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'about the vertical the rates turn the other way round than {title}',
             'the sign of the rates, or of the acceleration that tells what is up, is wrong; or the '
             'reference turns clockwise (REP-103: counter-clockwise is positive)',
@@ -177,18 +175,16 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
     if alike < _ALIKE:
         return None
     if not 1.0 / _SCALE < scale < _SCALE:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the rates have to be multiplied by {scale:.3g} to turn as {title}',
             'degrees, or the scale of another measuring range?',
             values,
         )
-    return Finding(
+    return sound(
         name,
-        Verdict.SOUND,
         f'about the vertical the rates turn as {title}, which turns {scale:.2f} times as far',
-        values=values,
+        values,
     )
 
 
@@ -196,7 +192,7 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
     """Tell whether the axes of the rates are a mirrored set of those of the reference."""
     left, size, right = np.linalg.svd(turns.rates.T @ turns.reference)
     if size[2] < _LEAST_SPREAD * size[0]:
-        return Finding(name, Verdict.UNKNOWN, f'{title} turns about too few axes to be compared')
+        return unknown(name, f'{title} turns about too few axes to be compared')
     handed = np.sign(np.linalg.det(left @ right))
     errors = []
     for sign in (handed, -handed):  # rotations where the first one has the sign of `handed`
@@ -206,23 +202,20 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
     share = best / float(np.median(np.linalg.norm(turns.reference, axis=1)))
     values: dict[str, Any] = {'share_left': share, 'mirrored': bool(handed < 0)}
     if handed < 0 and best < _BETTER * other:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the axes of the rates are mirrored against {title}',
             'one sign is wrong, or two axes are swapped: compare each axis by hand',
             values,
         )
     if share < _BETTER:
-        return Finding(
+        return sound(
             name,
-            Verdict.SOUND,
             f'the rates turn as {title} ({100.0 * share:.0f} % are left)',
-            values=values,
+            values,
         )
-    return Finding(
+    return unknown(
         name,
-        Verdict.UNKNOWN,
         f'the rates do not turn as {title}',
         'are both on the same body, and their clocks the same?',
         values,

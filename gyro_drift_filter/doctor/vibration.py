@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.tones import find_tones
 
@@ -57,11 +57,10 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     """
     name, nyquist = 'vibration', 0.5 / period
     if len(rates[0]) * period < _SHORTEST:
-        return Finding(name, Verdict.UNKNOWN, 'too short to tell lines from noise')
+        return unknown(name, 'too short to tell lines from noise')
     if _LARGEST_CUT * nyquist < _FASTEST_MOTION:
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             f'{1.0 / period:.3g} Hz are too few to tell vibration from motion',
         )
     sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
@@ -78,9 +77,8 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
             lines.append(line)
     strong = [line for line in lines if line.strong]
     if strong:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the rates vibrate: {_listed(strong)}',
             'look for a motor, a fan or a loose mount of that frequency, or of one above '
             f'{nyquist:.4g} Hz that is folded down to it: damp the mount, and let the sensor '
@@ -90,7 +88,7 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     text = f'no line above the noise from {_FASTEST_MOTION:.0f} to {nyquist:.4g} Hz'
     if lines:
         text += f' (weak ones: {_listed(lines)})'
-    return Finding(name, Verdict.SOUND, text, values={'lines': lines})
+    return sound(name, text, values={'lines': lines})
 
 
 def _lines(axis: str, values: Floats, sections: Floats, period: float) -> Iterator[Line]:
