@@ -172,12 +172,11 @@ def _convert(options: argparse.Namespace) -> None:
 
 def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
     """Return the topic and the samples of a bag."""
-    import numpy as np
-
     from gyro_drift_filter.bags.orientations import read_orientations
     from gyro_drift_filter.calibrate.calibration import Samples
     from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
+    from gyro_drift_filter.identify.series import stacked
 
     with Progress(enabled=True) as progress:
         found = read_samples(bag, options.topic, between(options), progress)
@@ -189,8 +188,8 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
         reference = Reference(seen.stamps, seen.orientations)
     samples = Samples(
         found.stamps[:],
-        np.column_stack([column[:] for column in found.rates]),
-        np.column_stack([column[:] for column in found.accelerations]),
+        stacked(found.rates),
+        stacked(found.accelerations),
         reference,
     )
     return found.topic, samples

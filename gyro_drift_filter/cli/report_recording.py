@@ -42,7 +42,7 @@ from gyro_drift_filter.bags.replay_run import (
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
 from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
 
@@ -107,8 +107,8 @@ class _Pass:
         }
         self.report_times = ReportTimes()
         self._recorded_times = Stored(np.int64)
-        self._recorded = tuple(Stored() for _ in range(3))
-        self._exact = tuple(Stored() for _ in range(3))  # as this filter makes them
+        self._recorded = stored_columns(3)
+        self._exact = stored_columns(3)  # as this filter makes them
 
     def _keep(self, method: str, filter_: Filter) -> Signals:
         """Return who keeps the signals of a method, all those of the first one."""
@@ -133,24 +133,19 @@ class _Pass:
             filter_.judge(filter_.take(piece, imus, reports), reports)
             if method == main and self._is_filtered.any():
                 good = imus[imus['kind'] == ImuKind.GOOD]
-                for axis, column in enumerate(self._exact):
-                    column.append(good['result']['angular_velocity'][:, axis])
+                append_rows(self._exact, good['result']['angular_velocity'])
 
     def _keep_recorded(self, piece: Piece) -> None:
         imus = read_imus(piece, self._is_filtered)
         good = imus[imus['kind'] == ImuKind.GOOD]
         self._recorded_times.append(piece.rows['log_time'][good['row']])
-        for axis, column in enumerate(self._recorded):
-            column.append(good['sample']['angular_velocity'][:, axis])
+        append_rows(self._recorded, good['sample']['angular_velocity'])
 
     def recorded(self) -> Recorded | None:
         """Return what the recording holds on its filtered topic."""
         if not len(self._recorded_times):
             return None
-        rates, ours = (
-            np.column_stack([np.asarray(column) for column in columns])
-            for columns in (self._recorded, self._exact)
-        )
+        rates, ours = stacked(self._recorded), stacked(self._exact)
         # Every message of both, in their order, unless some were refused or lost.
         same = 0.0
         if len(rates) == len(ours):

@@ -89,6 +89,7 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
     from gyro_drift_filter.cli.identification_samples import read_samples
+    from gyro_drift_filter.identify.series import stacked
 
     parameters = chosen_parameters(options.params, options.method)
     if not options.quiet:
@@ -100,8 +101,8 @@ def run(options: argparse.Namespace) -> None:
     stamps = np.asarray(samples.stamps)
     material = Material(
         stamps,
-        np.column_stack([np.asarray(column) for column in samples.rates]),
-        np.column_stack([np.asarray(column) for column in samples.accelerations]),
+        stacked(samples.rates),
+        stacked(samples.accelerations),
         None if options.truth is None else _truth(options, samples.topic, stamps),
     )
     with Progress(enabled=not options.quiet, unit='runs of the filter') as progress:

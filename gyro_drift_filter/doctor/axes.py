@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
-from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import from_vectors, rotate, running_products
 
 Floats = NDArray[np.float64]
@@ -122,9 +122,8 @@ def carry_gravity(
     accelerations: tuple[Values, ...],
     period: float,
     bias: Sequence[float],
-    ways: tuple[Way, ...] = WAYS,
 ) -> Carried:
-    """Return how well the rates carry gravity if they are meant in those ways.
+    """Return how well the rates carry gravity if they are meant in each of the WAYS.
 
     Args:
         stamps: (n,) in ns.
@@ -132,22 +131,21 @@ def carry_gravity(
         accelerations: Three columns (n,) in m/s^2.
         period: Of the samples in s.
         bias: (3,) of the rates in rad/s.
-        ways: m of them.
     """
-    matrices = np.array([way.matrix() for way in ways])
+    matrices = np.array([way.matrix() for way in WAYS])
     for seconds in _HALF_SECONDS:
         turning = _turning(stamps, accelerations, period, max(round(seconds / period), 2))
         if len(turning) >= _LEAST_WINDOWS:
             break
     turns, errors = [], []
     for where, turn in turning[:: -(-len(turning) // _USED_WINDOWS) or 1]:
-        rate = np.column_stack([column[where] for column in rates]) - np.asarray(bias)
-        force = np.column_stack([column[where] for column in accelerations])
+        rate = stacked(rates, where) - np.asarray(bias)
+        force = stacked(accelerations, where)
         if np.isfinite(rate).all():
             turns.append(turn)
             lasting = _mean_step(stamps, where)
             errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
-    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(ways)).T)
+    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(WAYS)).T)
 
 
 def _turning(
@@ -172,7 +170,7 @@ def _turn_of_gravity(
     # Messages that came late or in bursts are of even steps all the same.
     if abs(_mean_step(stamps, where) / period - 1.0) > 0.2:
         return 0.0
-    force = np.column_stack([column[where] for column in accelerations])
+    force = stacked(accelerations, where)
     half = len(force) // 2
     turn = float(_angles(force[:half].mean(axis=0), force[half:].mean(axis=0)))
     return turn if math.isfinite(turn) else 0.0
@@ -180,7 +178,7 @@ def _turn_of_gravity(
 
 def _mean_step(stamps: Values, where: slice) -> float:
     """Return the mean step of the stamps of a stretch in s."""
-    first, last = (int(stamps[k : k + 1][0]) for k in (where.start, where.stop - 1))
+    first, last = (int(value_at(stamps, k)) for k in (where.start, where.stop - 1))
     steps: int = where.stop - 1 - where.start
     return (last - first) * 1e-9 / steps
 

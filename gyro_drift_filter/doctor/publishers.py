@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 
 # Every other sample, in stretches of so many, beside the mean of its neighbours: of two sensors,
 # each with its own bias, it is off to one side and to the other in turn. Of one that vibrates near
@@ -41,7 +41,7 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     apart = total = 0
     for first in range(0, len(rates[0]), LARGEST_PART // _STRETCH * _STRETCH):
         part = slice(first, first + LARGEST_PART // _STRETCH * _STRETCH)
-        values = np.column_stack([column[part] for column in rates])
+        values = stacked(rates, part)
         values = values[: len(values) // _STRETCH * _STRETCH].reshape(-1, _STRETCH, 3)
         total += len(values)
         apart += int(_take_turns(values).sum())

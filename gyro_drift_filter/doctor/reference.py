@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
-from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import inverse, multiply, rotate, to_vectors
 
 Floats = NDArray[np.float64]
@@ -95,8 +95,10 @@ def compare_turns(
         bias: (3,) of the rates in rad/s.
     """
     rows, imu = [], (stamps, rates, accelerations, np.asarray(bias))
-    begin = max(_at(stamps, 0), _at(reference.stamps, 0))
-    end = min(_at(stamps, len(stamps) - 1), _at(reference.stamps, len(reference.stamps) - 1))
+    begin = max(value_at(stamps, 0), value_at(reference.stamps, 0))
+    end = min(
+        value_at(stamps, len(stamps) - 1), value_at(reference.stamps, len(reference.stamps) - 1)
+    )
     span = round(_SECONDS * 1e9)
     for start in np.linspace(begin, end - span, _MOST_BLOCKS if end > begin + span else 0):
         row = _turn(reference, imu, int(start), int(start) + span)
@@ -113,16 +115,18 @@ def _turn(reference: Reference, imu: Any, start: int, stop: int) -> Floats | Non
     """
     stamps, rates, accelerations, bias = imu
     first, last = _find(reference.stamps, start), _find(reference.stamps, stop)
-    since, until = _at(reference.stamps, first), _at(reference.stamps, last)
+    since, until = value_at(reference.stamps, first), value_at(reference.stamps, last)
     if last <= first or abs((until - since) / (stop - start) - 1.0) > 0.5:
         return None
     where = slice(_find(stamps, since), _find(stamps, until) + 1)
     steps = np.diff(np.asarray(stamps[where], np.int64)) * 1e-9
     if len(steps) < 2 or abs(1e9 * steps.sum() / (until - since) - 1.0) > 0.2:
         return None
-    rate = np.column_stack([column[where] for column in rates]) - bias
-    force = np.mean(np.column_stack([column[where] for column in accelerations]), axis=0)
-    ends = [np.array([_at(column, k) for column in reference.orientations]) for k in (first, last)]
+    rate = stacked(rates, where) - bias
+    force = np.mean(stacked(accelerations, where), axis=0)
+    ends = [
+        np.array([value_at(column, k) for column in reference.orientations]) for k in (first, last)
+    ]
     size = [np.linalg.norm(end) for end in ends]
     if not (np.isfinite(rate).all() and min(size) > 0.0):
         return None
@@ -226,14 +230,10 @@ def _is_invented(reference: Reference) -> bool:
     """Tell whether orientations are always the identity or zeros, which nobody measures."""
     step = max(len(reference.stamps) // 1000, 1)
     *others, w = (
-        np.array([_at(column, k) for k in range(0, len(reference.stamps), step)])
+        np.array([value_at(column, k) for k in range(0, len(reference.stamps), step)])
         for column in reference.orientations
     )
     return bool(not np.any(others) and (np.all(w == 1.0) or not np.any(w)))
-
-
-def _at(values: Values, index: int) -> Any:
-    return values[index : index + 1][0]
 
 
 def _find(stamps: Values, stamp: int) -> int:
@@ -241,7 +241,7 @@ def _find(stamps: Values, stamp: int) -> int:
     low, high = 0, len(stamps)
     while high - low > 1:
         middle = (low + high) // 2
-        if _at(stamps, middle) <= stamp:
+        if value_at(stamps, middle) <= stamp:
             low = middle
         else:
             high = middle

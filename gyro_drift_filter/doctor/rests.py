@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.blocks import runs_of
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
 
 Floats = NDArray[np.float64]
@@ -87,9 +88,7 @@ def stretches_of(flags: Values, shortened: int) -> tuple[Stretch, ...]:
     found = []
     for begin in range(0, len(flags), LARGEST_PART):
         part = np.asarray(flags[begin : begin + LARGEST_PART]) != 0
-        edges = np.flatnonzero(np.diff(part, prepend=False, append=False)) + begin
-        ends = edges[1::2] - shortened
-        found += [Stretch(int(a), int(b)) for a, b in zip(edges[::2], ends, strict=True)]
+        found += [Stretch(a, b - shortened) for a, b in (runs_of(part) + begin).tolist()]
     return tuple(stretch for stretch in found if stretch.stop - stretch.first >= _LEAST_SAMPLES)
 
 
@@ -109,7 +108,7 @@ def look_at_rests(
     deviations, means = [], []
     for stretch in stretches:
         where = slice(*stretch)
-        values = np.column_stack([column[where] for column in (*rates, *accelerations)])
+        values = stacked((*rates, *accelerations), where)
         means.append(values[:, 3:].mean(axis=0))
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
         # Without the acceleration, which may be missing, as good as with it.
@@ -204,9 +203,7 @@ def _some(columns: tuple[Values, ...]) -> Floats:
     """Return some ten thousand samples (k, columns), in runs from all over columns (n,)."""
     n = len(columns[0])
     starts = range(0, n, max(n // 100, _RUN))
-    return np.concatenate(
-        [np.column_stack([column[k : k + _RUN] for column in columns]) for k in starts]
-    )
+    return np.concatenate([stacked(columns, slice(k, k + _RUN)) for k in starts])
 
 
 def judge_resolution(count_size: Floats, seen: AtRest) -> Finding:

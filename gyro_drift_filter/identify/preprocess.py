@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.identify.blocks import block_rows, row_medians
+from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
 from gyro_drift_filter.identify.series import (
@@ -48,8 +48,6 @@ MEDIAN_SECONDS = 1.0
 LEAST_MEDIAN = 16  # samples
 # Limit in robust deviations: Gaussian noise passes it twice in 1e9 samples.
 OUTLIER_DEVIATIONS = 6.0
-# Deviation of Gaussian noise per median absolute deviation.
-PER_MEDIAN_DEVIATION = 1.4826
 
 # The trend is fitted to this many means of equal parts of the recording.
 TREND_BLOCKS = 24

@@ -44,7 +44,7 @@ from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.doctor.reference import Reference
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
 
 # Where the covariances start among the doubles of an Imu: those of QUANTITIES.
@@ -57,13 +57,12 @@ class _Orientations:
     def __init__(self, name: str, own: bool) -> None:
         self.name, self.own = name, own
         self._stamps = Stored(np.int64)
-        self._columns = tuple(Stored() for _ in range(4))
+        self._columns = stored_columns(4)
 
     def add(self, stamps: NDArray[np.int64], quaternions: NDArray[np.float64]) -> None:
         """Add stamps (n,) in ns and quaternions (n, 4) in the order x, y, z, w."""
         self._stamps.append(stamps)
-        for column, values in zip(self._columns, quaternions.T, strict=True):
-            column.append(values)
+        append_rows(self._columns, quaternions)
 
     def reference(self) -> Reference | None:
         """Return what was added, None where nothing was."""
@@ -97,8 +96,8 @@ class Reading:
             recording, parameters, topic, names, None, watcher=lambda filter_: self._rules
         )
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
-        self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
-        self.outliers = tuple(Stored(np.uint8) for _ in range(3))
+        self.rates, self.accelerations = stored_columns(3), stored_columns(3)
+        self.outliers = stored_columns(3, np.uint8)
         self.resting = Stored(np.uint8)
         self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
         self._report_times = ReportTimes()
@@ -134,11 +133,10 @@ class Reading:
         sample = good['sample']
         self.stamps.append(sample['stamp'])
         self.log_times.append(piece.rows['log_time'][good['row']])
-        for axis in range(3):
-            self.rates[axis].append(usable(sample['angular_velocity'][:, axis]))
-            force = usable(sample['linear_acceleration'][:, axis], LARGEST_ACCELERATION)
-            self.accelerations[axis].append(force)
-            self.outliers[axis].append(good['result']['outlier'][:, axis] > 0.0)
+        append_rows(self.rates, usable(sample['angular_velocity']))
+        forces = usable(sample['linear_acceleration'], LARGEST_ACCELERATION)
+        append_rows(self.accelerations, forces)
+        append_rows(self.outliers, good['result']['outlier'] > 0.0)
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
         for stated, first in zip(self.stated, _COVARIANCES, strict=True):

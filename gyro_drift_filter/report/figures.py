@@ -28,6 +28,7 @@ from tsdownsample import MinMaxDownsampler
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import allan_deviation
+from gyro_drift_filter.identify.blocks import runs_of
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Stretch
 from gyro_drift_filter.identify.spectrum import spectrum
@@ -115,7 +116,8 @@ class Drawer:
         self._runs, self._recorded = runs, recorded
         self.main = next(iter(runs.values()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
-        self.rests = _stretches(np.asarray(self.main.resting))
+        # First and behind the last index of each.
+        self.rests = runs_of(np.asarray(self.main.resting) > 0).tolist()
         others = len(runs) - 1 + (recorded is not None)
         total = 3.0 * (
             (2.0 + others) * _SHARES['rate']
@@ -383,12 +385,6 @@ def autocorrelation(values: Floats, lags: int) -> Floats:
     power = np.abs(np.fft.rfft(centred, 2 * len(values))) ** 2
     found = np.fft.irfft(power)[: lags + 1]
     return np.asarray(found[1:] / found[0])
-
-
-def _stretches(resting: NDArray[np.uint8]) -> list[tuple[int, int]]:
-    """Return first and behind the last index of each stretch that is not 0."""
-    edges = np.flatnonzero(np.diff(np.r_[0, resting > 0, 0]))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def roles(methods: Sequence[str], is_recorded: bool) -> dict[str, str]:
