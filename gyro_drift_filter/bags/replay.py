@@ -25,7 +25,6 @@ from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
-from gyro_drift_filter.bags.topics import choose_hint
 from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
 
@@ -93,11 +92,10 @@ def replay(
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
         if memory is not None and len(inputs) > 1:
             raise BagError('a file of the bias is of one gyroscope: name one Imu topic')
-        hint = selection.hint
-        hinted = None if hint is None else choose_hint(recording, hint)
+        hint = selection.hint_topic(recording)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
-            run = ReplayRun(recording, output, parameters, inputs, hinted, memory, watch)
+            run = ReplayRun(recording, output, parameters, inputs, watch, hint, memory)
             for piece in selection.pieces(recording, watch.progress):
                 run.take(piece)
             summaries = run.finish()

@@ -130,9 +130,9 @@ class ReplayRun:
         output: Output | NoOutput,
         parameters: Parameters,
         inputs: Mapping[str, Topics],
-        hint: str | None,
-        memory: Path | None,
         watch: Watch,
+        hint: str | None = None,
+        memory: Path | None = None,
     ) -> None:
         """Start.
 
@@ -141,21 +141,15 @@ class ReplayRun:
             output: Where to.
             parameters: Of the filters.
             inputs: The names of the outputs by the Imu topic that they belong to.
+            watch: Who sees what goes through the filters.
             hint: The topic that hints at motion, if there is one.
             memory: File of the bias that the recording before has left, if there is one.
-            watch: Who sees what goes through the filters.
         """
         self._output = output
         self._report_times = ReportTimes()
         self.filters = [
             TopicFilter(
-                recording,
-                parameters,
-                topic,
-                names,
-                hint,
-                memory=memory,
-                watcher=partial(watch.watcher, topic),
+                recording, parameters, topic, names, partial(watch.watcher, topic), hint, memory
             )
             for topic, names in inputs.items()
         ]
@@ -217,10 +211,9 @@ class TopicFilter:
         parameters: Parameters,
         topic: str,
         names: Topics,
-        hint: str | None,
-        *,
+        watcher: Callable[[Filter], Watcher | None],
+        hint: str | None = None,
         memory: Path | None = None,
-        watcher: Callable[[Filter], Watcher | None] = lambda filter_: None,
     ) -> None:
         self.topic = topic
         self._names = names

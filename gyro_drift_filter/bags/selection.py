@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, topic_types
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 
 _log = logging.getLogger(__name__)
 
@@ -89,6 +90,23 @@ class Selection:
                     'one topic at a time, and name its output'
                 )
         return inputs
+
+    def hint_topic(self, recording: Recording) -> str | None:
+        """Return the topic that hints at motion, None where none is wanted.
+
+        Raises:
+            BagError: The bag has no topic of that name, or of a type that could.
+        """
+        if self.hint is None:
+            return None
+        types = topic_types(recording)
+        topic = topic_named(types, self.hint)
+        if topic is None:
+            raise BagError(f'no topic {self.hint} in the bag')
+        if types[topic] not in HINT_TYPES.values():
+            listed = ', '.join(HINT_TYPES.values())
+            raise BagError(f'topic {self.hint} is of type {types[topic]}, not one of {listed}')
+        return topic
 
     def keeps(self, recording: Recording) -> set[str]:
         """Return the topics that are copied.

@@ -73,7 +73,6 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.recording import BagError
     from gyro_drift_filter.bags.replay_run import ReplayRun, Watch, why_nothing
     from gyro_drift_filter.bags.selection import Selection
-    from gyro_drift_filter.bags.topics import choose_hint
     from gyro_drift_filter.report.flagged import FlaggedLog
 
     spare_linear_algebra()
@@ -93,16 +92,9 @@ def run(options: argparse.Namespace) -> None:
     check_path(options.bag)
     with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
         inputs = selection.inputs(recording)
-        hint = None if selection.hint is None else choose_hint(recording, selection.hint)
-        replay = ReplayRun(
-            recording,
-            NoOutput(recording, inputs),
-            parameters,
-            inputs,
-            hint,
-            None,
-            Watch(watcher=watched),
-        )
+        hint = selection.hint_topic(recording)
+        output, watch = NoOutput(recording, inputs), Watch(watcher=watched)
+        replay = ReplayRun(recording, output, parameters, inputs, watch, hint)
         for piece in selection.pieces(recording, progress):
             replay.take(piece)
         (summary,) = replay.finish()

@@ -92,7 +92,6 @@ class _Pass:
         parameters: Sequence[Parameters],
         chosen: str,
         names: Any,
-        hint: str | None,
     ) -> None:
         self._is_imu = channels_of(recording, chosen)
         filtered = (names.filtered, IMU_TYPE)
@@ -100,9 +99,7 @@ class _Pass:
         self._is_filtered = are_among(recording, ids)
         self.signals: dict[str, Signals] = {}
         self.filters = {
-            p.method: TopicFilter(
-                recording, p, chosen, names, hint, watcher=partial(self._keep, p.method)
-            )
+            p.method: TopicFilter(recording, p, chosen, names, partial(self._keep, p.method))
             for p in parameters
         }
         self.report_times = ReportTimes()
@@ -167,7 +164,7 @@ def filter_recording(
     """
     with open_bag(bag) as recording:
         ((chosen, names),) = selection.inputs(recording).items()
-        run = _Pass(recording, parameters, chosen, names, selection.hint)
+        run = _Pass(recording, parameters, chosen, names)
         for piece in selection.pieces(recording, progress):
             run.take(piece)
         run.end()

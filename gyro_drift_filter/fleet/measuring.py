@@ -218,9 +218,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
             watches[topic] = signals[topic].watch
             return signals[topic]
 
-        run = ReplayRun(
-            recording, output, job.parameters, inputs, None, None, Watch(watcher=watched)
-        )
+        run = ReplayRun(recording, output, job.parameters, inputs, Watch(watcher=watched))
         readings = {
             topic: (Reading(recording, topic, names), _Temperatures(recording, names.temperature))
             for topic, names in inputs.items()

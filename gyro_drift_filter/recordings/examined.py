@@ -92,9 +92,7 @@ class Reading:
         self.connections = int(np.count_nonzero(self.is_imu))
         self._rules = RuleLog()
         parameters = Parameters(input_quantisation='none')
-        self.filter = TopicFilter(
-            recording, parameters, topic, names, None, watcher=lambda filter_: self._rules
-        )
+        self.filter = TopicFilter(recording, parameters, topic, names, lambda _: self._rules)
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
         self.rates, self.accelerations = stored_columns(3), stored_columns(3)
         self.outliers = stored_columns(3, np.uint8)
