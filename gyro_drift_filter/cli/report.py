@@ -144,7 +144,7 @@ def _recording(
 ) -> 'Recording':
     """Return what the page shows of a bag; pictures of it are written."""
     from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
-    from gyro_drift_filter.report.figures import Drawer, roles
+    from gyro_drift_filter.report.figures import Drawer
     from gyro_drift_filter.report.page import Recording, points_for
 
     with Progress(enabled=not options.quiet) as progress:
@@ -160,28 +160,15 @@ def _recording(
         )
     drawer = Drawer(
         filtered.signals,
-        filtered.start,
+        next(iter(filtered.summaries.values())).start,
         points_for(len(options.bag)),
         None if recorded is None else (recorded.times, recorded.rates),
     )
-    figures, rests = drawer.figures(), drawer.rest_times()
-    names = roles([p.method for p in parameters], recorded is not None)
+    command = shlex.join(['gyro_drift', *sys.argv[1:]])
+    facts = facts_of(bag, filtered, command)
+    recording = Recording.drawn(name, drawer, filtered.summaries, parameters[0], facts, notes)
     if options.png:
         from gyro_drift_filter.report import pictures
 
-        folder = options.png / name if len(options.bag) > 1 else options.png
-        pictures.draw(folder, figures, rests, names, list(filtered.signals))
-    return Recording(
-        name=name,
-        verdicts={
-            method: signals.watch.verdict(filtered.summaries[method])
-            for method, signals in filtered.signals.items()
-        },
-        figures=figures,
-        rests=rests,
-        seconds=filtered.seconds,
-        roles=names,
-        parameters=parameters[0],
-        facts=facts_of(bag, filtered, shlex.join(['gyro_drift', *sys.argv[1:]])),
-        notes=notes,
-    )
+        pictures.draw(options.png / name if len(options.bag) > 1 else options.png, recording)
+    return recording

@@ -44,6 +44,7 @@ from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
+from gyro_drift_filter.report.page import when_recorded
 from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
 
 
@@ -67,8 +68,6 @@ class Filtered(NamedTuple):
     Attributes:
         signals: By method.
         summaries: By method.
-        start: Log time in ns of its first message.
-        seconds: From then to the last one.
         recorded: Its own filtered topic, None where it has none.
         frame: header.frame_id of the Imu messages.
         messages: Of all topics.
@@ -76,8 +75,6 @@ class Filtered(NamedTuple):
 
     signals: dict[str, Signals]
     summaries: dict[str, Summary]
-    start: int
-    seconds: float
     recorded: Recorded | None
     frame: str
     messages: int
@@ -178,22 +175,16 @@ def filter_recording(
         summary = next(iter(summaries.values()))
         raise BagError(f'topic {chosen} {why_nothing(summary)}{selection.when}')
     frame = next(iter(run.filters.values())).messages.report().frame
-    return Filtered(run.signals, summaries, start, seconds, run.recorded(), frame, count)
+    return Filtered(run.signals, summaries, run.recorded(), frame, count)
 
 
 def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
     """Return where the report comes from: pairs of what and which."""
     summary = next(iter(filtered.summaries.values()))
-    begin = datetime.fromtimestamp(filtered.start * 1e-9, UTC)
     return [
         ('bag', str(bag)),
         ('topic', f'{summary.topic}, frame {filtered.frame}'),
-        (
-            'recorded',
-            f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {filtered.seconds:.1f} s, '
-            f'{summary.received} Imu messages of {filtered.messages}, '
-            f'{1.0 / summary.period:.4g} Hz',
-        ),
+        when_recorded(summary, f' of {filtered.messages}'),
         ('command', command),
         ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
     ]

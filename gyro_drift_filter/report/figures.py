@@ -18,7 +18,6 @@ A trace is reduced here to what a page has room for, by the least and the larges
 its parts, so that no extreme is lost. The page reduces it once more to what the screen shows.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -99,7 +98,11 @@ class Figure:
 
 
 class Drawer:
-    """Makes the figures of one recording that went through one or several filters."""
+    """Makes the figures of one recording that went through one or several filters.
+
+    Attributes:
+        runs: By method, the first one being drawn in full.
+    """
 
     def __init__(
         self, runs: dict[str, Signals], start: int, points: int, recorded: Any = None
@@ -113,7 +116,7 @@ class Drawer:
             recorded: (times (n,) in s, rates (n, 3) in rad/s) of a filtered topic that the
                 recording holds, where it is another one.
         """
-        self._runs, self._recorded = runs, recorded
+        self.runs, self._recorded = runs, recorded
         self.main = next(iter(runs.values()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
         # First and behind the last index of each.
@@ -135,6 +138,13 @@ class Drawer:
             drawn += [self._spectrum(longest, period), self._allan(longest, period)]
         drawn += self._whiteness()
         return drawn
+
+    def roles(self) -> dict[str, str]:
+        """Return the name of each role that can be shown and hidden."""
+        named = {'raw': 'raw', **{method: f'filtered, {method}' for method in self.runs}}
+        if self._recorded is not None:
+            named['recorded'] = 'filtered, as recorded'
+        return named | {'outlier': 'outliers', 'rest': 'at rest'}
 
     def rest_times(self) -> list[tuple[float, float]]:
         """Return begin and end of each rest in s."""
@@ -164,7 +174,7 @@ class Drawer:
                 where = reduced(rates[:, axis], self._room['rate'])
                 traces.append(Trace('recorded', times[where], DEGREES * rates[where, axis]))
             # The first method stands in front.
-            for method, run in reversed(self._runs.items()):
+            for method, run in reversed(self.runs.items()):
                 traces.append(self._trace(method, 'rate', run.columns['filtered'][axis]))
             outliers = np.flatnonzero(np.asarray(self.main.columns['outlier'][axis]))
             outliers = outliers[:: -(-len(outliers) // _MARKED) or 1]
@@ -186,13 +196,13 @@ class Drawer:
         )
         for axis, name in enumerate(AXES):
             traces = [self._trace('raw', 'slow', self.main.columns['raw_angle'][axis])]
-            for method, run in reversed(self._runs.items()):
+            for method, run in reversed(self.runs.items()):
                 traces.append(self._trace(method, 'slow', run.columns['filtered_angle'][axis]))
             figure.panels[name] = traces
         return figure
 
     def _bias(self) -> Figure:
-        method = next(iter(self._runs))
+        method = next(iter(self.runs))
         figure = Figure(
             'bias',
             'Bias',
@@ -227,7 +237,7 @@ class Drawer:
         return figure
 
     def _innovations(self) -> Figure:
-        method = next(iter(self._runs))
+        method = next(iter(self.runs))
         figure = Figure(
             'innovations',
             'Innovations',
@@ -318,7 +328,7 @@ class Drawer:
     def _at_rest(self, rest: tuple[int, int], axis: int) -> list[tuple[str, Floats]]:
         """Return role and rates of a rest, without gaps: what is no number is left out."""
         first, stop = rest
-        of_runs = [(method, run.columns['filtered']) for method, run in self._runs.items()]
+        of_runs = [(method, run.columns['filtered']) for method, run in self.runs.items()]
         found = []
         for role, columns in [('raw', self.main.columns['raw']), *of_runs]:
             values = np.asarray(Stretch(columns[axis], first, stop)[:], np.float64)
@@ -326,7 +336,7 @@ class Drawer:
         return [(role, values) for role, values in found if len(values) > 1 and np.ptp(values) > 0]
 
     def _whiteness(self) -> list[Figure]:
-        method = next(iter(self._runs))
+        method = next(iter(self.runs))
         correlation = Figure(
             'autocorrelation',
             'Autocorrelation of the innovations',
@@ -385,11 +395,3 @@ def autocorrelation(values: Floats, lags: int) -> Floats:
     power = np.abs(np.fft.rfft(centred, 2 * len(values))) ** 2
     found = np.fft.irfft(power)[: lags + 1]
     return np.asarray(found[1:] / found[0])
-
-
-def roles(methods: Sequence[str], is_recorded: bool) -> dict[str, str]:
-    """Return the name of each role that can be shown and hidden."""
-    named = {'raw': 'raw', **{method: f'filtered, {method}' for method in methods}}
-    if is_recorded:
-        named['recorded'] = 'filtered, as recorded'
-    return named | {'outlier': 'outliers', 'rest': 'at rest'}
