@@ -15,7 +15,6 @@
 """What `gyro_drift calibrate` prints and writes: tables and the parameter file."""
 
 import math
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
-from gyro_drift_filter.cli.parameter_file import listed
+from gyro_drift_filter.cli.parameter_file import listed, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
@@ -129,10 +128,10 @@ def parameter_file(result: Calibration, source: str) -> str:
         result: To be written.
         source: Names of the recordings, printable, for a comment.
     """
-    day = datetime.now(UTC).strftime('%Y-%m-%d')
     lines = [
         '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
-        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
+        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, '
+        f'on {today()}.',
     ]
     lines += [f'# Not known well: {text}' for text in result.unknown]
     if (found := result.accelerometer) is not None:

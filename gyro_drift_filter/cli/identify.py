@@ -107,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import DeadAxis, identify
-        from gyro_drift_filter.identify.models import MATERIAL, ORDERS
+        from gyro_drift_filter.identify.models import ORDERS
         from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
     if options.plot:
         with needing('--plot', 'matplotlib'):
@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> None:
         paper=options.noise == 'paper',
     )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    with saying(report(result, MATERIAL)) as written:
+    with saying(report(result)) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
         written.append(options.output)
         if options.json:

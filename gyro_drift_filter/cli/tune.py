@@ -15,7 +15,6 @@
 """`gyro_drift tune`: a parameter file with the settings worth changing for one robot."""
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import chosen_parameters
 from gyro_drift_filter.cli.packages import needing
+from gyro_drift_filter.cli.parameter_file import today
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
@@ -225,10 +225,9 @@ def parameter_file(tuning: 'Tuning', source: str) -> str:
         if name in tuned:
             lines.append(f'{indent}# {_remark(tuned[name])}')
         lines.append(f'{indent}{last}: {_as_yaml(value)}')
-    day = datetime.now(UTC).strftime('%Y-%m-%d')
     head = f"""\
 # Settings of the filter, for the node and `gyro_drift replay --params`. SI units; per axis x, y, z.
-# Tuned on {source}, on {day}.
+# Tuned on {source}, on {today()}.
 /**:
   ros__parameters:
 """

@@ -66,7 +66,7 @@ from gyro_drift_filter.identify.series import (
 )
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
-from gyro_drift_filter.phrases import rounded_down, without_rate
+from gyro_drift_filter.phrases import named_axes, rounded_down, without_rate
 
 Floats = NDArray[np.float64]
 
@@ -211,15 +211,13 @@ def _require_rest(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
     begin = seconds_at(stamps, quiet.longest.first)
-    longest = (
-        f'{rounded_down(len(quiet.longest) * period, 1)} s, from {begin:.1f} s after the start'
-    )
+    longest = f'{rounded_down(len(quiet.longest) * period)} s, from {begin:.1f} s after the start'
     if not quiet.spans:
         raise IdentificationError(
             f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
         )
     raise IdentificationError(
-        f'only {rounded_down(seconds, 1)} s of rest, the longest {longest}; {needed}'
+        f'only {rounded_down(seconds)} s of rest, the longest {longest}; {needed}'
     )
 
 
@@ -263,10 +261,7 @@ def _about_axes(axes: Sequence[AxisModel | DeadAxis]) -> list[str]:
         ]
         for sentence in sentences:
             about.setdefault(sentence, []).append(name)
-    return [
-        f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}: {sentence}'
-        for sentence, names in about.items()
-    ]
+    return [f'{named_axes(names)}: {sentence}' for sentence, names in about.items()]
 
 
 def _identify_axis(

@@ -26,6 +26,7 @@ from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
 from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
+from gyro_drift_filter.phrases import named_axes
 
 # Robots turn with up to 10 Hz or so, which a low-pass of so many Hz delays and weakens.
 _SLOW_LOW_PASS = 15.0
@@ -150,8 +151,7 @@ def _rate_text(span: Span) -> str:
 def _axes_with(span: Span, fault: AxisFault) -> str:
     """Return the axes that have a fault, in words."""
     faults = zip(AXES, span.now.telemetry.faults, strict=True)
-    axes = [axis for axis, of_axis in faults if of_axis == fault]
-    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}'
+    return named_axes([axis for axis, of_axis in faults if of_axis == fault])
 
 
 def _frozen_text(span: Span) -> str:
