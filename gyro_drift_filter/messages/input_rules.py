@@ -24,7 +24,7 @@ from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
+from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, in_window, increase
 from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
 from gyro_drift_filter.phrases import named_axes
 
@@ -55,32 +55,29 @@ _GAPS = 2.5, 0.5
 
 
 def _stamps_go_backward(span: Span) -> bool:
-    backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
+    backward = in_window(span, 'backward_stamps')
     return span.recent >= LEAST_SAMPLES and backward > _BACKWARD_SHARE * span.recent
 
 
 def _stamps_always_jump(span: Span) -> bool:
-    restarts = span.now.telemetry.restarts - span.first.telemetry.restarts
-    return span.recent >= _LEAST_STEPS and 2 * restarts > span.recent
+    return span.recent >= _LEAST_STEPS and 2 * in_window(span, 'restarts') > span.recent
 
 
 def _stamps_are_zero(span: Span) -> bool:
-    now, first = span.now.telemetry, span.first.telemetry
-    zero = now.zero_stamps - first.zero_stamps
+    zero = in_window(span, 'zero_stamps')
     # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
-    none = zero >= span.recent - (now.not_measured - first.not_measured)
+    none = zero >= span.recent - in_window(span, 'not_measured')
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
 
 
 def _stamps_stand(span: Span) -> bool:
-    now, first = span.now.telemetry, span.first.telemetry
     # A clock that was set, or no stamps at all, are told by other rules.
     for name in ('zero_stamps', 'backward_stamps', 'restarts'):
-        if getattr(now, name) > getattr(first, name):
+        if in_window(span, name) > 0:
             return False
-    again = now.not_measured - first.not_measured + now.repeats - first.repeats
-    lasted = (span.recent - again) * now.period
-    told = 1e-9 * (now.stamp - first.stamp)
+    again = in_window(span, 'not_measured') + in_window(span, 'repeats')
+    lasted = (span.recent - again) * span.now.telemetry.period
+    told = 1e-9 * in_window(span, 'stamp')
     judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= LEAST_TOLD
     return judged and told < TOLD_SHARE * lasted
 
@@ -102,21 +99,18 @@ def _frame_text(span: Span) -> str:
 
 def _left_in_gaps(span: Span) -> int:
     """Return how many messages came too late for their place: each goes back into a gap."""
-    now, first = span.now.telemetry, span.first.telemetry
-    backward = now.backward_stamps - first.backward_stamps
-    return min(now.gaps - first.gaps, backward - (now.overtaken - first.overtaken))
+    backward = in_window(span, 'backward_stamps')
+    return min(in_window(span, 'gaps'), backward - in_window(span, 'overtaken'))
 
 
 def _swapped_in_window(span: Span) -> float:
     """Return how many messages came after the next one."""
-    overtaken = span.now.telemetry.overtaken - span.first.telemetry.overtaken
-    return float(overtaken + _left_in_gaps(span))
+    return float(in_window(span, 'overtaken') + _left_in_gaps(span))
 
 
 def _gaps_in_window(span: Span) -> float:
     """Return how many gaps there were that no message has filled later."""
-    gaps = span.now.telemetry.gaps - span.first.telemetry.gaps
-    return float(gaps - _left_in_gaps(span))
+    return float(in_window(span, 'gaps') - _left_in_gaps(span))
 
 
 def _rate_error(span: Span) -> float:
@@ -185,8 +179,7 @@ def _shows_no_gravity(span: Span) -> bool:
 
 def _is_mostly_beyond_gravity(span: Span) -> bool:
     """Return whether more than half of the samples in the window are."""
-    count = span.now.telemetry.beyond_gravity - span.first.telemetry.beyond_gravity
-    return span.recent >= LEAST_SAMPLES and 2 * count > span.recent
+    return span.recent >= LEAST_SAMPLES and 2 * in_window(span, 'beyond_gravity') > span.recent
 
 
 def _no_gravity_text(span: Span) -> str:

@@ -80,6 +80,11 @@ def increase(span: Span, name: str) -> int:
     return int(getattr(span.now.telemetry, name) - getattr(span.before.telemetry, name))
 
 
+def in_window(span: Span, name: str) -> int:
+    """Return by how much a count has grown since the start of the window."""
+    return int(getattr(span.now.telemetry, name) - getattr(span.first.telemetry, name))
+
+
 def has_grown(span: Span, name: str) -> bool:
     """Return whether a count has grown since the last report, on any axis."""
     now, before = getattr(span.now.telemetry, name), getattr(span.before.telemetry, name)
