@@ -33,15 +33,15 @@ class Rule(NamedTuple):
 
     Attributes:
         name: Its own among the rules of both tables.
-        level: The level of the status.
         applies: Says whether the rule applies; None leaves that as it was at the last report.
         text: The message, or what makes it.
+        level: The level of the status.
     """
 
     name: str
-    level: Level
     applies: Callable[[Span], bool | None]
     text: str | Callable[[Span], str]
+    level: Level = Level.WARN
 
 
 def applying(rules: Sequence[Rule], span: Span, before: Set[str]) -> list[Rule]:
