@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
-from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
+from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
 from gyro_drift_filter.cli.parameter_file import listed, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
@@ -67,8 +67,7 @@ def report(result: Calibration) -> str:
 
 def _least_known(deviation: Floats) -> str:
     worst = float(deviation.max())
-    row, column = np.unravel_index(np.argmax(deviation), deviation.shape)
-    name = f'the scale of {AXES[row]}' if row == column else f'{AXES[row]} against {AXES[column]}'
+    name = name_of_entry(*map(int, np.unravel_index(np.argmax(deviation), deviation.shape)))
     return (
         f'all entries are known to {100.0 * worst:.2g} % and better ({name} least): '
         f'{360.0 * worst:.2g} deg in a whole turn'

@@ -24,6 +24,7 @@ from scipy import signal
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.tones import find_tones
 
@@ -110,10 +111,7 @@ def _are_one(line: Line, other: Line) -> bool:
 def _filled(values: Floats) -> Floats:
     """Return values (n,) with lines drawn over those that are NaN."""
     good = np.isfinite(values)
-    if good.all() or not good.any():
-        return np.nan_to_num(values)
-    index = np.arange(len(values))
-    return np.interp(index, index[good], values[good])
+    return bridged(values, good) if good.any() else np.zeros(len(values))
 
 
 def _listed(lines: list[Line]) -> str:

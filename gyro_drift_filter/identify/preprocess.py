@@ -169,7 +169,7 @@ def replace_outliers(pieces: Sequence[Values], period: float) -> tuple[list[Stor
             finite = np.isfinite(departure)
             outlier = finite & (np.abs(np.where(finite, departure, 0.0)) > limit)
             count += int(outlier.sum())
-            out.append(_bridge(part, finite & ~outlier))
+            out.append(bridged(part, finite & ~outlier))
     return cleaned, count
 
 
@@ -212,7 +212,8 @@ def _robust_deviation(departures: Floats) -> float:
     return max(deviation, float(np.sqrt(middle.mean())))
 
 
-def _bridge(piece: Floats, good: Bools) -> Floats:
+def bridged(piece: Floats, good: Bools) -> Floats:
+    """Return values (n,) with lines drawn over those that are not good; some have to be."""
     index = np.arange(len(piece))
     out = piece.copy()
     out[~good] = np.interp(index[~good], index[good], piece[good])
