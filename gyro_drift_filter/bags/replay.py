@@ -29,12 +29,6 @@ from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
 
 
-def _is_within(path: Path, folder: Path) -> bool:
-    """Tell whether a path is a folder or in it."""
-    resolved = _resolved(path)
-    return _resolved(folder) in (resolved, *resolved.parents)
-
-
 def _resolved(path: Path) -> Path:
     """Return a path without symbolic links, but for those that lead back to themselves."""
     return Path(os.path.realpath(path))
@@ -95,7 +89,7 @@ def replay(
         hint = selection.hint_topic(recording)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
-            run = ReplayRun(recording, output, parameters, inputs, watch, hint, memory)
+            run = ReplayRun(recording, output, parameters, inputs, watch.watcher, hint, memory)
             for piece in selection.pieces(recording, watch.progress):
                 run.take(piece)
             summaries = run.finish()
@@ -111,10 +105,11 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     Raises:
         BagError: It can't; the text says whether `force` would help.
     """
-    is_source = _is_within(source, destination)
+    read, written = _resolved(source), _resolved(destination)
+    is_source = written in (read, *read.parents)
     if force and is_source:
         raise BagError(f'{destination} is the bag to be read: choose another name')
-    if _resolved(source) in _resolved(destination).parents:
+    if read in written.parents:
         raise BagError(f'{destination} lies within the bag to be read: choose another name')
     if force or not destination.exists():
         return

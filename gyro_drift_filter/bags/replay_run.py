@@ -130,7 +130,7 @@ class ReplayRun:
         output: Output | NoOutput,
         parameters: Parameters,
         inputs: Mapping[str, Topics],
-        watch: Watch,
+        watcher: Callable[[str, Filter], Watcher | None],
         hint: str | None = None,
         memory: Path | None = None,
     ) -> None:
@@ -141,16 +141,14 @@ class ReplayRun:
             output: Where to.
             parameters: Of the filters.
             inputs: The names of the outputs by the Imu topic that they belong to.
-            watch: Who sees what goes through the filters.
+            watcher: As of a `Watch`.
             hint: The topic that hints at motion, if there is one.
             memory: File of the bias that the recording before has left, if there is one.
         """
         self._output = output
         self._report_times = ReportTimes()
         self.filters = [
-            TopicFilter(
-                recording, parameters, topic, names, partial(watch.watcher, topic), hint, memory
-            )
+            TopicFilter(recording, parameters, topic, names, partial(watcher, topic), hint, memory)
             for topic, names in inputs.items()
         ]
 

@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.opening import check_path, open_bag
     from gyro_drift_filter.bags.output import NoOutput
     from gyro_drift_filter.bags.recording import BagError
-    from gyro_drift_filter.bags.replay_run import ReplayRun, Watch, why_nothing
+    from gyro_drift_filter.bags.replay_run import ReplayRun, why_nothing
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.report.flagged import FlaggedLog
 
@@ -93,8 +93,8 @@ def run(options: argparse.Namespace) -> None:
     with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
         inputs = selection.inputs(recording)
         hint = selection.hint_topic(recording)
-        output, watch = NoOutput(recording, inputs), Watch(watcher=watched)
-        replay = ReplayRun(recording, output, parameters, inputs, watch, hint)
+        output = NoOutput(recording, inputs)
+        replay = ReplayRun(recording, output, parameters, inputs, watched, hint)
         for piece in selection.pieces(recording, progress):
             replay.take(piece)
         (summary,) = replay.finish()
@@ -110,17 +110,16 @@ def run(options: argparse.Namespace) -> None:
     unflagged = logs[0].unflagged(summary.start, start, end)
     named = _named(sequences, unflagged, parameters)
     if options.json:
-        plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
-        write_json(
-            options.json,
-            {
-                **plain,
-                'start': summary.start,
-                'parameters': named,
-                'flagged': sequences,
-                'unflagged': unflagged,
-            },
-        )
+        plain = {
+            'bag': str(options.bag),
+            'topic': summary.topic,
+            'method': parameters.method,
+            'start': summary.start,
+            'parameters': named,
+            'flagged': sequences,
+            'unflagged': unflagged,
+        }
+        write_json(options.json, plain)
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
     say(page(source, sequences, summary.start, named, unflagged))
 

@@ -30,7 +30,7 @@ from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, are_among, is_cdr
 from gyro_drift_filter.bags.recording import Recording as OpenRecording
-from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary, Watch
+from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Filter, Parameters
@@ -218,7 +218,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
             watches[topic] = signals[topic].watch
             return signals[topic]
 
-        run = ReplayRun(recording, output, job.parameters, inputs, Watch(watcher=watched))
+        run = ReplayRun(recording, output, job.parameters, inputs, watched)
         readings = {
             topic: (Reading(recording, topic, names), _Temperatures(recording, names.temperature))
             for topic, names in inputs.items()
