@@ -213,11 +213,7 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
             values,
         )
     if share < _BETTER:
-        return sound(
-            name,
-            f'the rates turn as {title} ({100.0 * share:.0f} % are left)',
-            values,
-        )
+        return sound(name, f'the rates turn as {title} ({100.0 * share:.0f} % are left)', values)
     return unknown(
         name,
         f'the rates do not turn as {title}',

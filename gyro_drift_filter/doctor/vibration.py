@@ -60,10 +60,7 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     if len(rates[0]) * period < _SHORTEST:
         return unknown(name, 'too short to tell lines from noise')
     if _LARGEST_CUT * nyquist < _FASTEST_MOTION:
-        return unknown(
-            name,
-            f'{1.0 / period:.3g} Hz are too few to tell vibration from motion',
-        )
+        return unknown(name, f'{1.0 / period:.3g} Hz are too few to tell vibration from motion')
     sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
     found = [
         line
