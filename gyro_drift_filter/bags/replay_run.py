@@ -159,7 +159,8 @@ class ReplayRun:
             MemoryFileError: The disk does not take it.
         """
         for filter_ in self.filters:
-            filter_.save_memory()
+            if filter_.memory is not None:
+                filter_.memory.save()
 
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
@@ -218,7 +219,7 @@ class TopicFilter:
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         filter_ = self.messages.filter
-        self._memory = (
+        self.memory = (
             None if memory is None else ReplayBiasMemory(memory, names.node, self.messages)
         )
         self._watcher = watcher(filter_)
@@ -234,8 +235,8 @@ class TopicFilter:
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
-        if self._memory is not None:
-            self._memory.note(piece, imus)
+        if self.memory is not None:
+            self.memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(self._is_listened[piece.rows['channel']])
         notes: Any = np.zeros(len(reports), NOTE)
@@ -258,15 +259,6 @@ class TopicFilter:
         if self._watcher is not None:
             self._watcher.take(imus, piece.rows['log_time'][rows_of_imus])
         return self.messages.reports(notes)
-
-    def save_memory(self) -> None:
-        """Write the bias for the next recording, if there is a file for it.
-
-        Raises:
-            MemoryFileError: The disk does not take it.
-        """
-        if self._memory is not None:
-            self._memory.save()
 
     def judge(
         self, message_reports: Sequence[MessageReport], reports: Any

@@ -18,7 +18,7 @@ import logging
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, topic_types
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
@@ -81,7 +81,7 @@ class Selection:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
             name = _checked_name(self.output_topic, recording)
-            inputs = {topic: names.with_filtered(name) for topic, names in inputs.items()}
+            inputs = {topic: replace(names, filtered=name) for topic, names in inputs.items()}
         outputs = [names.filtered for names in inputs.values()]
         for output in outputs:
             if output in inputs or outputs.count(output) > 1:

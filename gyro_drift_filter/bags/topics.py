@@ -47,10 +47,6 @@ class Topics:
             filtered = f'{parent}/data_filtered'
         return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
 
-    def with_filtered(self, name: str) -> 'Topics':
-        """Return the same with another name of the filtered topic."""
-        return replace(self, filtered=name)
-
     def with_own_node(self, topic: str) -> 'Topics':
         """Return the same with a node that is named after the input topic."""
         return replace(self, node=f'{self.node}_{topic.strip("/").replace("/", "_")}')

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts
 
 Floats = NDArray[np.float64]
 
@@ -114,10 +114,8 @@ def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:
 
 
 def _are_equal(stamps: Values, log_times: Values) -> bool:
-    return all(
-        bool((np.asarray(stamps[k : k + LARGEST_PART]) == log_times[k : k + LARGEST_PART]).all())
-        for k in range(0, len(stamps), LARGEST_PART)
-    )
+    pairs = zip(parts(stamps), parts(log_times), strict=True)
+    return all(bool((stamp == log_time).all()) for stamp, log_time in pairs)
 
 
 def _slope(places: Floats, offsets: Floats) -> tuple[float, float]:
