@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 def page(source: str, findings: Sequence['Finding']) -> str:
     """Return the page: a verdict on the whole, and two lines or so for each finding."""
-    faults = sum(finding.verdict == 'fault' for finding in findings)
+    faults = sum(finding.is_fault for finding in findings)
     verdict = 'sound' if not faults else counted(faults, 'fault')
     lines = [f'{printable(source)}: {verdict}', '']
     for finding in findings:

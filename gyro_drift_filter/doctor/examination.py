@@ -168,12 +168,12 @@ def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
     """Return findings, the faults first, without those that come of others."""
-    faults = {finding.name for finding in findings if finding.verdict == Verdict.FAULT}
+    faults = {finding.name for finding in findings if finding.is_fault}
     following = {name for fault in faults for name in _FOLLOWS.get(fault, ())}
     order = (Verdict.FAULT, Verdict.UNKNOWN, Verdict.SOUND)
     left: dict[tuple[str, Verdict], Finding] = {}
     for finding in findings:
-        if finding.verdict != Verdict.FAULT or finding.name not in following:
+        if not (finding.is_fault and finding.name in following):
             # Gravity and a rule may both tell of degrees: the first one says more.
             left.setdefault((finding.name, finding.verdict), finding)
     return sorted(left.values(), key=lambda finding: order.index(finding.verdict))

@@ -46,6 +46,11 @@ class Finding:
     advice: str = ''
     values: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is a fault."""
+        return self.verdict == Verdict.FAULT
+
 
 def fault(name: str, text: str, advice: str, values: dict[str, Any] | None = None) -> Finding:
     """Return the line of a fault."""
@@ -66,4 +71,4 @@ def unknown(
 
 def is_sound(findings: Sequence[Finding]) -> bool:
     """Tell whether there is no fault among the findings."""
-    return all(finding.verdict != Verdict.FAULT for finding in findings)
+    return not any(finding.is_fault for finding in findings)

@@ -37,7 +37,6 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.examination import Examined, examine
 from gyro_drift_filter.doctor.findings import Finding
-from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path, shown_topic, write_report
@@ -290,7 +289,7 @@ def _rows_of_topic(
         'drift_before': verdict.heading.raw,
         'drift_after': verdict.heading.left,
         'outcome': str(verdict.outcome),
-        'faults': sorted({f.name for f in findings if f.verdict == FindingVerdict.FAULT}),
+        'faults': sorted({f.name for f in findings if f.is_fault}),
     }
     rows = []
     for axis, name in enumerate(AXES):
