@@ -36,6 +36,7 @@ from gyro_drift_filter.report.signals import Signals
 Floats = NDArray[np.float64]
 
 DEGREES = float(np.degrees(1.0))
+TIME = 'time (s)'
 # The innovations are drawn in a band of so many of their predicted deviations.
 BAND = 3.0
 _LARGEST = 10.0
@@ -78,10 +79,9 @@ class Figure:
         name: For files and links.
         title: What is drawn.
         text: What it tells, in a sentence or two.
-        x: Label of the horizontal axis.
         y: Label of the vertical axes.
+        x: Label of the horizontal axis: TIME, or something else.
         panels: Traces by the name of their panel.
-        in_time: Whether x is the time in s since the first message, as in all such figures.
         logarithmic: Which of the axes are, 'x', 'y' or both.
         limits: Of the vertical axes, None where the traces decide.
     """
@@ -89,12 +89,16 @@ class Figure:
     name: str
     title: str
     text: str
-    x: str
     y: str
+    x: str = TIME
     panels: dict[str, list[Trace]] = field(default_factory=dict)
-    in_time: bool = False
     logarithmic: str = ''
     limits: tuple[float, float] | None = None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether x is the time in s since the first message, the same in all such figures."""
+        return self.x == TIME
 
 
 class Drawer:
@@ -117,7 +121,7 @@ class Drawer:
                 recording holds, where it is another one.
         """
         self.runs, self._recorded = runs, recorded
-        self.main = next(iter(runs.values()))
+        self._method, self.main = next(iter(runs.items()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
         # First and behind the last index of each.
         self.rests = runs_of(np.asarray(self.main.resting) > 0).tolist()
@@ -162,9 +166,7 @@ class Drawer:
             'As the sensor gave them, and as the filter publishes them: without the bias, quiet at '
             'rest (shaded), and through at once in motion. Crosses are samples that were flagged '
             'as outliers.',
-            'time (s)',
             'deg/s',
-            in_time=True,
         )
         for axis, name in enumerate(AXES):
             raw = np.asarray(self.main.columns['raw'][axis])
@@ -190,9 +192,7 @@ class Drawer:
             'Integrated angle',
             'The sum of the rates of each axis: what a bias does to it. At rest a good line is '
             'level. It is no orientation, as turns about several axes do not add up.',
-            'time (s)',
             'deg',
-            in_time=True,
         )
         for axis, name in enumerate(AXES):
             traces = [self._trace('raw', 'slow', self.main.columns['raw_angle'][axis])]
@@ -202,16 +202,13 @@ class Drawer:
         return figure
 
     def _bias(self) -> Figure:
-        method = next(iter(self.runs))
         figure = Figure(
             'bias',
             'Bias',
             'As it is subtracted from the rates, with one standard deviation of what is known at '
             'rest: it narrows at each rest and widens between them. From the first rest on, where '
             'there is one.',
-            'time (s)',
             'deg/s',
-            in_time=True,
         )
         first = self.rests[0][0] if self.rests else 0
         report_times = np.array(self.main.report_times)
@@ -233,20 +230,17 @@ class Drawer:
                         DEGREES * bias[at].astype(float),
                     )
                 )
-            figure.panels[name] = [*traces, self._trace(method, 'slow', bias)]
+            figure.panels[name] = [*traces, self._trace(self._method, 'slow', bias)]
         return figure
 
     def _innovations(self) -> Figure:
-        method = next(iter(self.runs))
         figure = Figure(
             'innovations',
             'Innovations',
             'How far each sample was from what the filter expected, in the standard deviations '
             f'that it predicted. They should fill the band of {BAND:g}, and stay in it. What is '
             f'beyond {_LARGEST:g}, as outliers are, is drawn at the edge.',
-            'time (s)',
             'deviations',
-            in_time=True,
             limits=(-1.05 * _LARGEST, 1.05 * _LARGEST),
         )
         ends = self.times[[0, -1]]
@@ -254,7 +248,7 @@ class Drawer:
             clipped = self._normalised(axis).clip(-_LARGEST, _LARGEST)
             figure.panels[name] = [
                 Trace('band', ends, np.full(2, BAND), 'band'),
-                self._trace(method, 'innovation', clipped, 1.0),
+                self._trace(self._method, 'innovation', clipped, 1.0),
             ]
         return figure
 
@@ -273,9 +267,7 @@ class Drawer:
             'Adapted noise: Q and R',
             'Q (orange), how much the filter expects the rate to change, rises in motion so that '
             'the rates come through; R (blue), the noise of the sensor, is learned at rest.',
-            'time (s)',
             '(deg/s)^2',
-            in_time=True,
             logarithmic='y',
         )
         for axis, name in enumerate(AXES):
@@ -291,8 +283,8 @@ class Drawer:
             'Power spectral density at rest',
             'Of the longest rest. Lines that stand out are motors or fans; the filter takes off '
             'what is fast.',
-            'frequency (Hz)',
             '(deg/s)^2/Hz',
+            'frequency (Hz)',
             logarithmic='xy',
         )
         for axis, name in enumerate(AXES):
@@ -310,8 +302,8 @@ class Drawer:
             'Overlapping Allan deviation at rest',
             'Of the longest rest: how much the mean over a time changes from one such time to the '
             'next. The falling part is noise, the lowest point the bias instability.',
-            'averaging time (s)',
             'deg/h',
+            'averaging time (s)',
             logarithmic='xy',
         )
         for axis, name in enumerate(AXES):
@@ -336,22 +328,21 @@ class Drawer:
         return [(role, values) for role, values in found if len(values) > 1 and np.ptp(values) > 0]
 
     def _whiteness(self) -> list[Figure]:
-        method = next(iter(self.runs))
         correlation = Figure(
             'autocorrelation',
             'Autocorrelation of the innovations',
             'At rest, where the filter leaves nothing that it could have foreseen, all lags lie '
             'near zero: the band holds 95 % of them. A sensor with a low-pass of its own has more.',
-            'lag (samples)',
             'correlation',
+            'lag (samples)',
         )
         histogram = Figure(
             'histogram',
             'Normalised innovations',
             'Innovations in predicted standard deviations, of all samples, beside the normal '
             'distribution that the filter assumes. What is beyond 6 is in the outermost bars.',
-            'standard deviations',
             'density',
+            'standard deviations',
         )
         resting = np.asarray(self.main.resting) > 0
         for axis, name in enumerate(AXES):
@@ -364,7 +355,7 @@ class Drawer:
                 centres = 0.5 * (_BINS[1:] + _BINS[:-1])
                 bell = np.exp(-0.5 * centres**2) / np.sqrt(2.0 * np.pi)
                 histogram.panels[name] = [
-                    Trace(method, centres, density, 'bars'),
+                    Trace(self._method, centres, density, 'bars'),
                     Trace('expected', centres, bell),
                 ]
             piece = innovation[usable & resting][:_LARGEST_FOURIER]
@@ -373,7 +364,7 @@ class Drawer:
                 limit = np.full(_LAGS, 1.96 / np.sqrt(len(piece)))
                 correlation.panels[name] = [
                     Trace('band', lags, limit, 'band'),
-                    Trace(method, lags, autocorrelation(piece, _LAGS), 'bars'),
+                    Trace(self._method, lags, autocorrelation(piece, _LAGS), 'bars'),
                 ]
         return [figure for figure in (correlation, histogram) if figure.panels]
 
