@@ -14,7 +14,7 @@
 
 """Whether the covariances of the messages can be what their drivers say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -42,16 +42,11 @@ class Stated:
         variances: (3,) sums of the diagonals of all others.
     """
 
-    messages: int
-    not_reported: int
-    zero: int
-    impossible: int
-    variances: Floats
-
-    @classmethod
-    def nothing(cls) -> 'Stated':
-        """Return what no message states."""
-        return cls(0, 0, 0, 0, np.zeros(3))
+    messages: int = 0
+    not_reported: int = 0
+    zero: int = 0
+    impossible: int = 0
+    variances: Floats = field(default_factory=lambda: np.zeros(3))
 
     def add(self, covariances: Floats) -> None:
         """Take the covariances (n, 9) of messages in."""

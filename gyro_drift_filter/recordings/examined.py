@@ -97,7 +97,7 @@ class Reading:
         self.rates, self.accelerations = stored_columns(3), stored_columns(3)
         self.outliers = stored_columns(3, np.uint8)
         self.resting = Stored(np.uint8)
-        self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
+        self.stated = (Stated(), Stated(), Stated())
         self._report_times = ReportTimes()
         self._typestore = recording.typestore
         self._own = _Orientations(topic, own=True)
