@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.bias_memory import ReplayBiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import Piece, Recording, are_among, is_cdr
+from gyro_drift_filter.bags.recording import Piece, Recording, are_among, channels_of, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
@@ -144,6 +144,9 @@ class ReplayRun:
             watcher: As of a `Watch`.
             hint: The topic that hints at motion, if there is one.
             memory: File of the bias that the recording before has left, if there is one.
+
+        Raises:
+            BagError: The messages of an Imu topic are in no form that can be read.
         """
         self._output = output
         self._report_times = ReportTimes()
@@ -175,7 +178,7 @@ class ReplayRun:
         """Filter the Imu messages of a piece, and write it with reports."""
         imus, statuses = [], []
         for index, filter_ in enumerate(self.filters):
-            of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
+            of_topic = read_imus(piece, filter_.is_imu)
             of_topic['topic'] = index
             imus.append(of_topic)
             message_reports = filter_.take(piece, of_topic, reports)
@@ -202,7 +205,11 @@ class ReplayRun:
 
 
 class TopicFilter:
-    """The filter of one Imu topic, with the topics beside it that it listens to."""
+    """The filter of one Imu topic, with the topics beside it that it listens to.
+
+    Attributes:
+        is_imu: By the `id` of a connection, whether it is of the topic.
+    """
 
     def __init__(
         self,
@@ -215,6 +222,7 @@ class TopicFilter:
         memory: Path | None = None,
     ) -> None:
         self.topic = topic
+        self.is_imu = channels_of(recording, topic)
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)

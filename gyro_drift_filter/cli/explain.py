@@ -93,8 +93,7 @@ def run(options: argparse.Namespace) -> None:
     with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
         inputs = selection.inputs(recording)
         hint = selection.hint_topic(recording)
-        output = NoOutput(recording, inputs)
-        replay = ReplayRun(recording, output, parameters, inputs, watched, hint)
+        replay = ReplayRun(recording, NoOutput(1), parameters, inputs, watched, hint)
         for piece in selection.pieces(recording, progress):
             replay.take(piece)
         (summary,) = replay.finish()

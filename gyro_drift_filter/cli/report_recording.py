@@ -142,8 +142,7 @@ def filter_recording(
                 kept = _ExactSignals(filter_) if filtered.is_there else Signals(filter_)
             return signals.setdefault(filter_.parameters.method, kept)
 
-        output = NoOutput(recording, inputs)
-        runs = [ReplayRun(recording, output, p, inputs, watched) for p in parameters]
+        runs = [ReplayRun(recording, NoOutput(1), p, inputs, watched) for p in parameters]
         for piece in selection.pieces(recording, progress):
             for run in runs:
                 run.take(piece)

@@ -202,7 +202,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
     selection = Selection(all_imu=True)
     with open_bag(path) as recording, ExitStack() as stack:
         inputs = selection.inputs(recording)
-        output: Output | NoOutput = NoOutput(recording, inputs)
+        output: Output | NoOutput = NoOutput(len(inputs))
         if job.bags is not None:
             writer = stack.enter_context(BagWriter(written_path(job.bags, bag), replace=True))
             output = Output(recording, writer, inputs, selection.keeps(recording), False)

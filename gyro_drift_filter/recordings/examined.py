@@ -31,7 +31,6 @@ from gyro_drift_filter.bags.recording import (
     Piece,
     Recording,
     are_among,
-    channels_of,
     is_cdr,
 )
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
@@ -75,8 +74,7 @@ class Reading:
     """One pass through a recording for one Imu topic: all that there is to be examined.
 
     Attributes:
-        is_imu: By the `id` of a connection, whether it is of the topic.
-        connections: How many are.
+        connections: How many are of the topic.
         filter: The filter that the messages go through, which undoes nothing that is to be found.
         stamps: (n,) in ns, of the good messages, as all that follow.
         log_times: (n,) in ns.
@@ -88,11 +86,10 @@ class Reading:
     """
 
     def __init__(self, recording: Recording, topic: str, names: Topics) -> None:
-        self.is_imu = channels_of(recording, topic)
-        self.connections = int(np.count_nonzero(self.is_imu))
         self._rules = RuleLog()
         parameters = Parameters(input_quantisation='none')
         self.filter = TopicFilter(recording, parameters, topic, names, lambda _: self._rules)
+        self.connections = int(np.count_nonzero(self.filter.is_imu))
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
         self.rates, self.accelerations = stored_columns(3), stored_columns(3)
         self.outliers = stored_columns(3, np.uint8)
@@ -112,7 +109,7 @@ class Reading:
         """Take a piece of the recording in."""
         for part in small_parts(piece):
             # Without what other topics hold, so that reports are about the time of the Imu alone.
-            imus_alone = Piece(part.data, part.rows[self.is_imu[part.rows['channel']]])
+            imus_alone = Piece(part.data, part.rows[self.filter.is_imu[part.rows['channel']]])
             self._filter(imus_alone, self._report_times.among(imus_alone.rows))
             for index in np.flatnonzero(self._is_other[part.rows['channel']]):
                 self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
@@ -122,7 +119,7 @@ class Reading:
         self._filter(NO_MESSAGES, self._report_times.at_end())
 
     def _filter(self, piece: Piece, reports: Any) -> None:
-        imus = read_imus(piece, self.is_imu)
+        imus = read_imus(piece, self.filter.is_imu)
         self.filter.judge(self.filter.take(piece, imus, reports), reports)
         good = imus[imus['kind'] == ImuKind.GOOD]
         self._keep(piece, good)
