@@ -28,6 +28,11 @@ def by_axis(values: Iterable[object]) -> str:
     return ', '.join(f'{axis} {value}' for axis, value in zip('xyz', values, strict=True))
 
 
+def named_axes(names: Sequence[str]) -> str:
+    """Return names of axes behind what they are, as 'axis x' or 'axes x, y'."""
+    return f'{"axes" if len(names) > 1 else "axis"} {", ".join(names)}'
+
+
 def without_rate(known: Sequence[bool], largest: float) -> str:
     """Return which axes had no rate, from whether each had one; empty where all had.
 
@@ -42,8 +47,7 @@ def without_rate(known: Sequence[bool], largest: float) -> str:
     return f'no rate{about} is a number of at most {largest:.0f} rad/s'
 
 
-def rounded_down(value: float, decimals: int) -> str:
-    """Return a number as text that is rounded down, so that it does not seem to reach a limit."""
-    scale = 10**decimals
+def rounded_down(value: float) -> str:
+    """Return a number as text with one decimal, rounded down so as not to seem to reach a limit."""
     # Less than a millionth of the last digit is an error of rounding.
-    return f'{math.floor(value * scale + 1e-6) / scale:.{decimals}f}'
+    return f'{math.floor(10 * value + 1e-6) / 10:.1f}'

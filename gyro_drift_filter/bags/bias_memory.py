@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.bags.recording import Piece
-from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
+from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
+    OTHER_FRAME,
     MemoryFileError,
     RememberedBias,
     may_hold_bias,
@@ -63,20 +64,17 @@ class ReplayBiasMemory:
         """Recall the bias before the Imu messages of a piece go through the filter."""
         rows = imus['row'].tolist()
         for row in rows if self._frame is None else ():
-            data = piece.message(row)
-            imu = read_message(data)
-            if imu['kind'] == ImuKind.MALFORMED:
-                continue
-            self._frame = frame_id(data, imu)
-            self._recall(int(piece.rows[row]['log_time']) * 1e-9)
-            break
+            self._frame = frame_of(piece.message(row))
+            if self._frame is not None:
+                self._recall(self._frame, int(piece.rows[row]['log_time']) * 1e-9)
+                break
         if rows:
             self._time = int(piece.rows[rows[-1]]['log_time']) * 1e-9
 
-    def _recall(self, now: float) -> None:
+    def _recall(self, frame: str, now: float) -> None:
         largest = self._filter.parameters.bias_max
         try:
-            self._recalled = recall(self._path, None, self._frame or '', largest, now)
+            self._recalled = recall(self._path, None, frame, largest, now)
         except MemoryFileError as error:
             _log.warning('the bias of the last recording is not used: %s', error)
             return
@@ -93,9 +91,6 @@ class ReplayBiasMemory:
         if self._frame is None or learned is None:
             return
         if self._messages.report().frame_changes:
-            _log.warning(
-                'the bias is not kept: frame_id is no longer %s, so the sensor may be another one',
-                self._frame,
-            )
+            _log.warning('the bias is not kept: %s', OTHER_FRAME.format(self._frame))
             return
         remember(self._path, self._node, self._frame, learned, self._time)

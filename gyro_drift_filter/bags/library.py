@@ -14,6 +14,9 @@
 
 """What is used of rosbags, or one sentence on how to get it."""
 
+# All of this is imported from here.
+# flake8: noqa: F401
+
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 try:
@@ -48,32 +51,3 @@ except ImportError as error:
         f'bags need the Python package rosbags ({error}): install it with '
         '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
     ) from error
-
-__all__ = [
-    'AnyReader',
-    'AnyReaderError',
-    'CompressionFormat',
-    'CompressionMode',
-    'Connection',
-    'ConnectionExtRosbag1',
-    'ConnectionExtRosbag2',
-    'DirectoryReader',
-    'McapReader',
-    'MessageDefinition',
-    'MessageDefinitionFormat',
-    'Qos',
-    'QosDurability',
-    'QosHistory',
-    'QosLiveliness',
-    'QosReliability',
-    'QosTime',
-    'RPath',
-    'StoragePlugin',
-    'Stores',
-    'Typestore',
-    'TypesysError',
-    'Writer',
-    'WriterError',
-    'get_types_from_msg',
-    'get_typestore',
-]

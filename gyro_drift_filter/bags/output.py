@@ -26,7 +26,6 @@ from gyro_drift_filter.bags.recording import (
     Piece,
     Recording,
     by_connection,
-    channels_of,
     is_cdr,
 )
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
@@ -47,16 +46,14 @@ class NoOutput:
     """What stands in for an output where a run is watched, and nothing written.
 
     Attributes:
-        is_imu: By each Imu topic that is filtered, by the `id` of a connection, whether it is its.
         left_out: No topic, as none is copied.
         written: 0 for each Imu topic.
     """
 
-    def __init__(self, recording: Recording, inputs: Mapping[str, Topics]) -> None:
-        """Begin with the names of the outputs by the Imu topic that they belong to."""
-        self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
+    def __init__(self, topics: int) -> None:
+        """Begin with the number of Imu topics."""
         self.left_out: dict[str, str] = {}
-        self.written = [0] * len(inputs)
+        self.written = [0] * topics
 
     def write(self, piece: Piece, imus: Any, reports: Any, statuses: Any) -> None:
         """Write nothing."""
@@ -66,7 +63,6 @@ class Output:
     """The bag that a replay writes.
 
     Attributes:
-        is_imu: By each Imu topic that is filtered, by the `id` of a connection, whether it is its.
         left_out: Topics that are not copied, and why.
     """
 
@@ -86,9 +82,6 @@ class Output:
             inputs: The names of the outputs by the Imu topic that they belong to.
             kept: The topics that are copied.
             diagnostics: Whether those of every sample are written, too.
-
-        Raises:
-            BagError: The messages of an Imu topic are in no form that can be read.
         """
         own = {names.filtered for names in inputs.values()}
         if diagnostics:
@@ -97,7 +90,6 @@ class Output:
         self.left_out: dict[str, str] = {}
         # The channels that messages are copied to, by their connections; 0 where they are not.
         self._copies = np.zeros(by_connection(recording), np.int64)
-        self.is_imu = {topic: channels_of(recording, topic) for topic in inputs}
         self._is_report = np.zeros_like(self._copies, np.bool_)
         report_channel = 0
         for connection in recording.connections:

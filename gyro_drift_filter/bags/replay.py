@@ -25,15 +25,8 @@ from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch
 from gyro_drift_filter.bags.selection import Selection
-from gyro_drift_filter.bags.topics import choose_hint
 from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
-
-
-def _is_within(path: Path, folder: Path) -> bool:
-    """Tell whether a path is a folder or in it."""
-    resolved = _resolved(path)
-    return _resolved(folder) in (resolved, *resolved.parents)
 
 
 def _resolved(path: Path) -> Path:
@@ -93,11 +86,10 @@ def replay(
         inputs, kept = selection.inputs(recording), selection.keeps(recording)
         if memory is not None and len(inputs) > 1:
             raise BagError('a file of the bias is of one gyroscope: name one Imu topic')
-        hint = selection.hint
-        hinted = None if hint is None else choose_hint(recording, hint)
+        hint = selection.hint_topic(recording)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
             output = Output(recording, writer, inputs, kept, diagnostics)
-            run = ReplayRun(recording, output, parameters, inputs, hinted, memory, watch)
+            run = ReplayRun(recording, output, parameters, inputs, watch.watcher, hint, memory)
             for piece in selection.pieces(recording, watch.progress):
                 run.take(piece)
             summaries = run.finish()
@@ -113,10 +105,11 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     Raises:
         BagError: It can't; the text says whether `force` would help.
     """
-    is_source = _is_within(source, destination)
+    read, written = _resolved(source), _resolved(destination)
+    is_source = written in (read, *read.parents)
     if force and is_source:
         raise BagError(f'{destination} is the bag to be read: choose another name')
-    if _resolved(source) in _resolved(destination).parents:
+    if read in written.parents:
         raise BagError(f'{destination} lies within the bag to be read: choose another name')
     if force or not destination.exists():
         return

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.bias_memory import ReplayBiasMemory
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import Piece, Recording, are_among, is_cdr
+from gyro_drift_filter.bags.recording import Piece, Recording, are_among, channels_of, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.core import Filter, Parameters
@@ -130,9 +130,9 @@ class ReplayRun:
         output: Output | NoOutput,
         parameters: Parameters,
         inputs: Mapping[str, Topics],
-        hint: str | None,
-        memory: Path | None,
-        watch: Watch,
+        watcher: Callable[[str, Filter], Watcher | None],
+        hint: str | None = None,
+        memory: Path | None = None,
     ) -> None:
         """Start.
 
@@ -141,22 +141,17 @@ class ReplayRun:
             output: Where to.
             parameters: Of the filters.
             inputs: The names of the outputs by the Imu topic that they belong to.
+            watcher: As of a `Watch`.
             hint: The topic that hints at motion, if there is one.
             memory: File of the bias that the recording before has left, if there is one.
-            watch: Who sees what goes through the filters.
+
+        Raises:
+            BagError: The messages of an Imu topic are in no form that can be read.
         """
         self._output = output
         self._report_times = ReportTimes()
         self.filters = [
-            TopicFilter(
-                recording,
-                parameters,
-                topic,
-                names,
-                hint,
-                memory=memory,
-                watcher=partial(watch.watcher, topic),
-            )
+            TopicFilter(recording, parameters, topic, names, partial(watcher, topic), hint, memory)
             for topic, names in inputs.items()
         ]
 
@@ -167,7 +162,8 @@ class ReplayRun:
             MemoryFileError: The disk does not take it.
         """
         for filter_ in self.filters:
-            filter_.save_memory()
+            if filter_.memory is not None:
+                filter_.memory.save()
 
     def take(self, piece: Piece) -> None:
         """Filter the Imu messages of a piece and write all of it, with the reports that are due.
@@ -182,7 +178,7 @@ class ReplayRun:
         """Filter the Imu messages of a piece, and write it with reports."""
         imus, statuses = [], []
         for index, filter_ in enumerate(self.filters):
-            of_topic = read_imus(piece, self._output.is_imu[filter_.topic])
+            of_topic = read_imus(piece, filter_.is_imu)
             of_topic['topic'] = index
             imus.append(of_topic)
             message_reports = filter_.take(piece, of_topic, reports)
@@ -209,7 +205,11 @@ class ReplayRun:
 
 
 class TopicFilter:
-    """The filter of one Imu topic, with the topics beside it that it listens to."""
+    """The filter of one Imu topic, with the topics beside it that it listens to.
+
+    Attributes:
+        is_imu: By the `id` of a connection, whether it is of the topic.
+    """
 
     def __init__(
         self,
@@ -217,17 +217,17 @@ class TopicFilter:
         parameters: Parameters,
         topic: str,
         names: Topics,
-        hint: str | None,
-        *,
+        watcher: Callable[[Filter], Watcher | None],
+        hint: str | None = None,
         memory: Path | None = None,
-        watcher: Callable[[Filter], Watcher | None] = lambda filter_: None,
     ) -> None:
         self.topic = topic
+        self.is_imu = channels_of(recording, topic)
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         filter_ = self.messages.filter
-        self._memory = (
+        self.memory = (
             None if memory is None else ReplayBiasMemory(memory, names.node, self.messages)
         )
         self._watcher = watcher(filter_)
@@ -243,8 +243,8 @@ class TopicFilter:
 
     def take(self, piece: Piece, imus: Any, reports: Any) -> list[MessageReport]:
         """Filter the Imu messages of a piece; return what it was like at each REPORT_TIME."""
-        if self._memory is not None:
-            self._memory.note(piece, imus)
+        if self.memory is not None:
+            self.memory.note(piece, imus)
         # A report that stands before a message comes before what that may say of the temperature.
         listened = np.flatnonzero(self._is_listened[piece.rows['channel']])
         notes: Any = np.zeros(len(reports), NOTE)
@@ -267,15 +267,6 @@ class TopicFilter:
         if self._watcher is not None:
             self._watcher.take(imus, piece.rows['log_time'][rows_of_imus])
         return self.messages.reports(notes)
-
-    def save_memory(self) -> None:
-        """Write the bias for the next recording, if there is a file for it.
-
-        Raises:
-            MemoryFileError: The disk does not take it.
-        """
-        if self._memory is not None:
-            self._memory.save()
 
     def judge(
         self, message_reports: Sequence[MessageReport], reports: Any

@@ -18,11 +18,12 @@ import logging
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, topic_types
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 
 _log = logging.getLogger(__name__)
 
@@ -80,7 +81,7 @@ class Selection:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
             name = _checked_name(self.output_topic, recording)
-            inputs = {topic: names.with_filtered(name) for topic, names in inputs.items()}
+            inputs = {topic: replace(names, filtered=name) for topic, names in inputs.items()}
         outputs = [names.filtered for names in inputs.values()]
         for output in outputs:
             if output in inputs or outputs.count(output) > 1:
@@ -89,6 +90,23 @@ class Selection:
                     'one topic at a time, and name its output'
                 )
         return inputs
+
+    def hint_topic(self, recording: Recording) -> str | None:
+        """Return the topic that hints at motion, None where none is wanted.
+
+        Raises:
+            BagError: The bag has no topic of that name, or of a type that could.
+        """
+        if self.hint is None:
+            return None
+        types = topic_types(recording)
+        topic = topic_named(types, self.hint)
+        if topic is None:
+            raise BagError(f'no topic {self.hint} in the bag')
+        if types[topic] not in HINT_TYPES.values():
+            listed = ', '.join(HINT_TYPES.values())
+            raise BagError(f'topic {self.hint} is of type {types[topic]}, not one of {listed}')
+        return topic
 
     def keeps(self, recording: Recording) -> set[str]:
         """Return the topics that are copied.

@@ -17,8 +17,6 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from gyro_drift_filter.bags.recording import BagError, Recording, topic_types
-from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.messages.names import NODE_NAME
 
 DIAGNOSTICS = '/diagnostics'
@@ -49,10 +47,6 @@ class Topics:
             filtered = f'{parent}/data_filtered'
         return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
 
-    def with_filtered(self, name: str) -> 'Topics':
-        """Return the same with another name of the filtered topic."""
-        return replace(self, filtered=name)
-
     def with_own_node(self, topic: str) -> 'Topics':
         """Return the same with a node that is named after the input topic."""
         return replace(self, node=f'{self.node}_{topic.strip("/").replace("/", "_")}')
@@ -71,19 +65,3 @@ def topic_named(topics: Iterable[str], wanted: str) -> str | None:
     """Return the one of the topics that a user means, None where there is none."""
     name = absolute_name(wanted)
     return next((topic for topic in topics if absolute_name(topic) == name), None)
-
-
-def choose_hint(recording: Recording, wanted: str) -> str:
-    """Return the topic that hints at motion.
-
-    Raises:
-        BagError: The bag has no topic of that name, or of a type that could.
-    """
-    types = topic_types(recording)
-    topic = topic_named(types, wanted)
-    if topic is None:
-        raise BagError(f'no topic {wanted} in the bag')
-    if types[topic] not in HINT_TYPES.values():
-        listed = ', '.join(HINT_TYPES.values())
-        raise BagError(f'topic {wanted} is of type {types[topic]}, not one of {listed}')
-    return topic

@@ -67,11 +67,7 @@ def from_kalibr(document: Any) -> Foreign:
     Raises:
         CalibrationError: It is none, or holds no intrinsics.
     """
-    imus = (
-        [value for value in document.values() if isinstance(value, dict)]
-        if (isinstance(document, dict))
-        else []
-    )
+    imus = document.values() if isinstance(document, dict) else ()
     for imu in (document, *imus):
         if isinstance(imu, dict) and isinstance(imu.get('gyroscopes'), dict):
             gyroscopes = imu['gyroscopes']

@@ -279,10 +279,16 @@ def _unknown(
                 )
             else:
                 advice = f'lay it down in more poses, best in {POSES}'
-            name = f'the scale of {axis}' if row == column else f'{AXES[row]} against {axis}'
-            known = f'{name} is known to {_percent(deviation[row, column])} % only'
-            entries.setdefault(advice, []).append(known)
+            known = f'is known to {_percent(deviation[row, column])} % only'
+            entries.setdefault(advice, []).append(f'{name_of_entry(row, column)} {known}')
     return [f'{advice}: {", ".join(known)}' for advice, known in entries.items()]
+
+
+def name_of_entry(row: int, column: int) -> str:
+    """Return in words what an entry of the matrix is."""
+    if row == column:
+        return f'the scale of {AXES[row]}'
+    return f'{AXES[row]} against {AXES[column]}'
 
 
 def _percent(share: float) -> str:

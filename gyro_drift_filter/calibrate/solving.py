@@ -27,11 +27,11 @@ from gyro_drift_filter.calibrate.reference import Mount, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.unknowns import (
     LATE,
     MATRIX,
-    SCALE,
     TURNED,
     Residuals,
     prior,
     same_frame,
+    set_scale,
     start,
 )
 
@@ -101,7 +101,7 @@ def solve(evidence: Evidence) -> Solution:
         mount, unknowns[LATE] = Mount(guesses[0].rotation), guesses[0].late
         if not evidence.has_turns:
             scale = float(np.clip(guesses[0].scale, 1.0 / LARGEST_SCALE, LARGEST_SCALE))
-            unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
+            set_scale(unknowns, scale)
         for reference in evidence.references:
             reference.divide(mount, unknowns[LATE])
         unknowns = _settle(evidence, unknowns, mount)
@@ -114,11 +114,10 @@ def _try_scales(rests: Sequence[RestsOfOneRecording], unknowns: Floats) -> None:
     count = TRIALS * FINER if any(part.turns for part in rests) else TRIALS
     scales = np.geomspace(1.0 / LARGEST_SCALE, LARGEST_SCALE, count)
     for scale in scales:
-        unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
+        set_scale(unknowns, scale)
         angles = np.concatenate([part.closures(unknowns).angles for part in rests])
         costs.append(np.median(angles) + PLAUSIBLE * abs(np.log(scale)))
-    scale = scales[int(np.argmin(costs))]
-    unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
+    set_scale(unknowns, scales[int(np.argmin(costs))])
 
 
 def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats:

@@ -57,6 +57,11 @@ def start() -> Floats:
     return unknowns
 
 
+def set_scale(unknowns: Floats, scale: float) -> None:
+    """Set the nominal scale of a gyroscope that is perfect but for that."""
+    unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
+
+
 def upper(unknowns: Floats) -> Floats:
     """Return the matrix (3, 3) of the accelerometer."""
     matrix = np.zeros((3, 3))

@@ -39,6 +39,15 @@ class _Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+# What a bag may be, in the help of a command.
+BAG = 'rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
+
+
+def add_bag_argument(command: argparse.ArgumentParser) -> None:
+    """Add the bag of a command that looks at one."""
+    command.add_argument('bag', type=Path, help=BAG)
+
+
 def add_topic_option(command: argparse.ArgumentParser, bag: str = 'the bag') -> None:
     """Add the option `--topic` of a command that looks at one Imu topic of each bag."""
     command.add_argument('--topic', action=_Once, help=f'Imu topic, needed where {bag} has several')

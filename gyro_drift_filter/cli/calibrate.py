@@ -19,12 +19,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
+from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable, yaml_reason
@@ -62,8 +62,8 @@ def add_parser(subcommands: Any) -> None:
         type=Path,
         nargs='+',
         metavar='BAG',
-        help='of one sensor: rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; '
-        "or a file of Kalibr's (.yaml) or of imu_tk's (.calib), to be written as a parameter file",
+        help=f"of one sensor: {BAG}; or a file of Kalibr's (.yaml) or of imu_tk's (.calib), to be "
+        'written as a parameter file',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
@@ -108,26 +108,22 @@ def run(options: argparse.Namespace) -> int:
     distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
-    texts, written = [report(result)], [options.output]
-    try:
+    with saying(report(result)) as written:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
+        written.append(options.output)
         if options.json:
             write_json(options.json, result)
             written.append(options.json)
         if options.kalibr:
-            of = result.accelerometer
-            upper = of.matrix if of is not None else None
-            found = result.sensitivity
-            by_force = found.matrix if found is not None else None
-            text = to_kalibr(result.noise, topics[0], result.matrix, upper, by_force)
-            write_whole(options.kalibr, text)
+            beside = (
+                None if found is None else found.matrix
+                for found in (result.accelerometer, result.sensitivity)
+            )
+            write_whole(options.kalibr, to_kalibr(result.noise, topics[0], result.matrix, *beside))
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, recordings)
-        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
-    finally:  # also where the disk is full, as it took long to find
-        say('\n'.join(texts))
     for warning in (*result.warnings, *result.unknown):
         tell(f'warning: {warning}')
     if options.kalibr and (text := lacking(result.noise)):
@@ -176,15 +172,14 @@ def _convert(options: argparse.Namespace) -> None:
 
 def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
     """Return the topic and the samples of a bag."""
-    import numpy as np
-
     from gyro_drift_filter.bags.orientations import read_orientations
     from gyro_drift_filter.calibrate.calibration import Samples
     from gyro_drift_filter.calibrate.reference import Reference
     from gyro_drift_filter.cli.identification_samples import read_samples
+    from gyro_drift_filter.identify.series import stacked
 
     with Progress(enabled=True) as progress:
-        found = read_samples(bag, options.topic, between(options), None, progress)
+        found = read_samples(bag, options.topic, between(options), progress)
     for note in found.notes():
         tell(f'note: {bag}: {note}')
     reference = None
@@ -193,8 +188,8 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
         reference = Reference(seen.stamps, seen.orientations)
     samples = Samples(
         found.stamps[:],
-        np.column_stack([column[:] for column in found.rates]),
-        np.column_stack([column[:] for column in found.accelerations]),
+        stacked(found.rates),
+        stacked(found.accelerations),
         reference,
     )
     return found.topic, samples

@@ -15,15 +15,14 @@
 """What `gyro_drift calibrate` prints and writes: tables and the parameter file."""
 
 import math
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
-from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit
-from gyro_drift_filter.cli.parameter_file import listed
+from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
+from gyro_drift_filter.cli.parameter_file import listed, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
@@ -68,8 +67,7 @@ def report(result: Calibration) -> str:
 
 def _least_known(deviation: Floats) -> str:
     worst = float(deviation.max())
-    row, column = np.unravel_index(np.argmax(deviation), deviation.shape)
-    name = f'the scale of {AXES[row]}' if row == column else f'{AXES[row]} against {AXES[column]}'
+    name = name_of_entry(*map(int, np.unravel_index(np.argmax(deviation), deviation.shape)))
     return (
         f'all entries are known to {100.0 * worst:.2g} % and better ({name} least): '
         f'{360.0 * worst:.2g} deg in a whole turn'
@@ -129,10 +127,10 @@ def parameter_file(result: Calibration, source: str) -> str:
         result: To be written.
         source: Names of the recordings, printable, for a comment.
     """
-    day = datetime.now(UTC).strftime('%Y-%m-%d')
     lines = [
         '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
-        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, on {day}.',
+        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, '
+        f'on {today()}.',
     ]
     lines += [f'# Not known well: {text}' for text in result.unknown]
     if (found := result.accelerometer) is not None:

@@ -20,8 +20,7 @@ from typing import Any
 
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
 from gyro_drift_filter.cli.printing import say, tell
-from gyro_drift_filter.cli.progress import telling
-from gyro_drift_filter.cli.signals import ending_at_once
+from gyro_drift_filter.cli.progress import compile_kernels
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 
@@ -46,12 +45,10 @@ def run(options: argparse.Namespace) -> None:
     if is_extension():
         say('compiled already')
         return
-    from gyro_drift_filter.accelerate.ahead import build_extension, compile_all
-    from gyro_drift_filter.accelerate.numba_internals import share_compiled
+    from gyro_drift_filter.accelerate.ahead import build_extension
 
     start = time.monotonic()
-    with ending_at_once(), telling(share_compiled):
-        compile_all()
+    compile_kernels()
     try:
         build_extension()
     except GyroDriftFilterError as error:

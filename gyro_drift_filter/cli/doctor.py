@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
@@ -48,9 +48,7 @@ def add_parser(subcommands: Any) -> None:
         'noise and covariances, and print a line for each with what to do. Exit status 0 sound, '
         '3 with faults.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     add_topic_option(command)
     command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
     add_time_options(command)
@@ -82,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 def page(source: str, findings: Sequence['Finding']) -> str:
     """Return the page: a verdict on the whole, and two lines or so for each finding."""
-    faults = sum(finding.verdict == 'fault' for finding in findings)
+    faults = sum(finding.is_fault for finding in findings)
     verdict = 'sound' if not faults else counted(faults, 'fault')
     lines = [f'{printable(source)}: {verdict}', '']
     for finding in findings:

@@ -22,14 +22,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.bag_options import add_topic_option
-from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
+from gyro_drift_filter.cli.filter_options import (
+    add_hint_option,
+    add_method_option,
+    add_params_option,
+    chosen_parameters,
+)
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.phrases import counted
@@ -52,17 +56,11 @@ def add_parser(subcommands: Any) -> None:
         'when, on which axis, by how much they missed their prediction, the limits that this was '
         'held against, why it was too much, and what the next sample showed.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     add_topic_option(command)
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
-    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
-    command.add_argument(
-        '--motion-hint',
-        metavar='TOPIC',
-        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
-    )
+    add_params_option(command)
+    add_method_option(command)
+    add_hint_option(command)
     command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
     add_time_options(command)
     command.set_defaults(run=run)
@@ -73,17 +71,14 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.opening import check_path, open_bag
     from gyro_drift_filter.bags.output import NoOutput
     from gyro_drift_filter.bags.recording import BagError
-    from gyro_drift_filter.bags.replay_run import ReplayRun, Watch, why_nothing
+    from gyro_drift_filter.bags.replay_run import ReplayRun, why_nothing
     from gyro_drift_filter.bags.selection import Selection
-    from gyro_drift_filter.bags.topics import choose_hint
     from gyro_drift_filter.report.flagged import FlaggedLog
 
     spare_linear_algebra()
     start, end = between(options)
     check_targets({'--json': options.json})
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     compile_first()
     logs: list[FlaggedLog] = []
 
@@ -97,16 +92,8 @@ def run(options: argparse.Namespace) -> None:
     check_path(options.bag)
     with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
         inputs = selection.inputs(recording)
-        hint = None if selection.hint is None else choose_hint(recording, selection.hint)
-        replay = ReplayRun(
-            recording,
-            NoOutput(recording, inputs),
-            parameters,
-            inputs,
-            hint,
-            None,
-            Watch(watcher=watched),
-        )
+        hint = selection.hint_topic(recording)
+        replay = ReplayRun(recording, NoOutput(1), parameters, inputs, watched, hint)
         for piece in selection.pieces(recording, progress):
             replay.take(piece)
         (summary,) = replay.finish()
@@ -122,17 +109,16 @@ def run(options: argparse.Namespace) -> None:
     unflagged = logs[0].unflagged(summary.start, start, end)
     named = _named(sequences, unflagged, parameters)
     if options.json:
-        plain = {'bag': str(options.bag), 'topic': summary.topic, 'method': parameters.method}
-        write_json(
-            options.json,
-            {
-                **plain,
-                'start': summary.start,
-                'parameters': named,
-                'flagged': sequences,
-                'unflagged': unflagged,
-            },
-        )
+        plain = {
+            'bag': str(options.bag),
+            'topic': summary.topic,
+            'method': parameters.method,
+            'start': summary.start,
+            'parameters': named,
+            'flagged': sequences,
+            'unflagged': unflagged,
+        }
+        write_json(options.json, plain)
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
     say(page(source, sequences, summary.start, named, unflagged))
 

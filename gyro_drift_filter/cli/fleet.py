@@ -22,13 +22,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.filter_options import (
+    add_method_option,
+    add_params_option,
+    chosen_parameters,
+)
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.signals import EndedBySignal
-from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
 from gyro_drift_filter.phrases import counted
 
@@ -62,8 +64,8 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '-o', '--output', type=Path, required=True, help='folder to be made, with the table'
     )
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
-    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
+    add_params_option(command)
+    add_method_option(command)
     command.add_argument(
         '--robot',
         metavar='PATTERN',
@@ -115,9 +117,7 @@ def run(options: argparse.Namespace) -> int | None:
     except ImportError as error:
         raise GyroDriftFilterError(NEEDED.format(error)) from error
     spare_linear_algebra()
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     output: Path = options.output
     _check(options)
     check_targets({}, others={'-o': output})

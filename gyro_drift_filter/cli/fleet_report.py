@@ -80,23 +80,14 @@ def run(options: argparse.Namespace) -> None:
 
 def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:
     """Return as text how many sensors get worse, and the worst ones."""
-    from gyro_drift_filter.fleet.page import day, describe_change, headline
+    from gyro_drift_filter.fleet.page import describe_changes, headline
 
     rows = [['robot', 'topic', 'since', 'deviations', 'what has changed']]
     for sensor in sensors[:most]:
-        certain = [change for change in sensor.changes if change.certain]
-        if certain:
-            since = day(sensor.bags[certain[0].since]['start'])
-            what = '; '.join(map(describe_change, certain))
-            rows.append(
-                [
-                    printable(sensor.robot),
-                    printable(sensor.topic),
-                    since,
-                    f'{sensor.size:.1f}',
-                    what,
-                ]
-            )
+        if sensor.certain:
+            what, since = describe_changes(sensor)
+            robot, topic = printable(sensor.robot), printable(sensor.topic)
+            rows.append([robot, topic, since, f'{sensor.size:.1f}', what])
     listed = f'\n\n{table(rows)}' if len(rows) > 1 else ''
     return headline(sensors) + listed
 
@@ -109,7 +100,6 @@ def _plain(sensor: 'Sensor') -> dict[str, Any]:
         'size': sensor.size,
         'bags': len(sensor.bags),
         'changes': [
-            as_plain(change) | {'since': sensor.bags[change.since]['start']}
-            for change in sensor.changes
+            as_plain(change) | {'since': sensor.start_of(change)} for change in sensor.changes
         ],
     }

@@ -27,7 +27,7 @@ from statsmodels.tsa.stattools import acf
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Reading
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
-from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts
+from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts, seconds_at
 from gyro_drift_filter.identify.spectrum import spectrum
 
 mpl.use('Agg')
@@ -61,12 +61,11 @@ def draw(
     """
     folder.mkdir(parents=True, exist_ok=True)
     period = result.timing.period
-    first = int(stamps[:1][0])
     motionless = sum(map(len, result.quiet.spans)) > _MOTIONLESS * len(stamps)
     title = 'Static output (figure 1 of the paper)' if motionless else 'Recording, rests shaded'
 
     def recording(panel: Axes, axis: AxisModel, index: int) -> None:
-        _recording(panel, axis, *_envelope(stamps, rates[index], first), result)
+        _recording(panel, axis, *_envelope(stamps, rates[index]), result)
 
     drawn: tuple[tuple[str, str, Callable[[Axes, AxisModel, int], None], str], ...] = (
         (
@@ -105,9 +104,7 @@ def draw(
     return written
 
 
-def _envelope(
-    stamps: Stored, rate: Stored, first: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _envelope(stamps: Stored, rate: Stored) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times in s and rates in deg/s, the least and largest of `_DRAWN` parts."""
     size = max(1, len(stamps) // _DRAWN)
     times, values = [], []
@@ -115,7 +112,7 @@ def _envelope(
         part = rate[k : k + size]
         some = part[np.isfinite(part)]
         if len(some):
-            times += [float(int(stamps[k : k + 1][0]) - first) * 1e-9] * 2
+            times += 2 * [seconds_at(stamps, k)]
             values += [some.min(), some.max()]
     return np.array(times), np.degrees(values)
 

@@ -16,36 +16,30 @@
 
 import math
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
-from gyro_drift_filter.cli.parameter_file import listed, parameters_to_write
+from gyro_drift_filter.cli.parameter_file import listed, parameters_to_write, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Reading
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
+from gyro_drift_filter.identify.models import MATERIAL
+from gyro_drift_filter.phrases import counted, named_axes
 
 _CHOICE = (
-    '* the smallest model whose AIC is no more than {:g} above that of the best. The filters take '
-    'ARMA(1, 0).'
+    f'* the smallest model whose AIC is no more than {MATERIAL:g} above that of the best. The '
+    'filters take ARMA(1, 0).'
 )
 _SPANS = 6  # of rest that are listed: a day may have hundreds
 
 
-def report(result: Identification, material: float) -> str:
-    """Return all tables of an identification.
-
-    Args:
-        result: To be shown.
-        material: Difference in AIC that counts.
-    """
-    parts = [_head(result), _overview(result), _checks(result)]
-    parts += [_models(name, axis) for name, axis in _alive(result)]
-    parts.append(_CHOICE.format(material))
-    return '\n\n'.join(parts)
+def report(result: Identification) -> str:
+    """Return all tables of an identification."""
+    models = (_models(name, axis) for name, axis in _alive(result))
+    return '\n\n'.join([_head(result), _overview(result), _checks(result), *models, _CHOICE])
 
 
 def _alive(result: Identification) -> list[tuple[str, AxisModel]]:
@@ -66,16 +60,16 @@ def _head(result: Identification) -> str:
     spans = ', '.join(listed[:_SPANS])
     if len(listed) > _SPANS:
         spans += f' and {len(listed) - _SPANS} more'
-    count = f'{len(quiet.spans)} span{"s" if len(quiet.spans) > 1 else ""}'
     sensors = 'gyroscope and accelerometer' if quiet.accelerometer else 'the gyroscope alone'
     lines = [
-        f'rest: {result.seconds:.1f} s in {count}, by {sensors}: {spans}',
+        f'rest: {result.seconds:.1f} s in {counted(len(quiet.spans), "span")}, by {sensors}: '
+        f'{spans}',
         f'time: {1.0 / timing.period:.4g} Hz, samples taken as evenly spaced',
     ]
     if timing.uneven > 0.01:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
     if cuts := len(timing.breaks):
-        lines[-1] += f'; cut at {cuts} gap{"s" if cuts > 1 else ""}'
+        lines[-1] += f'; cut at {counted(cuts, "gap")}'
     if quiet.missing:
         lines.append(f'missing: {quiet.missing} samples are not finite')
     return '\n'.join(lines)
@@ -116,7 +110,7 @@ def _overview(result: Identification) -> str:
     if told:
         text += '\n\n' + _drift_and_white(told)
     if hidden := [name for name, axis in alive if not axis.description.identifiable]:
-        text += f'\n\nAR(1) plus white noise: not identifiable on {_axes(hidden)}'
+        text += f'\n\nAR(1) plus white noise: not identifiable on {named_axes(hidden)}'
     return text
 
 
@@ -133,10 +127,6 @@ def _drift_and_white(told: Sequence[tuple[str, AxisModel]]) -> str:
         rows.append([title, *(_root(variance) for variance, _ in estimates)])
         rows.append(['', *(' to '.join(map(_root, interval)) for _, interval in estimates)])
     return table(rows)
-
-
-def _axes(names: Sequence[str]) -> str:
-    return f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}'
 
 
 def _root(variance: float) -> str:
@@ -222,11 +212,10 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     )
     bias_deviation = per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
-    remark = f"\n# Dead: {_axes(dead)}; the package's defaults stand there." if dead else ''
-    day = datetime.now(UTC).strftime('%Y-%m-%d')
+    remark = f"\n# Dead: {named_axes(dead)}; the package's defaults stand there." if dead else ''
     return f"""\
 # Noise model of a gyroscope, for the node and `gyro_drift replay --params`. SI units; per axis
-# x, y, z. Identified from {source}, {result.seconds:.0f} s of rest, on {day}.{remark}
+# x, y, z. Identified from {source}, {result.seconds:.0f} s of rest, on {today()}.{remark}
 /**:
   ros__parameters:
     # Hz

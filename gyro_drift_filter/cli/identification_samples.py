@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.phrases import counted
 
 
@@ -66,8 +66,8 @@ def read_samples(
     bag: Path,
     topic: str | None,
     between: tuple[float, float],
-    sample_rate: float | None,
     progress: Callable[[int, int], None],
+    sample_rate: float | None = None,
 ) -> Samples:
     """Read the samples of a bag.
 
@@ -75,14 +75,14 @@ def read_samples(
         bag: rosbag2 folder or bare .mcap or .db3 file.
         topic: Needed where there are several Imu topics.
         between: First and last time to be used, in s since the first message of the recording.
-        sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
         progress: Called with the number of messages done and their total.
+        sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
 
     Raises:
         BagError: The bag can't be read or holds no usable Imu message in that time.
     """
     stamps = Stored(np.int64)
-    rates, accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
+    rates, accelerations = stored_columns(3), stored_columns(3)
     name, clock, refused, count, beyond = '', '', 0, 0, 0
     for part in imu_parts(bag, topic, progress, between=between):
         name, refused = part.topic, refused + part.refused
@@ -93,12 +93,10 @@ def read_samples(
         times = _times(part, clock, sample_rate, count)
         count += len(times)
         stamps.append(times)
-        beyond += int((np.abs(part.samples['angular_velocity']) > LARGEST_RATE).any(axis=1).sum())
-        for axis in range(3):
-            rates[axis].append(usable(part.samples['angular_velocity'][:, axis]))
-            accelerations[axis].append(
-                usable(part.samples['linear_acceleration'][:, axis], LARGEST_ACCELERATION)
-            )
+        rate, force = part.samples['angular_velocity'], part.samples['linear_acceleration']
+        beyond += int((np.abs(rate) > LARGEST_RATE).any(axis=1).sum())
+        append_rows(rates, usable(rate))
+        append_rows(accelerations, usable(force, LARGEST_ACCELERATION))
     return Samples(name, refused, stamps, rates, accelerations, beyond, clock)
 
 

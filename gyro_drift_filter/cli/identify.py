@@ -20,11 +20,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.printing import say, tell
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
@@ -41,9 +41,7 @@ def add_parser(subcommands: Any) -> None:
         description='Find the motionless spans of a recording, identify bias and noise of each '
         'axis, and write a parameter file that the node and replay read.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(
@@ -109,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import DeadAxis, identify
-        from gyro_drift_filter.identify.models import MATERIAL, ORDERS
+        from gyro_drift_filter.identify.models import ORDERS
         from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
     if options.plot:
         with needing('--plot', 'matplotlib'):
@@ -120,11 +118,7 @@ def run(options: argparse.Namespace) -> None:
     )
     with Progress(enabled=True) as progress:
         samples = read_samples(
-            options.bag,
-            options.topic,
-            between(options),
-            options.sample_rate,
-            progress,
+            options.bag, options.topic, between(options), progress, options.sample_rate
         )
     for note in _notes(samples, options.sample_rate):
         tell(f'note: {note}')
@@ -136,9 +130,9 @@ def run(options: argparse.Namespace) -> None:
         paper=options.noise == 'paper',
     )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    texts, written = [report(result, MATERIAL)], [options.output]
-    try:
+    with saying(report(result)) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
+        written.append(options.output)
         if options.json:
             write_json(options.json, result)
             written.append(options.json)
@@ -147,9 +141,6 @@ def run(options: argparse.Namespace) -> None:
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, samples.stamps, samples.rates)
-        texts.append('\nwrote ' + '\n      '.join(map(str, written)))
-    finally:  # also where the disk is full, as it took long to find
-        say('\n'.join(texts))
     for warning in result.warnings:
         tell(f'warning: {warning}')
     least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))

@@ -16,6 +16,7 @@
 
 import logging
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,11 @@ def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
                 'taken: are the rates in deg/s?'
             )
     return Parameters(bias_initial=(bias[0], bias[1], bias[2]), **others)
+
+
+def today() -> str:
+    """Return the day on which a file is written, for a comment in it."""
+    return datetime.now(UTC).strftime('%Y-%m-%d')
 
 
 def listed(values: Iterable[float]) -> str:

@@ -84,19 +84,28 @@ def compile_first() -> None:
     """
     if not has_to_compile():
         return
-    from gyro_drift_filter.accelerate.ahead import compile_all
-    from gyro_drift_filter.accelerate.numba_internals import share_compiled
-
     tell('compiling the filter for this machine: once, for about a minute')
     start = time.monotonic()
     with suppress(GyroDriftFilterError):
-        with ending_at_once(), telling(share_compiled):
-            compile_all()
+        compile_kernels()
         tell(f'compiled in {time.monotonic() - start:.0f} s')
 
 
+def compile_kernels() -> None:
+    """Compile all kernels, telling how far that is.
+
+    Raises:
+        GyroDriftFilterError: They can't be kept.
+    """
+    from gyro_drift_filter.accelerate.ahead import compile_all
+    from gyro_drift_filter.accelerate.numba_internals import share_compiled
+
+    with ending_at_once(), _telling(share_compiled):
+        compile_all()
+
+
 @contextmanager
-def telling(share: Callable[[], float]) -> Iterator[None]:
+def _telling(share: Callable[[], float]) -> Iterator[None]:
     """Tell from time to time, in a thread, which share is done."""
     terminal, start, over = is_terminal(), time.monotonic(), threading.Event()
 

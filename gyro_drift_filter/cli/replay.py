@@ -20,15 +20,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.bag_options import add_bag_argument
+from gyro_drift_filter.cli.filter_options import (
+    add_hint_option,
+    add_method_option,
+    add_params_option,
+    chosen_parameters,
+)
 from gyro_drift_filter.cli.printing import in_colour, say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
-from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
@@ -45,11 +49,9 @@ def add_parser(subcommands: Any) -> None:
         description='Filter the Imu topic of a bag, exactly as the live node would, and write a '
         "new bag with the input's topics and the filtered one beside them.",
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    add_params_option(command)
     imus = command.add_mutually_exclusive_group()
     imus.add_argument(
         '--topic',
@@ -67,17 +69,13 @@ def add_parser(subcommands: Any) -> None:
         help='copy these topics alone; none: write what the filter makes, and nothing else',
     )
     add_time_options(command)
-    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
+    add_method_option(command)
     command.add_argument(
         '--diagnostics',
         action='store_true',
         help='write innovation, Q, R, bias and outlier flags of every sample, too',
     )
-    command.add_argument(
-        '--motion-hint',
-        metavar='TOPIC',
-        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
-    )
+    add_hint_option(command)
     command.add_argument(
         '--bias-memory',
         type=Path,
@@ -107,9 +105,7 @@ def run(options: argparse.Namespace) -> None:
         {'--json': options.json},
         others={'-o': options.output, '--bias-memory': options.bias_memory},
     )
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     if parameters.motion_hint != 'none' and options.motion_hint is None:
         tell(
             f'warning: motion_hint is {parameters.motion_hint}, but no topic is named by '

@@ -21,20 +21,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.cli.bag_options import add_topic_option, distinct_paths
+from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
+from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import in_colour, say
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_no_pictures, check_targets
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.cli.verdict_file import write_verdicts
-from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
+    from gyro_drift_filter.core import Parameters
     from gyro_drift_filter.report.page import Recording
 
 # What the recording holds and what the filter makes of it are the same up to here.
@@ -54,11 +54,10 @@ def add_parser(subcommands: Any) -> None:
         'bag',
         type=Path,
         nargs='+',
-        help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1; a filtered topic '
-        'in it is compared with what the filter makes of the raw one',
+        help=f'{BAG}; a filtered topic in it is compared with what the filter makes of the raw one',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    add_params_option(command)
     command.add_argument(
         '--methods',
         nargs='+',
@@ -99,7 +98,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.wording import as_text
 
     spare_linear_algebra()
-    parameters = read_parameters(options.params) if options.params else Parameters()
+    parameters = chosen_parameters(options.params)
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
     wanted = () if options.topic is None else (options.topic,)
     selection = Selection(imu_topics=wanted, start=start, end=end)
@@ -139,13 +138,13 @@ def shortest_names(bags: list[Path]) -> list[str]:
 def _recording(
     bag: Path,
     name: str,
-    parameters: list[Parameters],
+    parameters: list['Parameters'],
     selection: 'Selection',
     options: argparse.Namespace,
 ) -> 'Recording':
     """Return what the page shows of a bag; pictures of it are written."""
     from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
-    from gyro_drift_filter.report.figures import Drawer, roles
+    from gyro_drift_filter.report.figures import Drawer
     from gyro_drift_filter.report.page import Recording, points_for
 
     with Progress(enabled=not options.quiet) as progress:
@@ -161,28 +160,15 @@ def _recording(
         )
     drawer = Drawer(
         filtered.signals,
-        filtered.start,
+        next(iter(filtered.summaries.values())).start,
         points_for(len(options.bag)),
         None if recorded is None else (recorded.times, recorded.rates),
     )
-    figures, rests = drawer.figures(), drawer.rest_times()
-    names = roles([p.method for p in parameters], recorded is not None)
+    command = shlex.join(['gyro_drift', *sys.argv[1:]])
+    facts = facts_of(bag, filtered, command)
+    recording = Recording.drawn(name, drawer, filtered.summaries, parameters[0], facts, notes)
     if options.png:
         from gyro_drift_filter.report import pictures
 
-        folder = options.png / name if len(options.bag) > 1 else options.png
-        pictures.draw(folder, figures, rests, names, list(filtered.signals))
-    return Recording(
-        name=name,
-        verdicts={
-            method: signals.watch.verdict(filtered.summaries[method])
-            for method, signals in filtered.signals.items()
-        },
-        figures=figures,
-        rests=rests,
-        seconds=filtered.seconds,
-        roles=names,
-        parameters=parameters[0],
-        facts=facts_of(bag, filtered, shlex.join(['gyro_drift', *sys.argv[1:]])),
-        notes=notes,
-    )
+        pictures.draw(options.png / name if len(options.bag) > 1 else options.png, recording)
+    return recording

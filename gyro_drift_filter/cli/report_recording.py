@@ -15,8 +15,8 @@
 """A recording through one or several filters at once, with all that the report draws of it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,26 +25,20 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.output import NoOutput
 from gyro_drift_filter.bags.recording import (
     BagError,
     Piece,
     Recording,
     are_among,
-    channels_of,
 )
-from gyro_drift_filter.bags.replay_run import (
-    NO_MESSAGES,
-    Summary,
-    TopicFilter,
-    small_parts,
-    why_nothing,
-)
-from gyro_drift_filter.bags.report_times import ReportTimes
+from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, small_parts, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
-from gyro_drift_filter.report.signals import COMPARED, VECTORS, Signals
+from gyro_drift_filter.report.page import when_recorded
+from gyro_drift_filter.report.signals import COMPARED, Signals
 
 
 class Recorded(NamedTuple):
@@ -67,8 +61,6 @@ class Filtered(NamedTuple):
     Attributes:
         signals: By method.
         summaries: By method.
-        start: Log time in ns of its first message.
-        seconds: From then to the last one.
         recorded: Its own filtered topic, None where it has none.
         frame: header.frame_id of the Imu messages.
         messages: Of all topics.
@@ -76,87 +68,53 @@ class Filtered(NamedTuple):
 
     signals: dict[str, Signals]
     summaries: dict[str, Summary]
-    start: int
-    seconds: float
     recorded: Recorded | None
     frame: str
     messages: int
 
 
-class _Pass:
-    """One pass through a recording."""
+class _ExactSignals(Signals):
+    """The signals of a filter, with its rates to the last bit, as a filtered topic has them."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        parameters: Sequence[Parameters],
-        chosen: str,
-        names: Any,
-        hint: str | None,
-    ) -> None:
-        self._is_imu = channels_of(recording, chosen)
-        filtered = (names.filtered, IMU_TYPE)
+    def __init__(self, filter_: Filter) -> None:
+        super().__init__(filter_)
+        self.exact = stored_columns(3)
+
+    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+        """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
+        super().take(imus, log_times)
+        append_rows(self.exact, imus['result']['angular_velocity'][imus['kind'] == ImuKind.GOOD])
+
+
+class _FilteredTopic:
+    """What a recording holds on its filtered topic."""
+
+    def __init__(self, recording: Recording, topic: str) -> None:
+        filtered = (topic, IMU_TYPE)
         ids = [c.id for c in recording.connections if (c.topic, c.msgtype) == filtered]
+        self.is_there = bool(ids)
         self._is_filtered = are_among(recording, ids)
-        self.signals: dict[str, Signals] = {}
-        self.filters = {
-            p.method: TopicFilter(
-                recording, p, chosen, names, hint, watcher=partial(self._keep, p.method)
-            )
-            for p in parameters
-        }
-        self.report_times = ReportTimes()
-        self._recorded_times = Stored(np.int64)
-        self._recorded = tuple(Stored() for _ in range(3))
-        self._exact = tuple(Stored() for _ in range(3))  # as this filter makes them
-
-    def _keep(self, method: str, filter_: Filter) -> Signals:
-        """Return who keeps the signals of a method, all those of the first one."""
-        self.signals[method] = Signals(filter_, COMPARED if self.signals else VECTORS)
-        return self.signals[method]
+        self._times = Stored(np.int64)
+        self._rates = stored_columns(3)
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in."""
-        for part in small_parts(piece):
-            self._filter(part, self.report_times.among(part.rows))
-            if self._is_filtered.any():
-                self._keep_recorded(part)
+        for part in small_parts(piece) if self.is_there else ():
+            imus = read_imus(part, self._is_filtered)
+            good = imus[imus['kind'] == ImuKind.GOOD]
+            self._times.append(part.rows['log_time'][good['row']])
+            append_rows(self._rates, good['sample']['angular_velocity'])
 
-    def end(self) -> None:
-        """Make the last report."""
-        self._filter(NO_MESSAGES, self.report_times.at_end())
-
-    def _filter(self, piece: Piece, reports: Any) -> None:
-        main = next(iter(self.filters))
-        for method, filter_ in self.filters.items():
-            imus = read_imus(piece, self._is_imu)
-            filter_.judge(filter_.take(piece, imus, reports), reports)
-            if method == main and self._is_filtered.any():
-                good = imus[imus['kind'] == ImuKind.GOOD]
-                for axis, column in enumerate(self._exact):
-                    column.append(good['result']['angular_velocity'][:, axis])
-
-    def _keep_recorded(self, piece: Piece) -> None:
-        imus = read_imus(piece, self._is_filtered)
-        good = imus[imus['kind'] == ImuKind.GOOD]
-        self._recorded_times.append(piece.rows['log_time'][good['row']])
-        for axis, column in enumerate(self._recorded):
-            column.append(good['sample']['angular_velocity'][:, axis])
-
-    def recorded(self) -> Recorded | None:
-        """Return what the recording holds on its filtered topic."""
-        if not len(self._recorded_times):
+    def beside(self, signals: Signals, start: int) -> Recorded | None:
+        """Return it beside what a filter makes, None without any; `start` is a log time in ns."""
+        if not (len(self._times) and isinstance(signals, _ExactSignals)):
             return None
-        rates, ours = (
-            np.column_stack([np.asarray(column) for column in columns])
-            for columns in (self._recorded, self._exact)
-        )
+        rates, ours = stacked(self._rates), stacked(signals.exact)
         # Every message of both, in their order, unless some were refused or lost.
         same = 0.0
         if len(rates) == len(ours):
             same = float((rates == ours).all(axis=1).mean())
-        times = (np.asarray(self._recorded_times) - self.report_times.start) * 1e-9
-        return Recorded(times, rates, same)
+        return Recorded((np.asarray(self._times) - start) * 1e-9, rates, same)
 
 
 def filter_recording(
@@ -170,38 +128,47 @@ def filter_recording(
     Raises:
         BagError: The bag can't be read, or holds no message with an angular velocity in that time.
     """
+    signals: dict[str, Signals] = {}
     with open_bag(bag) as recording:
-        ((chosen, names),) = selection.inputs(recording).items()
-        run = _Pass(recording, parameters, chosen, names, selection.hint)
+        inputs = selection.inputs(recording)
+        ((chosen, names),) = inputs.items()
+        filtered = _FilteredTopic(recording, names.filtered)
+
+        def watched(topic: str, filter_: Filter) -> Signals:
+            """Return who keeps the signals of a method, all those of the first one."""
+            if signals:
+                kept = Signals(filter_, COMPARED)
+            else:
+                kept = _ExactSignals(filter_) if filtered.is_there else Signals(filter_)
+            return signals.setdefault(filter_.parameters.method, kept)
+
+        runs = [ReplayRun(recording, NoOutput(1), p, inputs, watched) for p in parameters]
         for piece in selection.pieces(recording, progress):
-            run.take(piece)
-        run.end()
+            for run in runs:
+                run.take(piece)
+            filtered.take(piece)
+        all_summaries = [run.finish()[0] for run in runs]
         count = recording.message_count
-    start, seconds = run.report_times.start, run.report_times.seconds
+    # Nothing is written here: what went in would be.
     summaries = {
-        method: filter_.summary(filter_.messages.report().received, {}, start, seconds)
-        for method, filter_ in run.filters.items()
+        method: replace(summary, written=summary.received)
+        for method, summary in zip(signals, all_summaries, strict=True)
     }
-    if not len(next(iter(run.signals.values())).log_times):
-        summary = next(iter(summaries.values()))
+    main, summary = next(iter(signals.values())), all_summaries[0]
+    if not len(main.log_times):
         raise BagError(f'topic {chosen} {why_nothing(summary)}{selection.when}')
-    frame = next(iter(run.filters.values())).messages.report().frame
-    return Filtered(run.signals, summaries, start, seconds, run.recorded(), frame, count)
+    recorded = filtered.beside(main, summary.start)
+    frame = runs[0].filters[0].messages.report().frame
+    return Filtered(signals, summaries, recorded, frame, count)
 
 
 def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
     """Return where the report comes from: pairs of what and which."""
     summary = next(iter(filtered.summaries.values()))
-    begin = datetime.fromtimestamp(filtered.start * 1e-9, UTC)
     return [
         ('bag', str(bag)),
         ('topic', f'{summary.topic}, frame {filtered.frame}'),
-        (
-            'recorded',
-            f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {filtered.seconds:.1f} s, '
-            f'{summary.received} Imu messages of {filtered.messages}, '
-            f'{1.0 / summary.period:.4g} Hz',
-        ),
+        when_recorded(summary, f' of {filtered.messages}'),
         ('command', command),
         ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
     ]

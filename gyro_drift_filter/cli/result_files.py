@@ -18,13 +18,15 @@ import dataclasses
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.whole_file import write_whole
 
@@ -104,6 +106,21 @@ def _check_writable(folder: Path) -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise GyroDriftFilterError(f'{folder} can not be written: {error.strerror}') from error
+
+
+@contextmanager
+def saying(report: str) -> Iterator[list[Path]]:
+    """Say a report at the end, and the files that were written, which go into the list yielded.
+
+    Where one could not be written, as the disk is full, the report is said all the same, as it took
+    long to find.
+    """
+    written: list[Path] = []
+    try:
+        yield written
+        report += '\n\nwrote ' + '\n      '.join(map(str, written))
+    finally:
+        say(report)
 
 
 def write_json(path: Path, value: Any) -> None:

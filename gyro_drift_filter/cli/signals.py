@@ -17,7 +17,7 @@
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -41,9 +41,6 @@ def ending_at_once() -> Iterator[None]:
     For what calls back from compiled code, as LLVM does, where an exception is lost; there must be
     nothing to be cleaned up.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
 
     def end(number: int, _: FrameType | None) -> None:
         why = (
@@ -52,39 +49,38 @@ def ending_at_once() -> Iterator[None]:
         tell(f'gyro_drift: {why}, nothing written')
         os._exit(128 + number)
 
-    before = {
-        number: signal.signal(number, end)
-        for number in (signal.SIGINT, *_SIGNALS)
-        if signal.getsignal(number) != signal.SIG_IGN
-    }
-    try:
+    with _handling((signal.SIGINT, *_SIGNALS), end):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
 def raising() -> Iterator[None]:
     """Have SIGTERM and SIGHUP raise `EndedBySignal`, unless they are ignored, as by nohup."""
+
+    def end(number: int, _: FrameType | None) -> None:
+        for other in _SIGNALS:  # another one would interrupt the cleaning up
+            signal.signal(other, signal.SIG_IGN)
+        raise EndedBySignal(number)
+
+    with _handling(_SIGNALS, end):
+        yield
+
+
+@contextmanager
+def _handling(
+    numbers: Iterable[int], handler: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Have a function called for each of these signals that is not ignored."""
     if threading.current_thread() is not threading.main_thread():  # which alone may set handlers
         yield
         return
     before = {
-        number: handler
-        for number in _SIGNALS
-        if (handler := signal.getsignal(number)) != signal.SIG_IGN
+        number: signal.signal(number, handler)
+        for number in numbers
+        if signal.getsignal(number) != signal.SIG_IGN
     }
-
-    def end(number: int, _: FrameType | None) -> None:
-        for other in before:  # another one would interrupt the cleaning up
-            signal.signal(other, signal.SIG_IGN)
-        raise EndedBySignal(number)
-
-    for number in before:
-        signal.signal(number, end)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

@@ -15,16 +15,16 @@
 """`gyro_drift tune`: a parameter file with the settings worth changing for one robot."""
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.cli.bag_options import add_topic_option
+from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
+from gyro_drift_filter.cli.filter_options import chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.parameter_file import today
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, write_json
@@ -48,9 +48,7 @@ def add_parser(subcommands: Any) -> None:
         'judge them on stretches held back, and write a parameter file that the node and replay '
         'read. Where the default is as good, it is kept.',
     )
-    command.add_argument(
-        'bag', type=Path, help='rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
-    )
+    add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     command.add_argument('--json', type=Path, help='write all results, for programs')
     command.add_argument(
@@ -91,21 +89,20 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
     from gyro_drift_filter.cli.identification_samples import read_samples
+    from gyro_drift_filter.identify.series import stacked
 
-    parameters = read_parameters(options.params) if options.params else Parameters()
-    if options.method:
-        parameters = parameters.with_names({'method': options.method})
+    parameters = chosen_parameters(options.params, options.method)
     if not options.quiet:
         compile_first()
     with Progress(enabled=not options.quiet) as progress:
-        samples = read_samples(options.bag, options.topic, between(options), None, progress)
+        samples = read_samples(options.bag, options.topic, between(options), progress)
     for note in samples.notes():
         tell(f'note: {note}')
     stamps = np.asarray(samples.stamps)
     material = Material(
         stamps,
-        np.column_stack([np.asarray(column) for column in samples.rates]),
-        np.column_stack([np.asarray(column) for column in samples.accelerations]),
+        stacked(samples.rates),
+        stacked(samples.accelerations),
         None if options.truth is None else _truth(options, samples.topic, stamps),
     )
     with Progress(enabled=not options.quiet, unit='runs of the filter') as progress:
@@ -228,10 +225,9 @@ def parameter_file(tuning: 'Tuning', source: str) -> str:
         if name in tuned:
             lines.append(f'{indent}# {_remark(tuned[name])}')
         lines.append(f'{indent}{last}: {_as_yaml(value)}')
-    day = datetime.now(UTC).strftime('%Y-%m-%d')
     head = f"""\
 # Settings of the filter, for the node and `gyro_drift replay --params`. SI units; per axis x, y, z.
-# Tuned on {source}, on {day}.
+# Tuned on {source}, on {today()}.
 /**:
   ros__parameters:
 """

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import from_vectors, rotate, running_products
 
 Floats = NDArray[np.float64]
@@ -122,9 +122,8 @@ def carry_gravity(
     accelerations: tuple[Values, ...],
     period: float,
     bias: Sequence[float],
-    ways: tuple[Way, ...] = WAYS,
 ) -> Carried:
-    """Return how well the rates carry gravity if they are meant in those ways.
+    """Return how well the rates carry gravity if they are meant in each of the WAYS.
 
     Args:
         stamps: (n,) in ns.
@@ -132,22 +131,21 @@ def carry_gravity(
         accelerations: Three columns (n,) in m/s^2.
         period: Of the samples in s.
         bias: (3,) of the rates in rad/s.
-        ways: m of them.
     """
-    matrices = np.array([way.matrix() for way in ways])
+    matrices = np.array([way.matrix() for way in WAYS])
     for seconds in _HALF_SECONDS:
         turning = _turning(stamps, accelerations, period, max(round(seconds / period), 2))
         if len(turning) >= _LEAST_WINDOWS:
             break
     turns, errors = [], []
     for where, turn in turning[:: -(-len(turning) // _USED_WINDOWS) or 1]:
-        rate = np.column_stack([column[where] for column in rates]) - np.asarray(bias)
-        force = np.column_stack([column[where] for column in accelerations])
+        rate = stacked(rates, where) - np.asarray(bias)
+        force = stacked(accelerations, where)
         if np.isfinite(rate).all():
             turns.append(turn)
             lasting = _mean_step(stamps, where)
             errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
-    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(ways)).T)
+    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(WAYS)).T)
 
 
 def _turning(
@@ -172,7 +170,7 @@ def _turn_of_gravity(
     # Messages that came late or in bursts are of even steps all the same.
     if abs(_mean_step(stamps, where) / period - 1.0) > 0.2:
         return 0.0
-    force = np.column_stack([column[where] for column in accelerations])
+    force = stacked(accelerations, where)
     half = len(force) // 2
     turn = float(_angles(force[:half].mean(axis=0), force[half:].mean(axis=0)))
     return turn if math.isfinite(turn) else 0.0
@@ -180,7 +178,7 @@ def _turn_of_gravity(
 
 def _mean_step(stamps: Values, where: slice) -> float:
     """Return the mean step of the stamps of a stretch in s."""
-    first, last = (int(stamps[k : k + 1][0]) for k in (where.start, where.stop - 1))
+    first, last = (int(value_at(stamps, k)) for k in (where.start, where.stop - 1))
     steps: int = where.stop - 1 - where.start
     return (last - first) * 1e-9 / steps
 
@@ -221,9 +219,8 @@ def judge_axes(
     turns, errors = carried.turns, carried.errors
     values: dict[str, Any] = {'stretches': len(turns)}
     if len(turns) < _LEAST_WINDOWS:
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             f'gravity turns too little to tell signs and axes: {_times(len(turns))} by '
             f'{math.degrees(_LEAST_TURN):.0f} deg within {2.0 * _HALF_SECONDS[-1]:.0f} s',
             'record the sensor turned by hand about each axis, by 90 deg and more',
@@ -246,16 +243,14 @@ def judge_axes(
     still = [AXES[axis] for axis in range(3) if good[WAYS.index(_FLIPPED[axis])]]
     if shares[0] < _CARRIED and len(still) < 3:
         told = f' except that of {" and ".join(still)}, about which it was hardly turned'
-        return Finding(
+        return sound(
             name,
-            Verdict.SOUND,
             f'signs, axes and unit of the rates fit{told if still else ""}: they {match} '
             f'({100.0 * shares[0]:.2g} % of {turn} are left)',
-            values=values,
+            values,
         )
-    return Finding(
+    return unknown(
         name,
-        Verdict.UNKNOWN,
         f'the rates do not {match}, neither as they are nor with other signs and axes ({turn})',
         'are both of the same body, and are their scales right? Accelerations that last hide '
         'gravity, too',
@@ -266,17 +261,15 @@ def judge_axes(
 def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Finding:
     """Return the finding that the rates are meant in another way."""
     if way == IN_DEGREES:
-        return Finding(
+        return fault(
             'degrees',
-            Verdict.FAULT,
             f'the rates are degrees per second: as such they {match}, as rad/s they do not',
             'multiply by pi / 180 in the driver (REP-103 asks for rad/s)',
             values,
         )
     if way in OTHER_SCALES:
-        return Finding(
+        return fault(
             'scale',
-            Verdict.FAULT,
             f'the rates {match} only if multiplied by about {way.factor:.2g}',
             'a factor of 2 or 4 is another measuring range than the driver converts by; any other '
             'one is the scale of the sensor: find it for each axis with `gyro_drift calibrate`',
@@ -289,9 +282,8 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
     else:
         what = 'axes are swapped' + (' and signs wrong' if flipped else '')
     mirrored = ' (the rates are left-handed)' if np.linalg.det(way.matrix()) < 0.0 else ''
-    return Finding(
+    return fault(
         name,
-        Verdict.FAULT,
         f'{what}: the rates {match} only if taken as {way}{mirrored}',
         'correct it in the driver, or find out whether the other one is wrong; a turned mounting '
         'belongs into the transform of the frame, for both sensors alike',

@@ -17,6 +17,7 @@
 import numpy as np
 
 from gyro_drift_filter.core.range_end import CLIPPED_SAMPLES
+from gyro_drift_filter.identify.blocks import runs_of
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 
@@ -38,8 +39,7 @@ def _is_largest_held(rates: Values, outliers: Values, sign: float) -> bool:
         top = float(part.max())
         if top < largest or top == -np.inf:
             continue
-        at_top = np.flatnonzero(np.diff(part == top, prepend=False, append=False))
-        run = int((at_top[1::2] - at_top[::2]).max())
+        run = int(np.ptp(runs_of(part == top), axis=1).max())
         held = run if top > largest else max(held, run)
         largest = top
     return held >= CLIPPED_SAMPLES

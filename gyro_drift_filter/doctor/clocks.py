@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts
 
 Floats = NDArray[np.float64]
 
@@ -46,11 +46,10 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     name = 'clock'
     offsets, places = _least_offsets(stamps, log_times)
     if not len(offsets):
-        return Finding(name, Verdict.UNKNOWN, 'too few samples to compare stamps with log times')
+        return unknown(name, 'too few samples to compare stamps with log times')
     if not offsets.any() and _are_equal(stamps, log_times):
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             'log times are the stamps (a converted recording), so delays can not be seen',
         )
     seconds = float(places[-1] - places[0])
@@ -62,18 +61,16 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     }
     step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
     if step > _CLOCK_STEP and step > 0.5 * float(np.ptp(offsets)):
-        return Finding(
+        return fault(
             'clock steps',
-            Verdict.FAULT,
             f'the clock of the stamps jumps against the log times by {step:.3g} s at once',
             'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
             'recording',
             values | {'step_seconds': step},
         )
     if abs(drift) > _DRIFT + 3.0 * spread and abs(drift) * seconds > _DRIFT_SECONDS:
-        return Finding(
+        return fault(
             'clock drift',
-            Verdict.FAULT,
             f'the clock of the stamps runs {1e6 * abs(drift):.0f} ppm '
             f'{"slower" if drift > 0 else "faster"} than the log times: '
             f'{1e3 * abs(drift) * seconds:.0f} ms over the recording',
@@ -83,9 +80,8 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         )
     offset = float(np.median(offsets))
     if abs(offset) > _OFFSET or offset < -_AHEAD:
-        return Finding(
+        return fault(
             'clock offset',
-            Verdict.FAULT,
             f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times',
             'the sensor has a clock of its own or stamps late: a fusion by stamps with other '
             'sensors will fail'
@@ -93,9 +89,8 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             else 'stamps lie in the future: look at the clocks of sensor and recorder',
             values,
         )
-    return Finding(
+    return sound(
         name,
-        Verdict.SOUND,
         f'logged {1e3 * offset:.2g} ms after the stamp, '
         f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm',
         values=values,
@@ -119,10 +114,8 @@ def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:
 
 
 def _are_equal(stamps: Values, log_times: Values) -> bool:
-    return all(
-        bool((np.asarray(stamps[k : k + LARGEST_PART]) == log_times[k : k + LARGEST_PART]).all())
-        for k in range(0, len(stamps), LARGEST_PART)
-    )
+    pairs = zip(parts(stamps), parts(log_times), strict=True)
+    return all(bool((stamp == log_time).all()) for stamp, log_time in pairs)
 
 
 def _slope(places: Floats, offsets: Floats) -> tuple[float, float]:

@@ -14,13 +14,13 @@
 
 """Whether the covariances of the messages can be what their drivers say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound
 
 Floats = NDArray[np.float64]
 
@@ -42,16 +42,11 @@ class Stated:
         variances: (3,) sums of the diagonals of all others.
     """
 
-    messages: int
-    not_reported: int
-    zero: int
-    impossible: int
-    variances: Floats
-
-    @classmethod
-    def nothing(cls) -> 'Stated':
-        """Return what no message states."""
-        return cls(0, 0, 0, 0, np.zeros(3))
+    messages: int = 0
+    not_reported: int = 0
+    zero: int = 0
+    impossible: int = 0
+    variances: Floats = field(default_factory=lambda: np.zeros(3))
 
     def add(self, covariances: Floats) -> None:
         """Take the covariances (n, 9) of messages in."""
@@ -98,9 +93,8 @@ def judge_covariances(
     # Of an orientation that is not there zeros are the usual slip; `orientation` tells of it.
     if zero := [name for name in QUANTITIES[1:] if named[name].zero]:
         found.append(
-            Finding(
+            fault(
                 'zero covariance',
-                Verdict.FAULT,
                 f'the covariance of {" and ".join(zero)} is all zeros, which means unknown',
                 'have the driver state the variance of the noise; some programs take zeros for '
                 'certainty, or refuse them (for the rates this filter writes its own)',
@@ -109,9 +103,8 @@ def judge_covariances(
         )
     if impossible := [name for name in QUANTITIES if named[name].impossible]:
         found.append(
-            Finding(
+            fault(
                 'impossible covariance',
-                Verdict.FAULT,
                 f'the covariance of {" and ".join(impossible)} is impossible: NaN, a negative '
                 'variance, or not symmetric',
                 'correct the driver; zeros mean unknown, -1 at the first place not reported',
@@ -125,9 +118,8 @@ def judge_covariances(
         if (ratio < _LEAST).any() or (ratio > _MOST).any():
             unit = 'rad/s' if name == QUANTITIES[1] else 'm/s^2'
             found.append(
-                Finding(
+                fault(
                     f'invented covariance of {name}',
-                    Verdict.FAULT,
                     f'the covariance of {name} says a deviation of '
                     f'{np.max(named[name].deviations):.2g} {unit}, at rest it is '
                     f'{np.max(noise):.2g}',
@@ -138,5 +130,5 @@ def judge_covariances(
     if not found:
         known = [name for name in QUANTITIES if np.isfinite(named[name].deviations).all()]
         text = f'plausible for {" and ".join(known)}' if known else 'nothing is reported'
-        found.append(Finding('covariances', Verdict.SOUND, text, values=values))
+        found.append(sound('covariances', text, values))
     return found

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
     """Say whether stamps (n,) in ns of samples every `period` s are even."""
     found = measure_evenness(stamps, period)
     if found is None:
-        return Finding('stamp times', Verdict.UNKNOWN, 'too few samples to tell how stamps lie')
+        return unknown('stamp times', 'too few samples to tell how stamps lie')
     values = {
         'jitter_seconds': found.jitter,
         'skewness': found.skewness,
@@ -95,9 +95,8 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
     }
     milliseconds = f'{1e3 * found.jitter:.2g} ms'
     if found.short > _SHORT_SHARE:
-        return Finding(
+        return fault(
             'bursts',
-            Verdict.FAULT,
             f'messages come in bursts: {100.0 * found.short:.0f} % of the steps between stamps are '
             f'below a quarter of the {1e3 * period:.3g} ms between samples',
             'the driver empties a buffer and stamps on arrival: have it count back from the newest '
@@ -105,34 +104,30 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
             values,
         )
     if found.shared > _SHORT_SHARE:
-        return Finding(
+        return fault(
             'shared stamps',
-            Verdict.FAULT,
             f'{100.0 * found.shared:.3g} % of the messages have the stamp of the message before',
             'the driver stamps a whole buffer at once, or by a clock of coarse steps: have it give '
             'each sample its own time, one period apart. Do not integrate by these stamps',
             values,
         )
     if found.jitter <= min(_JITTER_SECONDS, _JITTER_PERIODS * period):
-        return Finding(
+        return sound(
             'stamp times',
-            Verdict.SOUND,
             f'stamps are even to {max(1e3 * found.jitter, 0.001):.2g} ms',
-            values=values,
+            values,
         )
     if found.skewness > _SKEWED:
-        return Finding(
+        return fault(
             'arrival stamps',
-            Verdict.FAULT,
             f'stamps are those of arrival, not of the samples: late by a delay that varies by '
             f'{milliseconds}',
             "stamp on the sensor's data-ready signal or by its own clock; else a fusion with "
             'cameras or wheels sees turns late',
             values,
         )
-    return Finding(
+    return fault(
         'jitter',
-        Verdict.FAULT,
         f'stamps jitter by {milliseconds} (standard deviation) about even steps of '
         f'{1e3 * period:.4g} ms',
         "stamp on the sensor's data-ready signal, not by a timer of the driver",

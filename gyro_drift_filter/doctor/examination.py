@@ -26,7 +26,7 @@ from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.covariances import Stated, judge_covariances
 from gyro_drift_filter.doctor.evenness import judge_evenness
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, Verdict, fault, sound, unknown
 from gyro_drift_filter.doctor.live_rules import RuleLog
 from gyro_drift_filter.doctor.publishers import judge_publishers
 from gyro_drift_filter.doctor.reference import Reference, compare_turns, judge_reference
@@ -158,9 +158,8 @@ def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
     constant = [axis for axis, of_axis in zip(AXES, rates, strict=True) if _is_constant(of_axis)]
     if not constant:
         return finding
-    return Finding(
+    return unknown(
         'alive',
-        Verdict.UNKNOWN,
         f'always the same rate about {", ".join(constant)}: dead, a dead band in the driver, or '
         'steps that are coarser than the noise',
         'record the sensor turned by hand about each axis',
@@ -169,12 +168,12 @@ def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
     """Return findings, the faults first, without those that come of others."""
-    faults = {finding.name for finding in findings if finding.verdict == Verdict.FAULT}
+    faults = {finding.name for finding in findings if finding.is_fault}
     following = {name for fault in faults for name in _FOLLOWS.get(fault, ())}
     order = (Verdict.FAULT, Verdict.UNKNOWN, Verdict.SOUND)
     left: dict[tuple[str, Verdict], Finding] = {}
     for finding in findings:
-        if finding.verdict != Verdict.FAULT or finding.name not in following:
+        if not (finding.is_fault and finding.name in following):
             # Gravity and a rule may both tell of degrees: the first one says more.
             left.setdefault((finding.name, finding.verdict), finding)
     return sorted(left.values(), key=lambda finding: order.index(finding.verdict))
@@ -191,20 +190,18 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             if too_short
             else f'the sensor never stood still for {state.first_rest} s'
         )
-        return Finding('rests', Verdict.FAULT, f'{what}: its bias is not known', advice)
+        return fault('rests', f'{what}: its bias is not known', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
     if np.isnan(noise).any():
-        return Finding(
+        return unknown(
             'rests',
-            Verdict.UNKNOWN,
             f'hardly a rest: bias {_listed(bias)} deg/s, which is known to '
             f'{math.degrees(max(state.bias_deviation)):.2g} deg/s; the noise is not known',
             advice,
         )
     seconds = rests.samples * period
-    return Finding(
+    return sound(
         'rests',
-        Verdict.SOUND,
         f'{counted(len(rests.stretches), "rest")}, {seconds:.0f} s together; '
         f'bias {_listed(bias)} deg/s, noise {_listed(noise)} deg/s',
         values={

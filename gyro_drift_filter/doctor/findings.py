@@ -46,7 +46,29 @@ class Finding:
     advice: str = ''
     values: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is a fault."""
+        return self.verdict == Verdict.FAULT
+
+
+def fault(name: str, text: str, advice: str, values: dict[str, Any] | None = None) -> Finding:
+    """Return the line of a fault."""
+    return Finding(name, Verdict.FAULT, text, advice, values or {})
+
+
+def sound(name: str, text: str, values: dict[str, Any] | None = None) -> Finding:
+    """Return the line of a question that ends well."""
+    return Finding(name, Verdict.SOUND, text, values=values or {})
+
+
+def unknown(
+    name: str, text: str, advice: str = '', values: dict[str, Any] | None = None
+) -> Finding:
+    """Return the line of a question that the recording leaves open."""
+    return Finding(name, Verdict.UNKNOWN, text, advice, values or {})
+
 
 def is_sound(findings: Sequence[Finding]) -> bool:
     """Tell whether there is no fault among the findings."""
-    return all(finding.verdict != Verdict.FAULT for finding in findings)
+    return not any(finding.is_fault for finding in findings)

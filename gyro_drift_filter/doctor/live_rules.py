@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -105,9 +105,8 @@ class RuleLog:
         told = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
         if not told and missing > _MISSING_SHARE:
             found.append(
-                Finding(
+                fault(
                     'gaps',
-                    Verdict.FAULT,
                     f'{_figures("gaps", span)}: messages are lost before they are recorded',
                     _ADVICE['gaps'],
                     {'gaps': state.gaps, 'missing_samples': state.missing_samples},
@@ -125,9 +124,8 @@ class RuleLog:
         text, _, advice = entry.text.partition(': ')
         figures = _figures(name, entry.span if name == 'low-pass' else span)
         when = f'for {entry.seconds:.0f} of {self.seconds:.0f} s, first at {entry.first:.0f} s'
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'{text} ({"; ".join(part for part in (figures, when) if part)})',
             _ADVICE.get(name, advice),
             {'seconds': entry.seconds, 'first_at': entry.first},
@@ -187,44 +185,43 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
 
-    def fine(name: str, text: str) -> Finding:
-        return Finding(name, Verdict.SOUND, text)
-
-    def open_(name: str, text: str) -> Finding:
-        return Finding(name, Verdict.UNKNOWN, text)
-
-    cut = fine('truncation', 'counts are not cut towards zero')
+    cut = sound('truncation', 'counts are not cut towards zero')
     if not any(state.count_size):
-        cut = fine('truncation', 'no counts are seen that could be cut towards zero')
+        cut = sound('truncation', 'no counts are seen that could be cut towards zero')
     elif not not_cut:
-        cut = open_('truncation', 'too little motion to tell whether counts are cut towards zero')
-    low_pass = fine('low-pass', 'the noise has passed no slow low-pass')
+        cut = unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
+    low_pass = sound('low-pass', 'the noise has passed no slow low-pass')
     if min(state.noise_blocks) == 0:
-        low_pass = open_('low-pass', 'without a rest the noise is not known, nor its low-pass')
+        low_pass = unknown('low-pass', 'without a rest the noise is not known, nor its low-pass')
     elif not math.isnan(span.low_pass):
-        low_pass = fine('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
+        low_pass = sound('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
     return [
         (
             {'malformed', 'not reported', 'never usable', 'unusable', 'changing frame'},
-            fine('messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'),
+            sound(
+                'messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'
+            ),
         ),
-        ({'zero', 'stuck', 'repeated', 'frozen axis', 'dead axis'}, fine('alive', 'all axes live')),
+        (
+            {'zero', 'stuck', 'repeated', 'frozen axis', 'dead axis'},
+            sound('alive', 'all axes live'),
+        ),
         (
             {'clipped', 'degrees', 'noise in degrees'},
-            fine('range', 'no rate is at the end of the range'),
+            sound('range', 'no rate is at the end of the range'),
         ),
         ({'truncated'}, cut),
         ({'low-pass'}, low_pass),
         (
             {'outliers', 'diverged'},
-            fine('outliers', f'samples flagged: {by_axis(state.outliers)}'),
+            sound('outliers', f'samples flagged: {by_axis(state.outliers)}'),
         ),
         (
             {
                 *('gaps', 'restarted', 'always restarted', 'backward', 'wrong order'),
                 *('zero stamps', 'standing stamps', 'wrong rate'),
             },
-            fine(
+            sound(
                 'stamps',
                 f'{_rate(span)}, {state.gaps} gaps, {state.missing_samples} samples '
                 f'missing, {state.backward_stamps} stamps backward',

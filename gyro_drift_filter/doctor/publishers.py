@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.doctor.findings import Finding, fault, sound
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 
 # Every other sample, in stretches of so many, beside the mean of its neighbours: of two sensors,
 # each with its own bias, it is off to one side and to the other in turn. Of one that vibrates near
@@ -41,29 +41,27 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     apart = total = 0
     for first in range(0, len(rates[0]), LARGEST_PART // _STRETCH * _STRETCH):
         part = slice(first, first + LARGEST_PART // _STRETCH * _STRETCH)
-        values = np.column_stack([column[part] for column in rates])
+        values = stacked(rates, part)
         values = values[: len(values) // _STRETCH * _STRETCH].reshape(-1, _STRETCH, 3)
         total += len(values)
         apart += int(_take_turns(values).sum())
     share = apart / total if total else 0.0
     found: dict[str, Any] = {'connections': connections, 'share_apart': share}
     if share > _SHARE:
-        return Finding(
+        return fault(
             'publishers',
-            Verdict.FAULT,
             'two sensors or drivers take turns on the topic: every other sample has another bias',
             'remap one of them; see who publishes with `ros2 topic info -v`',
             found,
         )
     if connections > 1:
-        return Finding(
+        return fault(
             'publishers',
-            Verdict.FAULT,
             f'the recording names {connections} publishers of the topic',
             'was a driver started anew, or do two publish? See `ros2 topic info -v`',
             found,
         )
-    return Finding('publishers', Verdict.SOUND, 'one publisher', values=found)
+    return sound('publishers', 'one publisher', found)
 
 
 def _take_turns(values: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
-from gyro_drift_filter.doctor.findings import Finding, Verdict
-from gyro_drift_filter.identify.series import Values
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import inverse, multiply, rotate, to_vectors
 
 Floats = NDArray[np.float64]
@@ -95,8 +95,10 @@ def compare_turns(
         bias: (3,) of the rates in rad/s.
     """
     rows, imu = [], (stamps, rates, accelerations, np.asarray(bias))
-    begin = max(_at(stamps, 0), _at(reference.stamps, 0))
-    end = min(_at(stamps, len(stamps) - 1), _at(reference.stamps, len(reference.stamps) - 1))
+    begin = max(value_at(stamps, 0), value_at(reference.stamps, 0))
+    end = min(
+        value_at(stamps, len(stamps) - 1), value_at(reference.stamps, len(reference.stamps) - 1)
+    )
     span = round(_SECONDS * 1e9)
     for start in np.linspace(begin, end - span, _MOST_BLOCKS if end > begin + span else 0):
         row = _turn(reference, imu, int(start), int(start) + span)
@@ -113,16 +115,18 @@ def _turn(reference: Reference, imu: Any, start: int, stop: int) -> Floats | Non
     """
     stamps, rates, accelerations, bias = imu
     first, last = _find(reference.stamps, start), _find(reference.stamps, stop)
-    since, until = _at(reference.stamps, first), _at(reference.stamps, last)
+    since, until = value_at(reference.stamps, first), value_at(reference.stamps, last)
     if last <= first or abs((until - since) / (stop - start) - 1.0) > 0.5:
         return None
     where = slice(_find(stamps, since), _find(stamps, until) + 1)
     steps = np.diff(np.asarray(stamps[where], np.int64)) * 1e-9
     if len(steps) < 2 or abs(1e9 * steps.sum() / (until - since) - 1.0) > 0.2:
         return None
-    rate = np.column_stack([column[where] for column in rates]) - bias
-    force = np.mean(np.column_stack([column[where] for column in accelerations]), axis=0)
-    ends = [np.array([_at(column, k) for column in reference.orientations]) for k in (first, last)]
+    rate = stacked(rates, where) - bias
+    force = np.mean(stacked(accelerations, where), axis=0)
+    ends = [
+        np.array([value_at(column, k) for column in reference.orientations]) for k in (first, last)
+    ]
     size = [np.linalg.norm(end) for end in ends]
     if not (np.isfinite(rate).all() and min(size) > 0.0):
         return None
@@ -140,14 +144,13 @@ def judge_reference(reference: Reference, turns: Turns) -> Finding:
     name, title = f'orientation {reference.name}', f'the orientation of {reference.name}'
     count = len(turns.reference)
     if reference.own and _is_invented(reference):
-        return Finding(
+        return fault(
             'invented orientation',
-            Verdict.FAULT,
             'an orientation is stated, but it is always the identity, or zeros',
             'set orientation_covariance[0] to -1 in the driver: not reported (REP-145)',
         )
     if count < _LEAST_BLOCKS:
-        return Finding(name, Verdict.UNKNOWN, f'{title} turns too little to be compared')
+        return unknown(name, f'{title} turns too little to be compared')
     if reference.own:
         ways = np.array([way.matrix() for way in WAYS])
         meant = np.einsum('mij,bj->mbi', ways, turns.rates)
@@ -166,9 +169,8 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
     scale = float(mine @ turns.vertical) / float(mine @ mine)
     values: dict[str, Any] = {'correlation': alike, 'scale': scale}
     if alike < -_ALIKE:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'about the vertical the rates turn the other way round than {title}',
             'the sign of the rates, or of the acceleration that tells what is up, is wrong; or the '
             'reference turns clockwise (REP-103: counter-clockwise is positive)',
@@ -177,18 +179,16 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
     if alike < _ALIKE:
         return None
     if not 1.0 / _SCALE < scale < _SCALE:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the rates have to be multiplied by {scale:.3g} to turn as {title}',
             'degrees, or the scale of another measuring range?',
             values,
         )
-    return Finding(
+    return sound(
         name,
-        Verdict.SOUND,
         f'about the vertical the rates turn as {title}, which turns {scale:.2f} times as far',
-        values=values,
+        values,
     )
 
 
@@ -196,7 +196,7 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
     """Tell whether the axes of the rates are a mirrored set of those of the reference."""
     left, size, right = np.linalg.svd(turns.rates.T @ turns.reference)
     if size[2] < _LEAST_SPREAD * size[0]:
-        return Finding(name, Verdict.UNKNOWN, f'{title} turns about too few axes to be compared')
+        return unknown(name, f'{title} turns about too few axes to be compared')
     handed = np.sign(np.linalg.det(left @ right))
     errors = []
     for sign in (handed, -handed):  # rotations where the first one has the sign of `handed`
@@ -206,23 +206,16 @@ def _mirrored(turns: Turns, name: str, title: str) -> Finding:
     share = best / float(np.median(np.linalg.norm(turns.reference, axis=1)))
     values: dict[str, Any] = {'share_left': share, 'mirrored': bool(handed < 0)}
     if handed < 0 and best < _BETTER * other:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the axes of the rates are mirrored against {title}',
             'one sign is wrong, or two axes are swapped: compare each axis by hand',
             values,
         )
     if share < _BETTER:
-        return Finding(
-            name,
-            Verdict.SOUND,
-            f'the rates turn as {title} ({100.0 * share:.0f} % are left)',
-            values=values,
-        )
-    return Finding(
+        return sound(name, f'the rates turn as {title} ({100.0 * share:.0f} % are left)', values)
+    return unknown(
         name,
-        Verdict.UNKNOWN,
         f'the rates do not turn as {title}',
         'are both on the same body, and their clocks the same?',
         values,
@@ -233,14 +226,10 @@ def _is_invented(reference: Reference) -> bool:
     """Tell whether orientations are always the identity or zeros, which nobody measures."""
     step = max(len(reference.stamps) // 1000, 1)
     *others, w = (
-        np.array([_at(column, k) for k in range(0, len(reference.stamps), step)])
+        np.array([value_at(column, k) for k in range(0, len(reference.stamps), step)])
         for column in reference.orientations
     )
     return bool(not np.any(others) and (np.all(w == 1.0) or not np.any(w)))
-
-
-def _at(values: Values, index: int) -> Any:
-    return values[index : index + 1][0]
 
 
 def _find(stamps: Values, stamp: int) -> int:
@@ -248,7 +237,7 @@ def _find(stamps: Values, stamp: int) -> int:
     low, high = 0, len(stamps)
     while high - low > 1:
         middle = (low + high) // 2
-        if _at(stamps, middle) <= stamp:
+        if value_at(stamps, middle) <= stamp:
             low = middle
         else:
             high = middle

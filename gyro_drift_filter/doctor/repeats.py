@@ -19,7 +19,7 @@ compared, over the whole recording. How often they are equal by chance is known 
 before: by chance a sample equals that one as often as the previous one.
 """
 
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound
 from gyro_drift_filter.identify.repeats import count_repeats
 from gyro_drift_filter.identify.series import Values
 
@@ -33,10 +33,9 @@ def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
         'by_chance': repeats.by_chance,
     }
     if not repeats.are_repeats:
-        return Finding('repeats', Verdict.SOUND, 'no sample is repeated', values=found)
-    return Finding(
+        return sound('repeats', 'no sample is repeated', found)
+    return fault(
         'repeats',
-        Verdict.FAULT,
         f'all six values are those of the sample before in {repeats.repeated} samples '
         f'({100.0 * repeats.share:.3g} %), {repeats.runs} times',
         'the bus or the driver hangs, or polls faster than the sensor measures: poll on its '

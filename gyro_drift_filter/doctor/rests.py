@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.blocks import runs_of
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
 
 Floats = NDArray[np.float64]
@@ -87,9 +88,7 @@ def stretches_of(flags: Values, shortened: int) -> tuple[Stretch, ...]:
     found = []
     for begin in range(0, len(flags), LARGEST_PART):
         part = np.asarray(flags[begin : begin + LARGEST_PART]) != 0
-        edges = np.flatnonzero(np.diff(part, prepend=False, append=False)) + begin
-        ends = edges[1::2] - shortened
-        found += [Stretch(int(a), int(b)) for a, b in zip(edges[::2], ends, strict=True)]
+        found += [Stretch(a, b - shortened) for a, b in (runs_of(part) + begin).tolist()]
     return tuple(stretch for stretch in found if stretch.stop - stretch.first >= _LEAST_SAMPLES)
 
 
@@ -109,7 +108,7 @@ def look_at_rests(
     deviations, means = [], []
     for stretch in stretches:
         where = slice(*stretch)
-        values = np.column_stack([column[where] for column in (*rates, *accelerations)])
+        values = stacked((*rates, *accelerations), where)
         means.append(values[:, 3:].mean(axis=0))
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
         # Without the acceleration, which may be missing, as good as with it.
@@ -140,9 +139,8 @@ def judge_unrested_noise(
     noise = np.median(np.diff(runs[calm, :, :3], axis=1).std(axis=1), axis=0) / math.sqrt(2.0)
     if noise.min() <= LARGEST_NOISE:
         return None
-    return Finding(
+    return fault(
         'noise in degrees',
-        Verdict.FAULT,
         f'the rates have a noise of {noise.min():.2g} rad/s beside a calm accelerometer, too much '
         'for a rest to be found',
         IN_DEGREES,
@@ -159,35 +157,31 @@ def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Find
     sizes = np.linalg.norm(forces, axis=1)
     sizes = sizes[np.isfinite(sizes)]
     if not len(sizes) or not sizes.any():
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             'no linear acceleration is reported: signs, axes and units can not be told',
             'publish the accelerometer in the same message; rests are found better with it, too',
         )
     size = float(np.median(sizes))
     values: dict[str, Any] = {'gravity': size, 'gravity_each_rest': sizes.tolist()}
     if size < _NO_GRAVITY and abs(size - 1.0) > _UNIT_MARGIN:
-        return Finding(
+        return fault(
             'gravity',
-            Verdict.FAULT,
             f'gravity is missing: {size:.2f} m/s^2 {where}',
             'publish what the accelerometer measures, gravity included (REP-145)',
             values,
         )
     for gravity, unit, remedy in _UNITS:
         if abs(size / gravity - 1.0) < _UNIT_MARGIN:
-            return Finding(
+            return fault(
                 'unit of acceleration',
-                Verdict.FAULT,
                 f'linear acceleration is in {unit}, not in m/s^2: gravity is {size:.4g} {where}',
                 f'{remedy} in the driver (REP-103)',
                 values,
             )
     if not len(seen.forces) and abs(size / GRAVITY - 1.0) > _UNIT_MARGIN:
-        return Finding(
+        return unknown(
             name,
-            Verdict.UNKNOWN,
             f'the accelerations are {size:.3g} m/s^2 on the median, without a rest: a motion may '
             'be as strong, or the scale may be wrong',
             'record the sensor at rest for some seconds, too',
@@ -195,24 +189,21 @@ def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Find
         )
     worst = float(sizes[np.argmax(np.abs(sizes - GRAVITY))])
     if len(seen.forces) and abs(worst / GRAVITY - 1.0) > _ACCELEROMETER:
-        return Finding(
+        return fault(
             'scale of acceleration',
-            Verdict.FAULT,
             f'the accelerometer shows gravity as {sizes.min():.2f} to {sizes.max():.2f} m/s^2 '
             'at rest: off by more than a tenth',
             'calibrate it, or look at the measuring range that the driver converts by',
             values,
         )
-    return Finding(name, Verdict.SOUND, f'gravity is {size:.2f} m/s^2 {where}', values=values)
+    return sound(name, f'gravity is {size:.2f} m/s^2 {where}', values)
 
 
 def _some(columns: tuple[Values, ...]) -> Floats:
     """Return some ten thousand samples (k, columns), in runs from all over columns (n,)."""
     n = len(columns[0])
     starts = range(0, n, max(n // 100, _RUN))
-    return np.concatenate(
-        [np.column_stack([column[k : k + _RUN] for column in columns]) for k in starts]
-    )
+    return np.concatenate([stacked(columns, slice(k, k + _RUN)) for k in starts])
 
 
 def judge_resolution(count_size: Floats, seen: AtRest) -> Finding:
@@ -220,25 +211,23 @@ def judge_resolution(count_size: Floats, seen: AtRest) -> Finding:
     name = 'resolution'
     values: dict[str, Any] = {'resolution': count_size.tolist(), 'noise': seen.noise.tolist()}
     if not count_size.any():
-        return Finding(name, Verdict.SOUND, 'the rates have no counts to be seen', values=values)
+        return sound(name, 'the rates have no counts to be seen', values)
     counts = f'a count is {np.degrees(count_size.max()):.3g} deg/s'
     if not np.isfinite(seen.noise).all():
         text = f'{counts}; without a rest of a second its noise is not known'
-        return Finding(name, Verdict.UNKNOWN, text)
+        return unknown(name, text)
     coarse = [axis for axis in range(3) if count_size[axis] > _COARSE * seen.noise[axis]]
     if coarse:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'counts are coarse: {counts}, more than three times the noise of '
             f'{", ".join(AXES[axis] for axis in coarse)}',
             'choose a smaller measuring range, or take the low-pass or rounding of the driver off: '
             'half a count of the bias stays hidden',
             values,
         )
-    return Finding(
+    return sound(
         name,
-        Verdict.SOUND,
         f'{counts}, the noise {np.degrees(seen.noise.max()):.3g} deg/s',
         values=values,
     )

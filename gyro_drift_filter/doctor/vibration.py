@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.tones import find_tones
 
@@ -57,13 +58,9 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     """
     name, nyquist = 'vibration', 0.5 / period
     if len(rates[0]) * period < _SHORTEST:
-        return Finding(name, Verdict.UNKNOWN, 'too short to tell lines from noise')
+        return unknown(name, 'too short to tell lines from noise')
     if _LARGEST_CUT * nyquist < _FASTEST_MOTION:
-        return Finding(
-            name,
-            Verdict.UNKNOWN,
-            f'{1.0 / period:.3g} Hz are too few to tell vibration from motion',
-        )
+        return unknown(name, f'{1.0 / period:.3g} Hz are too few to tell vibration from motion')
     sections = signal.butter(4, _FASTEST_MOTION, 'highpass', fs=1.0 / period, output='sos')
     found = [
         line
@@ -78,9 +75,8 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
             lines.append(line)
     strong = [line for line in lines if line.strong]
     if strong:
-        return Finding(
+        return fault(
             name,
-            Verdict.FAULT,
             f'the rates vibrate: {_listed(strong)}',
             'look for a motor, a fan or a loose mount of that frequency, or of one above '
             f'{nyquist:.4g} Hz that is folded down to it: damp the mount, and let the sensor '
@@ -90,7 +86,7 @@ def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     text = f'no line above the noise from {_FASTEST_MOTION:.0f} to {nyquist:.4g} Hz'
     if lines:
         text += f' (weak ones: {_listed(lines)})'
-    return Finding(name, Verdict.SOUND, text, values={'lines': lines})
+    return sound(name, text, values={'lines': lines})
 
 
 def _lines(axis: str, values: Floats, sections: Floats, period: float) -> Iterator[Line]:
@@ -112,10 +108,7 @@ def _are_one(line: Line, other: Line) -> bool:
 def _filled(values: Floats) -> Floats:
     """Return values (n,) with lines drawn over those that are NaN."""
     good = np.isfinite(values)
-    if good.all() or not good.any():
-        return np.nan_to_num(values)
-    index = np.arange(len(values))
-    return np.interp(index, index[good], values[good])
+    return bridged(values, good) if good.any() else np.zeros(len(values))
 
 
 def _listed(lines: list[Line]) -> str:

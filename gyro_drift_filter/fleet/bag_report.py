@@ -14,13 +14,12 @@
 
 """The report on one bag of a fleet: the page of `gyro_drift report`, with fewer points."""
 
-from datetime import UTC, datetime
 from pathlib import Path
 
 from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.report.figures import Drawer, roles
-from gyro_drift_filter.report.page import Recording, page
+from gyro_drift_filter.report.figures import Drawer
+from gyro_drift_filter.report.page import Recording, page, when_recorded
 from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.whole_file import write_whole
 
@@ -37,25 +36,8 @@ def shown_topic(name: str, signals: Signals, summary: Summary, parameters: Param
     """Return what the page shows of one Imu topic of a bag."""
     method = parameters.method
     drawer = Drawer({method: signals}, summary.start, _POINTS)
-    begin = datetime.fromtimestamp(summary.start * 1e-9, UTC)
-    return Recording(
-        name=name,
-        verdicts={method: signals.watch.verdict(summary)},
-        figures=drawer.figures(),
-        rests=drawer.rest_times(),
-        seconds=summary.seconds,
-        roles=roles([method], False),
-        parameters=parameters,
-        facts=[
-            ('topic', summary.topic),
-            (
-                'recorded',
-                f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {summary.seconds:.1f} s, '
-                f'{summary.received} Imu messages, {1.0 / summary.period:.4g} Hz',
-            ),
-        ],
-        notes=[],
-    )
+    facts = [('topic', summary.topic), when_recorded(summary)]
+    return Recording.drawn(name, drawer, {method: summary}, parameters, facts, [])
 
 
 def write_report(path: Path, topics: list[Recording]) -> None:

@@ -33,6 +33,8 @@ import ruptures
 from numpy.typing import NDArray
 from scipy import stats
 
+from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION
+
 Floats = NDArray[np.float64]
 
 # A level and its change can be told from four bags on: two make a stretch, as one odd bag is none.
@@ -42,8 +44,6 @@ LEAST_BAGS = 2 * _STRETCH
 _CHANCE = 0.01
 # A change within so many deviations of the history is one that happens.
 MATTERS = 3.0
-# Deviation of Gaussian noise per median absolute deviation.
-_PER_MEDIAN = 1.4826
 # Series of white noise by which it is known what chance makes, and their greatest length.
 _DRAWN, _LONGEST = 1000, 200
 # Has a logarithm, and is less than any scatter.
@@ -143,7 +143,9 @@ class Usual:
 def usual_scatter(values: Floats) -> float:
     """Return the deviation of values (n,) from one to the next: a jump and a drift hardly count."""
     steps = np.diff(values)
-    return _PER_MEDIAN * float(np.median(np.abs(steps - np.median(steps)))) / math.sqrt(2.0)
+    return (
+        PER_MEDIAN_DEVIATION * float(np.median(np.abs(steps - np.median(steps)))) / math.sqrt(2.0)
+    )
 
 
 def _log_steps(values: Floats) -> float:
@@ -170,7 +172,7 @@ def _deviation_of_means(values: Floats, bags: int) -> float:
     means = np.sort(values[len(values) - blocks * bags :].reshape(blocks, bags).mean(axis=1))
     first, second = np.triu_indices(blocks, 1)
     apart = float(np.median(means[second] - means[first]))
-    return _PER_MEDIAN * apart * math.sqrt(bags / 2.0)
+    return PER_MEDIAN_DEVIATION * apart * math.sqrt(bags / 2.0)
 
 
 def _median_variance(count: int) -> float:

@@ -190,9 +190,18 @@ class Sensor:
         )
 
     @property
+    def certain(self) -> list[Change]:
+        """The changes that chance does not make, the largest first."""
+        return [change for change in self.changes if change.certain]
+
+    @property
     def size(self) -> float:
         """Size of the largest change that matters, 0 where none does."""
-        return max((change.size for change in self.changes if change.certain), default=0.0)
+        return max((change.size for change in self.certain), default=0.0)
+
+    def start_of(self, change: Change) -> int:
+        """Return the log time in ns at which the first bag after a change begins."""
+        return int(self.bags[change.since]['start'])
 
 
 def judge_fleet(table: pa.Table) -> list[Sensor]:

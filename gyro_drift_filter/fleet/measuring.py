@@ -30,14 +30,13 @@ from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, are_among, is_cdr
 from gyro_drift_filter.bags.recording import Recording as OpenRecording
-from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary, Watch
+from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.examination import Examined, examine
 from gyro_drift_filter.doctor.findings import Finding
-from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path, shown_topic, write_report
@@ -203,7 +202,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
     selection = Selection(all_imu=True)
     with open_bag(path) as recording, ExitStack() as stack:
         inputs = selection.inputs(recording)
-        output: Output | NoOutput = NoOutput(recording, inputs)
+        output: Output | NoOutput = NoOutput(len(inputs))
         if job.bags is not None:
             writer = stack.enter_context(BagWriter(written_path(job.bags, bag), replace=True))
             output = Output(recording, writer, inputs, selection.keeps(recording), False)
@@ -218,9 +217,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
             watches[topic] = signals[topic].watch
             return signals[topic]
 
-        run = ReplayRun(
-            recording, output, job.parameters, inputs, None, None, Watch(watcher=watched)
-        )
+        run = ReplayRun(recording, output, job.parameters, inputs, watched)
         readings = {
             topic: (Reading(recording, topic, names), _Temperatures(recording, names.temperature))
             for topic, names in inputs.items()
@@ -292,7 +289,7 @@ def _rows_of_topic(
         'drift_before': verdict.heading.raw,
         'drift_after': verdict.heading.left,
         'outcome': str(verdict.outcome),
-        'faults': sorted({f.name for f in findings if f.verdict == FindingVerdict.FAULT}),
+        'faults': sorted({f.name for f in findings if f.is_fault}),
     }
     rows = []
     for axis, name in enumerate(AXES):

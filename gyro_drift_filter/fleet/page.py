@@ -86,6 +86,12 @@ def describe_change(change: Change) -> str:
     return f'{change.quantity}{axis} {change.before:.3g} to {change.after:.3g} {change.unit}'
 
 
+def describe_changes(sensor: Sensor) -> tuple[str, str]:
+    """Return the changes that are certain in words, and since when the largest one is there."""
+    what = '; '.join(map(describe_change, sensor.certain))
+    return what, day(sensor.start_of(sensor.certain[0]))
+
+
 def day(start: int) -> str:
     """Return the day and minute of a log time in ns."""
     return f'{datetime.fromtimestamp(start * 1e-9, UTC):%Y-%m-%d %H:%M}'
@@ -94,11 +100,9 @@ def day(start: int) -> str:
 def _ranking(sensors: Sequence[Sensor]) -> str:
     rows = []
     for k, sensor in enumerate(sensors):
-        certain = [change for change in sensor.changes if change.certain]
-        if not certain:
+        if not sensor.certain:
             continue
-        what = '; '.join(map(describe_change, certain))
-        since = day(sensor.bags[certain[0].since]['start'])
+        what, since = describe_changes(sensor)
         name = text_of(sensor.robot)
         named = f'<a href="#sensor-{k}">{name}</a>' if k < LARGEST else name
         rows.append(
@@ -133,11 +137,10 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> str:
 
 def _section(number: int, sensor: Sensor, link: Link) -> str:
     name = f'{sensor.robot}, {sensor.topic}, {sensor.frame}'
-    certain = [change for change in sensor.changes if change.certain]
     said = ''.join(
         f'<p><strong>{text_of(describe_change(c))}</strong> since '
-        f'{day(sensor.bags[c.since]["start"])}: {c.size:.1f} deviations</p>'
-        for c in certain
+        f'{day(sensor.start_of(c))}: {c.size:.1f} deviations</p>'
+        for c in sensor.certain
     )
     rows = []
     for bag in reversed(sensor.bags):
@@ -156,7 +159,7 @@ def _section(number: int, sensor: Sensor, link: Link) -> str:
 
 def _data(sensor: Sensor, link: Link) -> dict[str, Any]:
     """Return a sensor as the script draws it."""
-    since = {c.quantity: c.since for c in sensor.changes if c.certain}
+    since = {c.quantity: c.since for c in sensor.certain}
     return {
         'times': [_plotted(bag['start']) for bag in sensor.bags],
         # The library takes some HTML in what it shows at a point.

@@ -96,8 +96,7 @@ class Allan:
     @property
     def still_falls(self) -> bool:
         """Whether the minimum may lie at longer times: the bias instability is a bound then."""
-        bottom = int(np.argmin(self.deviations))
-        return bool(self.deviations[bottom:].max() < RISE * self.deviations[bottom])
+        return _still_falls(self.deviations)
 
     def at(self, tau: float) -> float:
         """Return the deviation in rad/s at `tau` in s, on a straight line of logarithms.
@@ -151,7 +150,7 @@ def allan_deviation(spans: Sequence[Values], period: float) -> Allan:
         walk,
         instability,
         None if drift is None else Reading(drift.value * 3**0.5, drift.shortest, drift.longest),
-        _warnings(taus, deviations, bottom, walk, drift),
+        _warnings(taus, deviations, walk, drift),
     )
 
 
@@ -244,8 +243,14 @@ def _read_slope(
     return Reading(float(np.exp(logarithm)), float(taus[run[0]]), float(taus[run[-1]]))
 
 
+def _still_falls(deviations: Floats) -> bool:
+    """Tell whether the minimum of deviations (m,) may lie at longer times."""
+    bottom = int(np.argmin(deviations))
+    return bool(deviations[bottom:].max() < RISE * deviations[bottom])
+
+
 def _warnings(
-    taus: Floats, deviations: Floats, bottom: int, walk: Reading | None, drift: Reading | None
+    taus: Floats, deviations: Floats, walk: Reading | None, drift: Reading | None
 ) -> tuple[str, ...]:
     warnings = []
     if walk is None:
@@ -258,7 +263,7 @@ def _warnings(
             f'the angle random walk was read at {walk.shortest:.2g} to {walk.longest:.2g} s and '
             'carried over to 1 s'
         )
-    if deviations[bottom:].max() < RISE * deviations[bottom]:
+    if _still_falls(deviations):
         warnings.append(
             f'the Allan deviation still falls at {taus[-1]:.3g} s: the recording is too short for '
             'the bias instability, which is an upper bound'

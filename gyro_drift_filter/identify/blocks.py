@@ -19,6 +19,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+# Deviation of Gaussian noise per median absolute deviation.
+PER_MEDIAN_DEVIATION = 1.4826
 
 
 def block_rows(values: Floats, first: Integers, stop: Integers) -> Floats:
@@ -34,6 +38,11 @@ def block_rows(values: Floats, first: Integers, stop: Integers) -> Floats:
     index = first[:, None] + np.arange(int((stop - first).max()))
     inside = index < stop[:, None]
     return np.where(inside, values[np.where(inside, index, 0)], np.nan)
+
+
+def runs_of(flags: Bools) -> Integers:
+    """Return the first index of each run of True in flags (n,), and that behind it: (r, 2)."""
+    return np.flatnonzero(np.diff(flags, prepend=False, append=False)).reshape(-1, 2)
 
 
 def row_medians(rows: Floats) -> Floats:

@@ -82,6 +82,11 @@ class Check:
     consequence: str
 
 
+def _check(name: str, passed: bool, statistic: float, detail: str, failure: str) -> Check:
+    """Return a check; what a failure means is left out where it passed."""
+    return Check(name, passed, statistic, detail, '' if passed else failure)
+
+
 def dead_value(values: Values) -> float | None:
     """Return the value of an axis (n,) that holds one to the last bit, None where it changes."""
     known: float | None = None
@@ -150,15 +155,13 @@ def check_zero_mean(residuals: Sequence[Values]) -> Check:
         if score > worst:
             worst, where = score, index
     passed = worst <= MEAN_LIMIT
-    return Check(
+    return _check(
         'zero mean',
         passed,
         worst,
         f'the mean of span {where + 1} of {len(residuals)}, the largest, is {worst:.2f} of its '
         f'deviations off zero (limit {MEAN_LIMIT:g})',
-        ''
-        if passed
-        else 'the bias differs from one motionless span to another by more than the noise '
+        'the bias differs from one motionless span to another by more than the noise '
         'explains, so the bias written is an average that no span has.',
     )
 
@@ -253,16 +256,14 @@ def check_normality(residuals: Sequence[Values]) -> Check:
     statistic = count / 6.0 * (skewness**2 + excess**2 / 4.0)
     p = math.exp(-0.5 * statistic)
     passed = abs(skewness) <= SKEWNESS_LIMIT and abs(excess) <= KURTOSIS_LIMIT
-    return Check(
+    return _check(
         'normality',
         passed,
         statistic,
         f'skewness {skewness:.3f} (limit {SKEWNESS_LIMIT:g}), excess kurtosis {excess:.3f} (limit '
         f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g}, which at {count} '
         'samples is not what counts',
-        ''
-        if passed
-        else 'the noise is not Gaussian, so the standard errors and the outlier limits, which '
+        'the noise is not Gaussian, so the standard errors and the outlier limits, which '
         'assume that it is, are too narrow.',
     )
 
@@ -283,14 +284,12 @@ def check_quantisation(spans: Sequence[Values], deviation: float) -> Check:
         if step
         else 'no quantisation found'
     )
-    return Check(
+    return _check(
         'quantisation',
         passed,
         share,
         detail,
-        ''
-        if passed
-        else f'rounding to steps adds {100 * share**2 / 12:.0f} % to the variance as white noise '
+        f'rounding to steps adds {100 * share**2 / 12:.0f} % to the variance as white noise '
         'that is not Gaussian, so the coefficients of the finest noise are those of the rounding.',
     )
 

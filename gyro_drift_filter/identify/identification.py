@@ -55,10 +55,18 @@ from gyro_drift_filter.identify.quiet import (
     find_quiet,
 )
 from gyro_drift_filter.identify.repeats import Repeats, count_repeats
-from gyro_drift_filter.identify.series import Stored, Stretch, Values, columns, mean_square, parts
+from gyro_drift_filter.identify.series import (
+    Stored,
+    Stretch,
+    Values,
+    columns,
+    mean_square,
+    parts,
+    seconds_at,
+)
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
-from gyro_drift_filter.phrases import rounded_down, without_rate
+from gyro_drift_filter.phrases import named_axes, rounded_down, without_rate
 
 Floats = NDArray[np.float64]
 
@@ -153,7 +161,7 @@ def identify(
     """
     timing, rates, accelerations = learn_timing(stamps), columns(rates), columns(accelerations)
     quiet = find_quiet(timing, rates, accelerations)
-    begins = tuple(_seconds(stamps, span.first) for span in quiet.spans)
+    begins = tuple(seconds_at(stamps, span.first) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, rates, timing.period)
     dead = [dead_value(rate) for rate in rates]
     if None not in dead:
@@ -172,11 +180,6 @@ def identify(
         *_about_axes(axes),
     ]
     return Identification(timing, quiet, begins, seconds, axes, tuple(warnings))
-
-
-def _seconds(stamps: NDArray[np.int64] | Stored, index: int) -> float:
-    """Return the time of a sample in s from the first one."""
-    return float(stamps[index : index + 1][0] - stamps[:1][0]) * 1e-9
 
 
 def _require_rest(
@@ -207,16 +210,14 @@ def _require_rest(
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
-    begin = _seconds(stamps, quiet.longest.first)
-    longest = (
-        f'{rounded_down(len(quiet.longest) * period, 1)} s, from {begin:.1f} s after the start'
-    )
+    begin = seconds_at(stamps, quiet.longest.first)
+    longest = f'{rounded_down(len(quiet.longest) * period)} s, from {begin:.1f} s after the start'
     if not quiet.spans:
         raise IdentificationError(
             f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
         )
     raise IdentificationError(
-        f'only {rounded_down(seconds, 1)} s of rest, the longest {longest}; {needed}'
+        f'only {rounded_down(seconds)} s of rest, the longest {longest}; {needed}'
     )
 
 
@@ -260,10 +261,7 @@ def _about_axes(axes: Sequence[AxisModel | DeadAxis]) -> list[str]:
         ]
         for sentence in sentences:
             about.setdefault(sentence, []).append(name)
-    return [
-        f'{"axis" if len(names) == 1 else "axes"} {", ".join(names)}: {sentence}'
-        for sentence, names in about.items()
-    ]
+    return [f'{named_axes(names)}: {sentence}' for sentence, names in about.items()]
 
 
 def _identify_axis(

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.identify.blocks import block_rows, row_medians
+from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
 from gyro_drift_filter.identify.series import (
@@ -48,8 +48,6 @@ MEDIAN_SECONDS = 1.0
 LEAST_MEDIAN = 16  # samples
 # Limit in robust deviations: Gaussian noise passes it twice in 1e9 samples.
 OUTLIER_DEVIATIONS = 6.0
-# Deviation of Gaussian noise per median absolute deviation.
-PER_MEDIAN_DEVIATION = 1.4826
 
 # The trend is fitted to this many means of equal parts of the recording.
 TREND_BLOCKS = 24
@@ -171,7 +169,7 @@ def replace_outliers(pieces: Sequence[Values], period: float) -> tuple[list[Stor
             finite = np.isfinite(departure)
             outlier = finite & (np.abs(np.where(finite, departure, 0.0)) > limit)
             count += int(outlier.sum())
-            out.append(_bridge(part, finite & ~outlier))
+            out.append(bridged(part, finite & ~outlier))
     return cleaned, count
 
 
@@ -214,7 +212,8 @@ def _robust_deviation(departures: Floats) -> float:
     return max(deviation, float(np.sqrt(middle.mean())))
 
 
-def _bridge(piece: Floats, good: Bools) -> Floats:
+def bridged(piece: Floats, good: Bools) -> Floats:
+    """Return values (n,) with lines drawn over those that are not good; some have to be."""
     index = np.arange(len(piece))
     out = piece.copy()
     out[~good] = np.interp(index[~good], index[good], piece[good])

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 
 # Chance gives a count its root; beyond so many of them, and so many, it was not chance.
 _DEVIATIONS, _LEAST = 5.0, 5.0
@@ -60,8 +60,7 @@ def count_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
     for first in range(0, n, LARGEST_PART):
         ahead = min(first, 2)
         part = slice(first - ahead, first + LARGEST_PART)
-        values = np.column_stack([column[part] for column in (*rates, *accelerations)])
-        values = np.nan_to_num(values)
+        values = np.nan_to_num(stacked((*rates, *accelerations), part))
         same, before, between = np.zeros((3, len(values)), np.bool_)
         same[1:] = (values[1:] == values[:-1]).all(axis=1)
         before[1:] = same[:-1]

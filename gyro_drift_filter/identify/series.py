@@ -20,7 +20,7 @@ What takes a series takes an array as well; both know their length and give slic
 import errno
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -154,6 +154,36 @@ def block_means(spans: Sequence[Values], blocks: int) -> Floats:
         sums += np.diff(running[np.clip(edges - offset, 0, len(part))])
         offset += len(part)
     return np.asarray(sums / np.diff(edges))
+
+
+def stacked(columns: Iterable[Values], where: slice = slice(None)) -> Floats:
+    """Return the same slice (n,) of several series side by side: (n, number of them)."""
+    return np.column_stack([column[where] for column in columns])
+
+
+def stored_columns(count: int, kind: type[np.generic] = np.float64) -> tuple[Stored, ...]:
+    """Return so many series that nothing was added to yet."""
+    return tuple(Stored(kind) for _ in range(count))
+
+
+def append_rows(columns: Sequence[Stored], rows: NDArray[Any]) -> None:
+    """Add rows (m, number of columns) at the end of series, one for each column.
+
+    Raises:
+        IdentificationError: There is no room for them.
+    """
+    for column, values in zip(columns, rows.T, strict=True):
+        column.append(values)
+
+
+def value_at(values: NDArray[Any] | Values, index: int) -> Any:
+    """Return one number of a series."""
+    return values[index : index + 1][0]
+
+
+def seconds_at(stamps: NDArray[np.int64] | Values, index: int) -> float:
+    """Return the time of a sample in s from the first one, by stamps (n,) in ns."""
+    return float(value_at(stamps, index) - value_at(stamps, 0)) * 1e-9
 
 
 def columns(values: Floats | tuple[Values, ...]) -> tuple[Values, ...]:

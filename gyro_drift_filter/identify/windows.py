@@ -21,7 +21,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.identify.blocks import block_rows, row_means, row_medians
+from gyro_drift_filter.identify.blocks import (
+    PER_MEDIAN_DEVIATION,
+    block_rows,
+    row_means,
+    row_medians,
+)
 from gyro_drift_filter.identify.series import Values
 
 Floats = NDArray[np.float64]
@@ -158,7 +163,7 @@ def step_limit(steps: Floats, level: float, windows: Windows) -> float:
     """Return how far two neighbouring means may lie apart, by the steps (m,) of calm windows."""
     size = float(np.median(windows.stop - windows.first))
     white = SPREADS * level * np.sqrt(2.0 / size)
-    seen = SPREADS * 1.4826 * float(np.median(steps)) if len(steps) else 0.0
+    seen = SPREADS * PER_MEDIAN_DEVIATION * float(np.median(steps)) if len(steps) else 0.0
     return float(max(white, min(seen, LARGEST_STEP * level)))
 
 
@@ -212,7 +217,7 @@ def _level(deviations: Floats) -> tuple[float, float]:
     for _ in range(20):
         like = ordered[ordered <= limit]
         level = float(np.median(like)) if len(like) else level
-        spread = 1.4826 * float(np.median(np.abs(like - level))) if len(like) else 0.0
+        spread = PER_MEDIAN_DEVIATION * float(np.median(np.abs(like - level))) if len(like) else 0.0
         ratio = 1.0 + SPREADS * spread / level if level else LEAST_RATIO
         new = level * min(max(ratio, LEAST_RATIO), LARGEST_RATIO)
         if new <= limit:

@@ -38,6 +38,7 @@ from gyro_drift_filter.mcap.records import (
     PREFIX,
     SCHEMA,
     McapError,
+    record,
     unpack_chunk,
 )
 from gyro_drift_filter.mcap.writer import McapWriter
@@ -76,7 +77,7 @@ def recover(source: Openable, destination: Path) -> int:
                     if opcode == CHUNK:
                         _take_records(writer, _unpacked(content, whole))
                     else:
-                        _take_records(writer, PREFIX.pack(opcode, len(content)) + content)
+                        _take_records(writer, record(opcode, content))
             except McapError:
                 # After a power cut the end may be there without having been written.
                 if not writer.counts:

@@ -141,20 +141,17 @@ def _little_rest_text(span: Span) -> str:
 FILTER_RULES = (
     Rule(
         'diverged',
-        Level.WARN,
         lambda span: has_grown(span, 'divergences'),
         lambda span: 'the filter diverged and started anew: ' + span.advice.outliers,
     ),
     Rule(
         'outliers',
-        Level.WARN,
         # They are NaN on all axes or on none.
         beyond(lambda span: max(span.outlier_shares), *_OUTLIER_SHARE),
         lambda span: 'many samples count as outliers: ' + span.advice.outliers,
     ),
     Rule(
         'large innovations',
-        Level.WARN,
         beyond(_lag, *_LARGE_INNOVATIONS),
         lambda span: (
             'innovations are much larger than the filter expects: ' + span.advice.large_innovations
@@ -162,7 +159,6 @@ FILTER_RULES = (
     ),
     Rule(
         'small innovations',
-        Level.WARN,
         beyond(_noise_excess, *_SMALL_INNOVATIONS),
         lambda span: (
             'innovations are far smaller than the filter expects: ' + span.advice.small_innovations
@@ -170,7 +166,6 @@ FILTER_RULES = (
     ),
     Rule(
         'no rest',
-        Level.WARN,
         _has_no_rest_for_long,
         lambda span: (
             'gravity has stood still for minutes, and yet no rest is found, as '
@@ -181,32 +176,20 @@ FILTER_RULES = (
     ),
     Rule(
         'taken for a turn',
-        Level.WARN,
         _is_taken_for_turn,
         'no rest for minutes, and now a steady rate that the bias can not have come to is taken '
         'for a slow turn: if the robot stands, its bias changes faster than bias.random_walk says, '
         'so call ~/calibrate now, and raise that',
     ),
-    Rule(
-        'beyond bias.max',
-        Level.WARN,
-        lambda span: span.now.telemetry.rest_beyond_max,
-        _beyond_max_text,
-    ),
+    Rule('beyond bias.max', lambda span: span.now.telemetry.rest_beyond_max, _beyond_max_text),
     Rule(
         'no bias for long',
-        Level.WARN,
         _has_no_bias_for_long,
         lambda span: (
             f"{_no_bias(span)} (the heading drifts until then). If it does, 'Why not at rest' says "
             'what moves'
         ),
     ),
-    Rule('no bias', Level.OK, _has_no_bias, _no_bias),
-    Rule(
-        'little rest',
-        Level.OK,
-        _is_noise_unsure,
-        _little_rest_text,
-    ),
+    Rule('no bias', _has_no_bias, _no_bias, level=Level.OK),
+    Rule('little rest', _is_noise_unsure, _little_rest_text, level=Level.OK),
 )

@@ -201,6 +201,12 @@ def frame_id(message: bytes, imu: Any) -> str:
     return message[start : start + int(imu['frame_id_size'])].decode('utf-8', 'replace')
 
 
+def frame_of(message: bytes) -> str | None:
+    """Return header.frame_id of a serialized message, None where that is malformed."""
+    imu = read_message(message)
+    return None if imu['kind'] == ImuKind.MALFORMED else frame_id(message, imu)
+
+
 def fault_text(fault: Fault) -> str:
     """Return in words why a message is malformed."""
     size, value = fault['size'], fault['value']

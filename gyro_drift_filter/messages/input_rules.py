@@ -24,8 +24,9 @@ from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, increase
+from gyro_drift_filter.messages.rules import Rule, beyond, has_grown, in_window, increase
 from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
+from gyro_drift_filter.phrases import named_axes
 
 # Robots turn with up to 10 Hz or so, which a low-pass of so many Hz delays and weakens.
 _SLOW_LOW_PASS = 15.0
@@ -54,32 +55,29 @@ _GAPS = 2.5, 0.5
 
 
 def _stamps_go_backward(span: Span) -> bool:
-    backward = span.now.telemetry.backward_stamps - span.first.telemetry.backward_stamps
+    backward = in_window(span, 'backward_stamps')
     return span.recent >= LEAST_SAMPLES and backward > _BACKWARD_SHARE * span.recent
 
 
 def _stamps_always_jump(span: Span) -> bool:
-    restarts = span.now.telemetry.restarts - span.first.telemetry.restarts
-    return span.recent >= _LEAST_STEPS and 2 * restarts > span.recent
+    return span.recent >= _LEAST_STEPS and 2 * in_window(span, 'restarts') > span.recent
 
 
 def _stamps_are_zero(span: Span) -> bool:
-    now, first = span.now.telemetry, span.first.telemetry
-    zero = now.zero_stamps - first.zero_stamps
+    zero = in_window(span, 'zero_stamps')
     # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
-    none = zero >= span.recent - (now.not_measured - first.not_measured)
+    none = zero >= span.recent - in_window(span, 'not_measured')
     return span.now.parameters.sample_rate == 0.0 and none and zero > 0
 
 
 def _stamps_stand(span: Span) -> bool:
-    now, first = span.now.telemetry, span.first.telemetry
     # A clock that was set, or no stamps at all, are told by other rules.
     for name in ('zero_stamps', 'backward_stamps', 'restarts'):
-        if getattr(now, name) > getattr(first, name):
+        if in_window(span, name) > 0:
             return False
-    again = now.not_measured - first.not_measured + now.repeats - first.repeats
-    lasted = (span.recent - again) * now.period
-    told = 1e-9 * (now.stamp - first.stamp)
+    again = in_window(span, 'not_measured') + in_window(span, 'repeats')
+    lasted = (span.recent - again) * span.now.telemetry.period
+    told = 1e-9 * in_window(span, 'stamp')
     judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= LEAST_TOLD
     return judged and told < TOLD_SHARE * lasted
 
@@ -101,21 +99,18 @@ def _frame_text(span: Span) -> str:
 
 def _left_in_gaps(span: Span) -> int:
     """Return how many messages came too late for their place: each goes back into a gap."""
-    now, first = span.now.telemetry, span.first.telemetry
-    backward = now.backward_stamps - first.backward_stamps
-    return min(now.gaps - first.gaps, backward - (now.overtaken - first.overtaken))
+    backward = in_window(span, 'backward_stamps')
+    return min(in_window(span, 'gaps'), backward - in_window(span, 'overtaken'))
 
 
 def _swapped_in_window(span: Span) -> float:
     """Return how many messages came after the next one."""
-    overtaken = span.now.telemetry.overtaken - span.first.telemetry.overtaken
-    return float(overtaken + _left_in_gaps(span))
+    return float(in_window(span, 'overtaken') + _left_in_gaps(span))
 
 
 def _gaps_in_window(span: Span) -> float:
     """Return how many gaps there were that no message has filled later."""
-    gaps = span.now.telemetry.gaps - span.first.telemetry.gaps
-    return float(gaps - _left_in_gaps(span))
+    return float(in_window(span, 'gaps') - _left_in_gaps(span))
 
 
 def _rate_error(span: Span) -> float:
@@ -150,8 +145,7 @@ def _rate_text(span: Span) -> str:
 def _axes_with(span: Span, fault: AxisFault) -> str:
     """Return the axes that have a fault, in words."""
     faults = zip(AXES, span.now.telemetry.faults, strict=True)
-    axes = [axis for axis, of_axis in faults if of_axis == fault]
-    return f'{"axes" if len(axes) > 1 else "axis"} {", ".join(axes)}'
+    return named_axes([axis for axis, of_axis in faults if of_axis == fault])
 
 
 def _frozen_text(span: Span) -> str:
@@ -185,8 +179,7 @@ def _shows_no_gravity(span: Span) -> bool:
 
 def _is_mostly_beyond_gravity(span: Span) -> bool:
     """Return whether more than half of the samples in the window are."""
-    count = span.now.telemetry.beyond_gravity - span.first.telemetry.beyond_gravity
-    return span.recent >= LEAST_SAMPLES and 2 * count > span.recent
+    return span.recent >= LEAST_SAMPLES and 2 * in_window(span, 'beyond_gravity') > span.recent
 
 
 def _no_gravity_text(span: Span) -> str:
@@ -201,85 +194,79 @@ def _no_gravity_text(span: Span) -> str:
 INPUT_RULES = (
     Rule(
         'silent',
-        Level.STALE,
         lambda span: span.now.received == span.before.received,
         'no message: is the driver running, and is the topic right?',
+        level=Level.STALE,
     ),
     Rule(
         'own output',
-        Level.ERROR,
         lambda span: span.now.own_outputs > span.before.own_outputs,
         'the filtered messages come back on the input: some node sends the output there. They are '
         'not filtered again; remap one of the topics',
+        level=Level.ERROR,
     ),
     Rule(
         'malformed',
-        Level.ERROR,
         lambda span: span.now.malformed > span.before.malformed,
         lambda span: f'messages refused, the last because {span.now.last_malformed}',
+        level=Level.ERROR,
     ),
     Rule(
         'never usable',
-        Level.ERROR,
         lambda span: increase(span, 'refused') == span.samples > 0,
         'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is published; '
         'look at the driver',
+        level=Level.ERROR,
     ),
     Rule(
         'repeated',
-        Level.ERROR,
         lambda span: increase(span, 'repeats') == span.samples > 0,
         'the same message comes again and again: the sensor or its driver hangs',
+        level=Level.ERROR,
     ),
     Rule(
         'zero',
-        Level.WARN,
         lambda span: span.now.telemetry.stuck and span.now.telemetry.all_zero,
         'all rates have been exactly 0 for a second or more: a dead band in the driver, or the '
         'sensor hangs',
     ),
     Rule(
         'stuck',
-        Level.ERROR,
         lambda span: span.now.telemetry.stuck,
         'all values have stayed the same for a second or more: the sensor or its bus hangs (a '
         'simulated sensor without noise does this, too)',
+        level=Level.ERROR,
     ),
     Rule(
         'frozen axis',
-        Level.ERROR,
         lambda span: AxisFault.FROZEN in span.now.telemetry.faults,
         _frozen_text,
+        level=Level.ERROR,
     ),
     Rule(
         'changing frame',
-        Level.WARN,
         lambda span: span.now.frame_changes > span.before.frame_changes,
         _frame_text,
     ),
     Rule(
         'not reported',
-        Level.WARN,
         lambda span: span.samples == 0,
         'no angular velocity reported (covariance starts with -1): messages are passed on '
         'unfiltered',
     ),
     Rule(
         'degrees',
-        Level.WARN,
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
         f'rates stay above {RANGE:g} rad/s: {IN_DEGREES}',
     ),
     Rule(
         'noise in degrees',
-        Level.WARN,
         _has_noise_in_degrees,
         f'at rest the rates have a noise of more than {LARGEST_NOISE:g} rad/s beside a calm '
         f'accelerometer: {IN_DEGREES}',
     ),
     Rule(
         'frozen accelerometer',
-        Level.WARN,
         lambda span: span.now.telemetry.accelerometer_hangs,
         'the accelerometer hangs: not a bit has changed for a second or more, while the body turns '
         'so that gravity would move. The rates are filtered all the same, but no bias is found in '
@@ -287,23 +274,20 @@ INPUT_RULES = (
     ),
     Rule(
         'beyond gravity',
-        Level.WARN,
         _is_mostly_beyond_gravity,
         f'the acceleration stays beyond {LARGEST_STEADY_ACCELERATION:g} m/s^2, ten times gravity: '
         'does the driver publish mg or counts where REP-145 asks for m/s^2? No rest is found then, '
         'and so no bias',
     ),
-    Rule('no gravity', Level.WARN, _shows_no_gravity, _no_gravity_text),
+    Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
         'clipped',
-        Level.WARN,
         lambda span: has_grown(span, 'clipped'),
         'a fast rate stays where it is, without noise: the end of the measuring range; choose a '
         'larger one in the driver',
     ),
     Rule(
         'dead axis',
-        Level.WARN,
         lambda span: AxisFault.DEAD in span.now.telemetry.faults,
         lambda span: (
             f'{_axes_with(span, AxisFault.DEAD)} of the gyroscope: always the same rate while '
@@ -312,42 +296,36 @@ INPUT_RULES = (
     ),
     Rule(
         'unusable',
-        Level.WARN,
         lambda span: has_grown(span, 'unusable'),
         'rates that are no usable number (NaN, infinite or above 1e6 rad/s): bridged by the '
         'prediction for as long as gap_limit, then nothing is published',
     ),
     Rule(
         'lost',
-        Level.WARN,
         lambda span: span.now.lost > span.before.lost,
         'the middleware has dropped messages before the node took them: the processor or the '
         'network does not keep up',
     ),
     Rule(
         'repeated samples',
-        Level.WARN,
         beyond(lambda span: span.not_measured, *_REPEATED_SHARE),
         'the driver repeats samples, as it polls faster than the sensor measures: poll at the rate '
         'of the sensor, or on its data-ready signal',
     ),
     Rule(
         'truncated',
-        Level.WARN,
         _is_truncation_left,
         'the sensor cuts its counts towards zero, which turns the heading: set input.quantisation '
         'to auto or truncate',
     ),
     Rule(
         'low-pass',
-        Level.WARN,
         lambda span: span.low_pass < _SLOW_LOW_PASS,
         'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
         'back: choose a higher cut-off frequency',
     ),
     Rule(
         'always restarted',
-        Level.WARN,
         _stamps_always_jump,
         'most stamps are farther than gap_limit from the one before, so that each sample begins '
         'anew and nothing is filtered: are the stamps in another unit, do the clocks of two '
@@ -355,42 +333,36 @@ INPUT_RULES = (
     ),
     Rule(
         'restarted',
-        Level.WARN,
         lambda span: increase(span, 'restarts') > 0,
         'stamps jumped by more than gap_limit: the filter has started anew from there',
     ),
     Rule(
         'backward',
-        Level.WARN,
         _stamps_go_backward,
         'many stamps go backward: are there two publishers, or does the driver mix its messages '
         'up?',
     ),
     Rule(
         'wrong order',
-        Level.WARN,
         beyond(_swapped_in_window, *_GAPS),
         'stamps leave gaps and go back into them: do messages come in the wrong order, as from a '
         'relay with several threads or a link by UDP, or are stamps off by half a period and more?',
     ),
     Rule(
         'zero stamps',
-        Level.WARN,
         _stamps_are_zero,
         'the driver does not stamp (all stamps are 0): set sample_rate',
     ),
     Rule(
         'standing stamps',
-        Level.WARN,
         _stamps_stand,
         'the stamps hardly advance from message to message, so that samples are counted at '
         'sample_rate, or at 100 Hz where it is 0: stamp each message with the time of its '
         'measurement, in seconds and nanoseconds, or set sample_rate',
     ),
-    Rule('wrong rate', Level.WARN, beyond(_rate_error, *_RATE_ERROR), _rate_text),
+    Rule('wrong rate', beyond(_rate_error, *_RATE_ERROR), _rate_text),
     Rule(
         'gaps',
-        Level.WARN,
         beyond(_gaps_in_window, *_GAPS),
         'gaps in the stamps: messages are lost before they come here',
     ),

@@ -44,6 +44,8 @@ REPEATABILITY = 8.7e-3
 LONGEST_AGE = 30 * 86_400.0
 # A clock may be wrong by this much before a file from the future is refused, in s.
 CLOCK_ERROR = 86_400.0
+# Why a bias is not kept, with the frame that it was learned in.
+OTHER_FRAME = 'frame_id is no longer {}, so the sensor may be another one'
 _LONGEST_TIME = 1e11  # s: some thousand years
 _LONGEST_NAME = 200
 LARGEST_FILE = 100_000  # bytes

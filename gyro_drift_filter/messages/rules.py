@@ -33,15 +33,15 @@ class Rule(NamedTuple):
 
     Attributes:
         name: Its own among the rules of both tables.
-        level: The level of the status.
         applies: Says whether the rule applies; None leaves that as it was at the last report.
         text: The message, or what makes it.
+        level: The level of the status.
     """
 
     name: str
-    level: Level
     applies: Callable[[Span], bool | None]
     text: str | Callable[[Span], str]
+    level: Level = Level.WARN
 
 
 def applying(rules: Sequence[Rule], span: Span, before: Set[str]) -> list[Rule]:
@@ -78,6 +78,11 @@ def beyond(
 def increase(span: Span, name: str) -> int:
     """Return by how much a count has grown since the last report."""
     return int(getattr(span.now.telemetry, name) - getattr(span.before.telemetry, name))
+
+
+def in_window(span: Span, name: str) -> int:
+    """Return by how much a count has grown since the start of the window."""
+    return int(getattr(span.now.telemetry, name) - getattr(span.first.telemetry, name))
 
 
 def has_grown(span: Span, name: str) -> bool:

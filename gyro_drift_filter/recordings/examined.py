@@ -31,7 +31,6 @@ from gyro_drift_filter.bags.recording import (
     Piece,
     Recording,
     are_among,
-    channels_of,
     is_cdr,
 )
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
@@ -44,7 +43,7 @@ from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.doctor.reference import Reference
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
 
 # Where the covariances start among the doubles of an Imu: those of QUANTITIES.
@@ -57,13 +56,12 @@ class _Orientations:
     def __init__(self, name: str, own: bool) -> None:
         self.name, self.own = name, own
         self._stamps = Stored(np.int64)
-        self._columns = tuple(Stored() for _ in range(4))
+        self._columns = stored_columns(4)
 
     def add(self, stamps: NDArray[np.int64], quaternions: NDArray[np.float64]) -> None:
         """Add stamps (n,) in ns and quaternions (n, 4) in the order x, y, z, w."""
         self._stamps.append(stamps)
-        for column, values in zip(self._columns, quaternions.T, strict=True):
-            column.append(values)
+        append_rows(self._columns, quaternions)
 
     def reference(self) -> Reference | None:
         """Return what was added, None where nothing was."""
@@ -76,8 +74,7 @@ class Reading:
     """One pass through a recording for one Imu topic: all that there is to be examined.
 
     Attributes:
-        is_imu: By the `id` of a connection, whether it is of the topic.
-        connections: How many are.
+        connections: How many are of the topic.
         filter: The filter that the messages go through, which undoes nothing that is to be found.
         stamps: (n,) in ns, of the good messages, as all that follow.
         log_times: (n,) in ns.
@@ -89,18 +86,15 @@ class Reading:
     """
 
     def __init__(self, recording: Recording, topic: str, names: Topics) -> None:
-        self.is_imu = channels_of(recording, topic)
-        self.connections = int(np.count_nonzero(self.is_imu))
         self._rules = RuleLog()
         parameters = Parameters(input_quantisation='none')
-        self.filter = TopicFilter(
-            recording, parameters, topic, names, None, watcher=lambda filter_: self._rules
-        )
+        self.filter = TopicFilter(recording, parameters, topic, names, lambda _: self._rules)
+        self.connections = int(np.count_nonzero(self.filter.is_imu))
         self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
-        self.rates, self.accelerations = (tuple(Stored() for _ in range(3)) for _ in range(2))
-        self.outliers = tuple(Stored(np.uint8) for _ in range(3))
+        self.rates, self.accelerations = stored_columns(3), stored_columns(3)
+        self.outliers = stored_columns(3, np.uint8)
         self.resting = Stored(np.uint8)
-        self.stated = (Stated.nothing(), Stated.nothing(), Stated.nothing())
+        self.stated = (Stated(), Stated(), Stated())
         self._report_times = ReportTimes()
         self._typestore = recording.typestore
         self._own = _Orientations(topic, own=True)
@@ -115,7 +109,7 @@ class Reading:
         """Take a piece of the recording in."""
         for part in small_parts(piece):
             # Without what other topics hold, so that reports are about the time of the Imu alone.
-            imus_alone = Piece(part.data, part.rows[self.is_imu[part.rows['channel']]])
+            imus_alone = Piece(part.data, part.rows[self.filter.is_imu[part.rows['channel']]])
             self._filter(imus_alone, self._report_times.among(imus_alone.rows))
             for index in np.flatnonzero(self._is_other[part.rows['channel']]):
                 self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
@@ -125,7 +119,7 @@ class Reading:
         self._filter(NO_MESSAGES, self._report_times.at_end())
 
     def _filter(self, piece: Piece, reports: Any) -> None:
-        imus = read_imus(piece, self.is_imu)
+        imus = read_imus(piece, self.filter.is_imu)
         self.filter.judge(self.filter.take(piece, imus, reports), reports)
         good = imus[imus['kind'] == ImuKind.GOOD]
         self._keep(piece, good)
@@ -134,11 +128,10 @@ class Reading:
         sample = good['sample']
         self.stamps.append(sample['stamp'])
         self.log_times.append(piece.rows['log_time'][good['row']])
-        for axis in range(3):
-            self.rates[axis].append(usable(sample['angular_velocity'][:, axis]))
-            force = usable(sample['linear_acceleration'][:, axis], LARGEST_ACCELERATION)
-            self.accelerations[axis].append(force)
-            self.outliers[axis].append(good['result']['outlier'][:, axis] > 0.0)
+        append_rows(self.rates, usable(sample['angular_velocity']))
+        forces = usable(sample['linear_acceleration'], LARGEST_ACCELERATION)
+        append_rows(self.accelerations, forces)
+        append_rows(self.outliers, good['result']['outlier'] > 0.0)
         self.resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
         for stated, first in zip(self.stated, _COVARIANCES, strict=True):

@@ -18,7 +18,6 @@ A trace is reduced here to what a page has room for, by the least and the larges
 its parts, so that no extreme is lost. The page reduces it once more to what the screen shows.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +27,7 @@ from tsdownsample import MinMaxDownsampler
 
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import allan_deviation
+from gyro_drift_filter.identify.blocks import runs_of
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Stretch
 from gyro_drift_filter.identify.spectrum import spectrum
@@ -36,6 +36,7 @@ from gyro_drift_filter.report.signals import Signals
 Floats = NDArray[np.float64]
 
 DEGREES = float(np.degrees(1.0))
+TIME = 'time (s)'
 # The innovations are drawn in a band of so many of their predicted deviations.
 BAND = 3.0
 _LARGEST = 10.0
@@ -78,10 +79,9 @@ class Figure:
         name: For files and links.
         title: What is drawn.
         text: What it tells, in a sentence or two.
-        x: Label of the horizontal axis.
         y: Label of the vertical axes.
+        x: Label of the horizontal axis: TIME, or something else.
         panels: Traces by the name of their panel.
-        in_time: Whether x is the time in s since the first message, as in all such figures.
         logarithmic: Which of the axes are, 'x', 'y' or both.
         limits: Of the vertical axes, None where the traces decide.
     """
@@ -89,16 +89,24 @@ class Figure:
     name: str
     title: str
     text: str
-    x: str
     y: str
+    x: str = TIME
     panels: dict[str, list[Trace]] = field(default_factory=dict)
-    in_time: bool = False
     logarithmic: str = ''
     limits: tuple[float, float] | None = None
 
+    @property
+    def in_time(self) -> bool:
+        """Whether x is the time in s since the first message, the same in all such figures."""
+        return self.x == TIME
+
 
 class Drawer:
-    """Makes the figures of one recording that went through one or several filters."""
+    """Makes the figures of one recording that went through one or several filters.
+
+    Attributes:
+        runs: By method, the first one being drawn in full.
+    """
 
     def __init__(
         self, runs: dict[str, Signals], start: int, points: int, recorded: Any = None
@@ -112,10 +120,11 @@ class Drawer:
             recorded: (times (n,) in s, rates (n, 3) in rad/s) of a filtered topic that the
                 recording holds, where it is another one.
         """
-        self._runs, self._recorded = runs, recorded
-        self.main = next(iter(runs.values()))
+        self.runs, self._recorded = runs, recorded
+        self._method, self.main = next(iter(runs.items()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
-        self.rests = _stretches(np.asarray(self.main.resting))
+        # First and behind the last index of each.
+        self.rests = runs_of(np.asarray(self.main.resting) > 0).tolist()
         others = len(runs) - 1 + (recorded is not None)
         total = 3.0 * (
             (2.0 + others) * _SHARES['rate']
@@ -134,6 +143,13 @@ class Drawer:
         drawn += self._whiteness()
         return drawn
 
+    def roles(self) -> dict[str, str]:
+        """Return the name of each role that can be shown and hidden."""
+        named = {'raw': 'raw', **{method: f'filtered, {method}' for method in self.runs}}
+        if self._recorded is not None:
+            named['recorded'] = 'filtered, as recorded'
+        return named | {'outlier': 'outliers', 'rest': 'at rest'}
+
     def rest_times(self) -> list[tuple[float, float]]:
         """Return begin and end of each rest in s."""
         return [(float(self.times[a]), float(self.times[b - 1])) for a, b in self.rests]
@@ -150,9 +166,7 @@ class Drawer:
             'As the sensor gave them, and as the filter publishes them: without the bias, quiet at '
             'rest (shaded), and through at once in motion. Crosses are samples that were flagged '
             'as outliers.',
-            'time (s)',
             'deg/s',
-            in_time=True,
         )
         for axis, name in enumerate(AXES):
             raw = np.asarray(self.main.columns['raw'][axis])
@@ -162,7 +176,7 @@ class Drawer:
                 where = reduced(rates[:, axis], self._room['rate'])
                 traces.append(Trace('recorded', times[where], DEGREES * rates[where, axis]))
             # The first method stands in front.
-            for method, run in reversed(self._runs.items()):
+            for method, run in reversed(self.runs.items()):
                 traces.append(self._trace(method, 'rate', run.columns['filtered'][axis]))
             outliers = np.flatnonzero(np.asarray(self.main.columns['outlier'][axis]))
             outliers = outliers[:: -(-len(outliers) // _MARKED) or 1]
@@ -178,28 +192,23 @@ class Drawer:
             'Integrated angle',
             'The sum of the rates of each axis: what a bias does to it. At rest a good line is '
             'level. It is no orientation, as turns about several axes do not add up.',
-            'time (s)',
             'deg',
-            in_time=True,
         )
         for axis, name in enumerate(AXES):
             traces = [self._trace('raw', 'slow', self.main.columns['raw_angle'][axis])]
-            for method, run in reversed(self._runs.items()):
+            for method, run in reversed(self.runs.items()):
                 traces.append(self._trace(method, 'slow', run.columns['filtered_angle'][axis]))
             figure.panels[name] = traces
         return figure
 
     def _bias(self) -> Figure:
-        method = next(iter(self._runs))
         figure = Figure(
             'bias',
             'Bias',
             'As it is subtracted from the rates, with one standard deviation of what is known at '
             'rest: it narrows at each rest and widens between them. From the first rest on, where '
             'there is one.',
-            'time (s)',
             'deg/s',
-            in_time=True,
         )
         first = self.rests[0][0] if self.rests else 0
         report_times = np.array(self.main.report_times)
@@ -221,20 +230,17 @@ class Drawer:
                         DEGREES * bias[at].astype(float),
                     )
                 )
-            figure.panels[name] = [*traces, self._trace(method, 'slow', bias)]
+            figure.panels[name] = [*traces, self._trace(self._method, 'slow', bias)]
         return figure
 
     def _innovations(self) -> Figure:
-        method = next(iter(self._runs))
         figure = Figure(
             'innovations',
             'Innovations',
             'How far each sample was from what the filter expected, in the standard deviations '
             f'that it predicted. They should fill the band of {BAND:g}, and stay in it. What is '
             f'beyond {_LARGEST:g}, as outliers are, is drawn at the edge.',
-            'time (s)',
             'deviations',
-            in_time=True,
             limits=(-1.05 * _LARGEST, 1.05 * _LARGEST),
         )
         ends = self.times[[0, -1]]
@@ -242,7 +248,7 @@ class Drawer:
             clipped = self._normalised(axis).clip(-_LARGEST, _LARGEST)
             figure.panels[name] = [
                 Trace('band', ends, np.full(2, BAND), 'band'),
-                self._trace(method, 'innovation', clipped, 1.0),
+                self._trace(self._method, 'innovation', clipped, 1.0),
             ]
         return figure
 
@@ -261,9 +267,7 @@ class Drawer:
             'Adapted noise: Q and R',
             'Q (orange), how much the filter expects the rate to change, rises in motion so that '
             'the rates come through; R (blue), the noise of the sensor, is learned at rest.',
-            'time (s)',
             '(deg/s)^2',
-            in_time=True,
             logarithmic='y',
         )
         for axis, name in enumerate(AXES):
@@ -279,8 +283,8 @@ class Drawer:
             'Power spectral density at rest',
             'Of the longest rest. Lines that stand out are motors or fans; the filter takes off '
             'what is fast.',
-            'frequency (Hz)',
             '(deg/s)^2/Hz',
+            'frequency (Hz)',
             logarithmic='xy',
         )
         for axis, name in enumerate(AXES):
@@ -298,8 +302,8 @@ class Drawer:
             'Overlapping Allan deviation at rest',
             'Of the longest rest: how much the mean over a time changes from one such time to the '
             'next. The falling part is noise, the lowest point the bias instability.',
-            'averaging time (s)',
             'deg/h',
+            'averaging time (s)',
             logarithmic='xy',
         )
         for axis, name in enumerate(AXES):
@@ -316,7 +320,7 @@ class Drawer:
     def _at_rest(self, rest: tuple[int, int], axis: int) -> list[tuple[str, Floats]]:
         """Return role and rates of a rest, without gaps: what is no number is left out."""
         first, stop = rest
-        of_runs = [(method, run.columns['filtered']) for method, run in self._runs.items()]
+        of_runs = [(method, run.columns['filtered']) for method, run in self.runs.items()]
         found = []
         for role, columns in [('raw', self.main.columns['raw']), *of_runs]:
             values = np.asarray(Stretch(columns[axis], first, stop)[:], np.float64)
@@ -324,22 +328,21 @@ class Drawer:
         return [(role, values) for role, values in found if len(values) > 1 and np.ptp(values) > 0]
 
     def _whiteness(self) -> list[Figure]:
-        method = next(iter(self._runs))
         correlation = Figure(
             'autocorrelation',
             'Autocorrelation of the innovations',
             'At rest, where the filter leaves nothing that it could have foreseen, all lags lie '
             'near zero: the band holds 95 % of them. A sensor with a low-pass of its own has more.',
-            'lag (samples)',
             'correlation',
+            'lag (samples)',
         )
         histogram = Figure(
             'histogram',
             'Normalised innovations',
             'Innovations in predicted standard deviations, of all samples, beside the normal '
             'distribution that the filter assumes. What is beyond 6 is in the outermost bars.',
-            'standard deviations',
             'density',
+            'standard deviations',
         )
         resting = np.asarray(self.main.resting) > 0
         for axis, name in enumerate(AXES):
@@ -352,7 +355,7 @@ class Drawer:
                 centres = 0.5 * (_BINS[1:] + _BINS[:-1])
                 bell = np.exp(-0.5 * centres**2) / np.sqrt(2.0 * np.pi)
                 histogram.panels[name] = [
-                    Trace(method, centres, density, 'bars'),
+                    Trace(self._method, centres, density, 'bars'),
                     Trace('expected', centres, bell),
                 ]
             piece = innovation[usable & resting][:_LARGEST_FOURIER]
@@ -361,7 +364,7 @@ class Drawer:
                 limit = np.full(_LAGS, 1.96 / np.sqrt(len(piece)))
                 correlation.panels[name] = [
                     Trace('band', lags, limit, 'band'),
-                    Trace(method, lags, autocorrelation(piece, _LAGS), 'bars'),
+                    Trace(self._method, lags, autocorrelation(piece, _LAGS), 'bars'),
                 ]
         return [figure for figure in (correlation, histogram) if figure.panels]
 
@@ -383,17 +386,3 @@ def autocorrelation(values: Floats, lags: int) -> Floats:
     power = np.abs(np.fft.rfft(centred, 2 * len(values))) ** 2
     found = np.fft.irfft(power)[: lags + 1]
     return np.asarray(found[1:] / found[0])
-
-
-def _stretches(resting: NDArray[np.uint8]) -> list[tuple[int, int]]:
-    """Return first and behind the last index of each stretch that is not 0."""
-    edges = np.flatnonzero(np.diff(np.r_[0, resting > 0, 0]))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def roles(methods: Sequence[str], is_recorded: bool) -> dict[str, str]:
-    """Return the name of each role that can be shown and hidden."""
-    named = {'raw': 'raw', **{method: f'filtered, {method}' for method in methods}}
-    if is_recorded:
-        named['recorded'] = 'filtered, as recorded'
-    return named | {'outlier': 'outliers', 'rest': 'at rest'}

@@ -20,8 +20,9 @@ import html
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.resources import files
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ from plotly.offline import get_plotlyjs
 
 from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
 from gyro_drift_filter.errors import printable
-from gyro_drift_filter.report.figures import Figure, Trace
-from gyro_drift_filter.report.verdict import BiasSource, Verdict
+from gyro_drift_filter.report.figures import Drawer, Figure, Trace
+from gyro_drift_filter.report.verdict import BiasSource, Run, Verdict
 from gyro_drift_filter.report.wording import headline, per_minute, statements
 
 # What a page may have in bytes, for mail and for pull requests.
@@ -72,6 +73,46 @@ class Recording:
     parameters: Parameters
     facts: list[tuple[str, str]]
     notes: list[str]
+
+    @classmethod
+    def drawn(
+        cls,
+        name: str,
+        drawer: Drawer,
+        runs: Mapping[str, Run],
+        parameters: Parameters,
+        facts: list[tuple[str, str]],
+        notes: list[str],
+    ) -> Self:
+        """Return a recording with its figures and the verdicts on its runs, which are by method."""
+        return cls(
+            name=name,
+            verdicts={
+                method: signals.watch.verdict(runs[method])
+                for method, signals in drawer.runs.items()
+            },
+            figures=drawer.figures(),
+            rests=drawer.rest_times(),
+            seconds=next(iter(runs.values())).seconds,
+            roles=drawer.roles(),
+            parameters=parameters,
+            facts=facts,
+            notes=notes,
+        )
+
+
+def when_recorded(run: Run, among: str = '') -> tuple[str, str]:
+    """Return the fact when a recording was made, how long it is, and what is in it.
+
+    Args:
+        run: Of a filter over the recording.
+        among: What its Imu messages are among, as the end of a clause.
+    """
+    begin = datetime.fromtimestamp(run.start * 1e-9, UTC)
+    return 'recorded', (
+        f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {run.seconds:.1f} s, '
+        f'{run.received} Imu messages{among}, {1.0 / run.period:.4g} Hz'
+    )
 
 
 def points_for(recordings: int) -> int:

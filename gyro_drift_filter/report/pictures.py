@@ -14,13 +14,12 @@
 
 """The figures as PNG files, for papers and pull requests; needs matplotlib."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 
-from gyro_drift_filter.report.figures import Figure
+from gyro_drift_filter.report.page import Recording
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
@@ -40,30 +39,19 @@ METHOD_COLOURS = ('#0072b2', '#cc79a7', '#e69f00', '#6a51a3')
 _REST = '#009e73'
 
 
-def draw(
-    folder: Path,
-    figures: Sequence[Figure],
-    rests: Sequence[tuple[float, float]],
-    roles: dict[str, str],
-    methods: Sequence[str],
-) -> list[Path]:
-    """Draw each figure; files of the same names in the folder, made if missing, are replaced.
-
-    Args:
-        folder: Where to.
-        figures: What is drawn.
-        rests: Begin and end of each in s.
-        roles: Names of roles, for the legend.
-        methods: Of the filters, in their order.
-
-    Returns:
-        The files written.
-    """
+def draw(folder: Path, recording: Recording) -> None:
+    """Draw each figure; files of the same names in the folder, made if missing, are replaced."""
     folder.mkdir(parents=True, exist_ok=True)
-    colours = _COLOURS | {m: METHOD_COLOURS[k % len(METHOD_COLOURS)] for k, m in enumerate(methods)}
-    names = roles | {'q': 'Q', 'r': 'R', 'expected': 'normal', 'band': 'band', 'deviation': '+-'}
-    written = []
-    for figure in figures:
+    methods = enumerate(recording.verdicts)
+    colours = _COLOURS | {m: METHOD_COLOURS[k % len(METHOD_COLOURS)] for k, m in methods}
+    names = recording.roles | {
+        'q': 'Q',
+        'r': 'R',
+        'expected': 'normal',
+        'band': 'band',
+        'deviation': '+-',
+    }
+    for figure in recording.figures:
         drawn, panels = plt.subplots(
             len(figure.panels),
             1,
@@ -73,7 +61,7 @@ def draw(
             layout='constrained',
         )
         for panel, (axis, traces) in zip(panels[:, 0], figure.panels.items(), strict=True):
-            for begin, end in rests if figure.in_time else ():
+            for begin, end in recording.rests if figure.in_time else ():
                 panel.axvspan(begin, end, color=_REST, alpha=0.12, linewidth=0)
             for trace in traces:
                 style = {'color': colours[trace.role], 'label': names[trace.role]}
@@ -103,8 +91,5 @@ def draw(
             handles, labels, loc='outside upper right', ncols=max(len(labels), 1), fontsize=9
         )
         drawn.suptitle(figure.title, x=0.01, ha='left')
-        path = folder / f'{figure.name}.png'
-        drawn.savefig(path, dpi=110)
+        drawn.savefig(folder / f'{figure.name}.png', dpi=110)
         plt.close(drawn)
-        written.append(path)
-    return written

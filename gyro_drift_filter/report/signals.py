@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
-from gyro_drift_filter.identify.series import Stored
+from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.messages.imu import ImuKind
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -57,7 +57,7 @@ class Signals:
         self.watch = RunWatch(filter_)
         self.log_times = Stored(np.int64)
         self.resting = Stored(np.uint8)
-        self.columns = {name: tuple(Stored(np.float32) for _ in range(3)) for name in names}
+        self.columns = {name: stored_columns(3, np.float32) for name in names}
         # Of the reports: time since the first one in s, and deviation of the bias (3,) in rad/s.
         self.report_times: list[float] = []
         self.bias_deviations: list[Sequence[float]] = []
@@ -92,8 +92,7 @@ class Signals:
         self.log_times.append(log_times[kept])
         self.resting.append(result['at_rest'] > 0.0)
         for name, columns in self.columns.items():
-            for axis, column in enumerate(columns):
-                column.append(values[name][:, axis])
+            append_rows(columns, values[name])
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """See which rules apply to a report, so many s after the one before."""

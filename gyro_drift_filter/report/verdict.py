@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
-from gyro_drift_filter.doctor.findings import Verdict as FindingVerdict
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.imu import ImuKind
@@ -275,7 +274,7 @@ class RunWatch:
         # Of a filter that lags, what it takes for outliers says nothing of the recording.
         following = {'outliers', 'diverged'} if outcome == Outcome.HARMED else set()
         found = self._rules.findings(is_not_cut(filter_), following)
-        faults = [finding for finding in found if finding.verdict == FindingVerdict.FAULT]
+        faults = [finding for finding in found if finding.is_fault]
         return Verdict(
             topic=run.topic,
             output_topic=run.output_topic,

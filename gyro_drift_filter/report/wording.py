@@ -123,11 +123,8 @@ def as_text(verdict: Verdict, painted: Callable[[str, str], str] = lambda text, 
 
 def per_minute(rate: float) -> str:
     """Return a rate in rad/s as text in degrees a minute."""
-    return f'{np.degrees(rate) * _PER_MINUTE:.2g}' if abs(rate) < 2.9e-3 else _large(rate)
-
-
-def _large(rate: float) -> str:
-    return f'{np.degrees(rate) * _PER_MINUTE:.0f}'
+    digits = '.2g' if abs(rate) < 2.9e-3 else '.0f'
+    return f'{np.degrees(rate) * _PER_MINUTE:{digits}}'
 
 
 def _why_useless(verdict: Verdict) -> str:

@@ -56,6 +56,11 @@ class UsageError(GyroDriftFilterError):
     """The process was called with an option that does not exist."""
 
 
+def reason_of_rcl(error: Exception) -> str:
+    """Return what rcl says, without the places in its own source that it appends."""
+    return str(error).partition(', at ')[0]
+
+
 @contextmanager
 def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
     """Turn what rcl says of arguments or a parameter file that it can't read into one line.
@@ -68,7 +73,7 @@ def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
         for path in parameter_files(arguments) if 'params file' in str(error) else ():
             with suppress(NoSectionsError):
                 read_sections(path)
-        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        reason = reason_of_rcl(error)
         if 'should be of same type' in reason:
             reason += ': in a list write 0.0, not 0, where others have a decimal point'
         raise GyroDriftFilterError(reason) from error

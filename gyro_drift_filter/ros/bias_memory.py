@@ -19,8 +19,9 @@ import time
 import numpy as np
 from rclpy.node import Node
 
-from gyro_drift_filter.messages.imu import ImuKind, frame_id, read_message
+from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
+    OTHER_FRAME,
     MemoryFileError,
     RememberedBias,
     file_of,
@@ -54,11 +55,10 @@ class NodeBiasMemory:
 
     def recall(self, data: bytes) -> None:
         """Take the bias of the last run, before a serialized Imu goes through the filter."""
-        imu = read_message(data)
-        if imu['kind'] == ImuKind.MALFORMED:
+        frame = frame_of(data)
+        if frame is None:
             return
-        self.recalled = True
-        self._frame = frame_id(data, imu)
+        self.recalled, self._frame = True, frame
         parameters = self._filter.parameters
         if not parameters.bias_memory:
             return
@@ -93,7 +93,7 @@ class NodeBiasMemory:
         if learned in (None, self._saved):
             return
         if self._messages.report().frame_changes:
-            self._warn(f'frame_id is no longer {self._frame}, so the sensor may be another one')
+            self._warn(OTHER_FRAME.format(self._frame))
             return
         self._saved_segments = int(self._filter.state['bias']['segments'])
         self._saved, self._saved_at = learned, time.monotonic()

@@ -54,6 +54,7 @@ from gyro_drift_filter.messages.names import INPUT, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.phrases import counted
+from gyro_drift_filter.ros.arguments import reason_of_rcl
 from gyro_drift_filter.ros.bias_memory import NodeBiasMemory
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.losses import Losses
@@ -79,9 +80,9 @@ def _reporting_qos(topic: str) -> Iterator[None]:
     try:
         yield
     except (RuntimeError, AssertionError, ValueError) as error:
-        reason, _, _ = str(error).partition(', at ')  # rcl appends places in its own source
+        reason = reason_of_rcl(error) or 'wrong type'
         raise ParameterError(
-            f'{topic} can not be set up with its qos_overrides: {reason or "wrong type"}'
+            f'{topic} can not be set up with its qos_overrides: {reason}'
         ) from error
 
 

@@ -14,7 +14,7 @@
 
 """The filter's parameters as ROS 2 parameters: declared with descriptions, checked as a whole."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -138,12 +138,13 @@ class LiveParameters:
             self._changed(candidate)
 
 
-def _as_double(description: Description, value: object) -> object:
+def _as_double(description: Description, value: Any) -> Any:
     if description.kind == 'double' and type(value) is int:
         return float(value)
-    if description.kind == 'double_array' and not isinstance(value, str) and value is not None:
-        items = list(value) if hasattr(value, '__iter__') else value
-        if isinstance(items, list) and all(type(item) is int for item in items):
+    is_array = isinstance(value, Iterable) and not isinstance(value, str)
+    if description.kind == 'double_array' and is_array:
+        items = list(value)
+        if all(type(item) is int for item in items):
             return [float(item) for item in items]
     return value
 

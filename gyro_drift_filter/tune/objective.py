@@ -185,7 +185,7 @@ def _require_enough(stamps: NDArray[np.int64]) -> None:
     needed = STRETCHES * LEAST_SECONDS
     if n < STRETCHES * LEAST_SAMPLES or seconds < (1.0 - 1e-9) * needed:
         raise GyroDriftFilterError(
-            f'{n} samples in {rounded_down(seconds, 1)} s are too few to tune by, as half of them '
+            f'{n} samples in {rounded_down(seconds)} s are too few to tune by, as half of them '
             f'are held back: {STRETCHES * LEAST_SAMPLES} samples in {needed:g} s are the least'
         )
 

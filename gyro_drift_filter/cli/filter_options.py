@@ -1,0 +1,51 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The options that say how a recording is filtered: parameters, method, and hints at motion."""
+
+import argparse
+from pathlib import Path
+
+from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.methods import METHOD_NAMES
+
+
+def add_params_option(command: argparse.ArgumentParser) -> None:
+    """Add the option `--params` to a subcommand."""
+    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+
+
+def add_method_option(command: argparse.ArgumentParser) -> None:
+    """Add the option `--method` to a subcommand."""
+    command.add_argument('--method', choices=METHOD_NAMES, help='overrides the parameter file')
+
+
+def add_hint_option(command: argparse.ArgumentParser) -> None:
+    """Add the option `--motion-hint` to a subcommand."""
+    command.add_argument(
+        '--motion-hint',
+        metavar='TOPIC',
+        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
+    )
+
+
+def chosen_parameters(path: Path | None, method: str | None = None) -> Parameters:
+    """Return the parameters of a file, or the default ones, with another method if one is named.
+
+    Raises:
+        GyroDriftFilterError: The file can't be read, see `read_parameters`.
+    """
+    parameters = read_parameters(path) if path else Parameters()
+    return parameters.with_names({'method': method}) if method else parameters
