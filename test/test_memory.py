@@ -33,16 +33,13 @@ from gyro_drift_filter.messages.memory_file import (
     remember,
 )
 from support.messages import START
+from support.rests import run
 from support.sensor import at_rest, idling
 
 NODE, FRAME = '/robot1/gyro_drift_filter', 'imu_link'
 BIAS, DEVIATION = [0.01, -0.02, 0.005], [1e-4, 2e-4, 3e-4]
 SHIFT = BiasShift((2e-4, -8e-4, 1e-3), (3e-4, 2e-4, 1e-4))
 REMEMBERED = RememberedBias(BIAS, DEVIATION, SHIFT)
-
-
-def run(filter_, rates, accelerations, start=START):
-    filter_.run(start + 10_000_000 * np.arange(len(rates)), rates, accelerations)
 
 
 @pytest.fixture

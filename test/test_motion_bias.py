@@ -53,15 +53,11 @@ from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
 from support.messages import START
 from support.paths import FLIGHTS
+from support.rests import run
 from support.sensor import DEGREE, at_rest, by_hand
 
 # The states of the motion, and the three biases at rest.
 ALL = STATES + 3
-
-
-def run(filter_, rates, accelerations, start=START):
-    stamps = start + 10_000_000 * np.arange(len(rates))
-    return filter_.run(stamps, rates, accelerations)
 
 
 def motion_variances(motion):
@@ -278,7 +274,7 @@ def test_the_covariance_stays_one_where_the_bias_becomes_uncertain_in_motion(dou
                 filter_.note_temperature(20.0 + min(max(2.5 * (second - 10), 0.0), 30.0))
             part = slice(100 * second, 100 * second + 100)
             start = START + 10**9 * second
-            results = run(filter_, rates[part], accelerations[part], start)
+            results = run(filter_, rates[part], accelerations[part], start=start)
             assert (results['angular_velocity_variance'] > 0.0).all()
             eigenvalues = np.linalg.eigvalsh(filter_.state['bias']['motion']['covariance'])
             assert eigenvalues.min() > -1e-9 * eigenvalues.max()
