@@ -113,9 +113,15 @@ def _planted(folder: Path, settings: FleetSettings) -> Iterator[Figure]:
         0.0,
     )
     failed = {row['source'] for row in fleet.to_pylist() if row['error']}
-    told = len(failed & {str(bag) for bag in broken})
+    explained = len(failed & {str(bag) for bag in broken})
     yield Figure(
-        'broken bags with a reason', f'{told}', f'{len(broken)}', 'broken', told / 20, 1.0, True
+        'broken bags with a reason',
+        f'{explained}',
+        f'{len(broken)}',
+        'broken',
+        explained / 20,
+        1.0,
+        True,
     )
 
 

@@ -56,7 +56,7 @@ def driving(random, seconds):
     return rates + turn, accelerations + push
 
 
-def run_told(filter_, rates, accelerations, moves, start=START):
+def run_with_hints(filter_, rates, accelerations, moves, start=START):
     """Run, with a hint each half second: `moves` (n,), or None where the robot says nothing."""
     stamps = start + np.arange(len(rates)) * 10**7
     results = []
@@ -85,7 +85,7 @@ def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, 
     warmth = 1.0 - np.exp(-np.arange(len(rates)) / 100 / 120)
     truth = BIAS + np.outer(warmth, (0.2, -0.3, 1.0)) * DEGREE
     filter_: Any = Filter()
-    results = run_told(filter_, rates + truth, accelerations, moves)
+    results = run_with_hints(filter_, rates + truth, accelerations, moves)
     last = np.flatnonzero(moves[:-1] & ~moves[1:])[1:] + 100 * stand
     ends = last[last < len(rates)] - 1
     assert len(ends) >= 4
@@ -93,8 +93,8 @@ def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, 
     state = filter_.state['bias']
     deviation = np.sqrt(state['variance'] + state['process_noise'])
     assert (np.abs(results['bias'] - truth)[-1] < 4.0 * deviation).all()
-    untold = run_told(Filter(), rates + truth, accelerations, None)
-    assert np.abs(untold['bias'] - truth)[ends[-1], 2] > 0.6 * DEGREE
+    without_hints = run_with_hints(Filter(), rates + truth, accelerations, None)
+    assert np.abs(without_hints['bias'] - truth)[ends[-1], 2] > 0.6 * DEGREE
 
 
 @pytest.mark.parametrize('delay', [0, 20])
@@ -137,12 +137,12 @@ def test_a_short_stop_ends_wherever_in_a_block_the_robot_says_so(delay, random):
 def test_a_first_stand_in_which_it_is_shaken_shows_the_bias(random):
     filter_: Any = Filter()
     rates, accelerations = rocking(random, 13)
-    run_told(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
+    run_with_hints(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
     np.testing.assert_allclose(filter_.state['bias']['bias'], BIAS, atol=0.1 * DEGREE)
     assert filter_.state['bias']['known']
     # The first rest corrects it, by no more than both are off.
     rates, accelerations = at_rest(random, 5, BIAS)
-    run_told(filter_, rates, accelerations, None, START + 13 * 10**9)
+    run_with_hints(filter_, rates, accelerations, None, START + 13 * 10**9)
     np.testing.assert_allclose(filter_.state['bias']['bias'], BIAS, atol=0.05 * DEGREE)
 
 
@@ -168,7 +168,7 @@ def test_what_the_robot_does_before_it_stands_is_left_out(random):
     filter_: Any = Filter()
     rates, accelerations = rocking(random, 13)
     rates[:200, 2] += 0.3
-    run_told(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
+    run_with_hints(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
     np.testing.assert_allclose(filter_.state['bias']['bias'], BIAS, atol=0.1 * DEGREE)
 
 
@@ -184,16 +184,16 @@ def test_what_the_robot_does_before_it_stands_is_left_out(random):
 def test_a_stand_that_is_interrupted_begins_anew(interrupt, random):
     """Not a mean of what was before and of what comes behind."""
     filter_: Any = Filter()
-    run_told(filter_, *at_rest(random, 10, BIAS), None)
+    run_with_hints(filter_, *at_rest(random, 10, BIAS), None)
     rates, accelerations = rocking(random, 8)
     stands = np.zeros(len(rates), bool)
-    run_told(filter_, rates + BIAS, accelerations, stands, START + 10 * 10**9)
+    run_with_hints(filter_, rates + BIAS, accelerations, stands, START + 10 * 10**9)
     assert filter_.state['bias']['shaken_stand']['parts'] == 2
     interrupt(filter_)
     learned = filter_.state['bias']['segments'].item()
     rates, accelerations = rocking(random, 5)
     later = START + 3600 * 10**9
-    run_told(filter_, rates + BIAS, accelerations, stands[:500], later)
+    run_with_hints(filter_, rates + BIAS, accelerations, stands[:500], later)
     assert filter_.state['bias']['shaken_stand']['parts'] == 1
     assert filter_.state['bias']['segments'] == learned
 
@@ -201,10 +201,10 @@ def test_a_stand_that_is_interrupted_begins_anew(interrupt, random):
 def test_a_bias_that_is_known_well_is_not_made_worse_by_what_shakes_a_gyroscope(random):
     """Which is off then by as much as on the drones of EuRoC that idle."""
     filter_: Any = Filter()
-    run_told(filter_, *at_rest(random, 120, BIAS), None)
+    run_with_hints(filter_, *at_rest(random, 120, BIAS), None)
     rates, accelerations = rocking(random, 14)
     stands = np.zeros(len(rates), bool)
-    run_told(filter_, rates + BIAS + 0.8e-3, accelerations, stands, START + 120 * 10**9)
+    run_with_hints(filter_, rates + BIAS + 0.8e-3, accelerations, stands, START + 120 * 10**9)
     assert np.abs(filter_.state['bias']['bias'] - BIAS).max() < 0.4e-3
 
 
@@ -215,14 +215,14 @@ def test_no_mean_of_a_stand_is_lost_where_it_is_nearly_steady(random):
     wave = np.sin(2 * np.pi * np.arange(len(rates)) / 100)[:, None]
     rates += 0.014 * wave * [1.0, 0.6, 0.3]
     accelerations += 0.1 * wave * [0.6, 1.0, 0.0]
-    run_told(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
+    run_with_hints(filter_, rates + BIAS, accelerations, np.zeros(len(rates), bool))
     assert filter_.state['bias']['segments'] == 4
 
 
 def test_a_robot_that_is_carried_away_while_its_wheels_stand_does_not_stand(random):
     """It is lifted and turned, slowly enough for a bias; a bias of so much would be learned."""
     filter_: Any = Filter()
-    run_told(filter_, *at_rest(random, 10, BIAS), None)
+    run_with_hints(filter_, *at_rest(random, 10, BIAS), None)
     before = filter_.state['bias']['bias'].copy()
     rates, accelerations = rocking(random, 40)
     turn = 3.0 * DEGREE * np.array([0.6, 0.0, 0.8])
@@ -230,17 +230,17 @@ def test_a_robot_that_is_carried_away_while_its_wheels_stand_does_not_stand(rand
     gravity = Rotation.from_rotvec(-np.outer(seconds, turn)).apply([0.0, 0.0, 9.81])
     accelerations += gravity - [0.0, 0.0, 9.81]
     stands = np.zeros(len(rates), bool)
-    run_told(filter_, rates + BIAS + turn, accelerations, stands, START + 10 * 10**9)
+    run_with_hints(filter_, rates + BIAS + turn, accelerations, stands, START + 10 * 10**9)
     np.testing.assert_allclose(filter_.state['bias']['bias'], before, atol=0.1 * DEGREE)
 
 
 def test_a_rate_that_no_bias_has_is_counted_and_left(random):
     filter_: Any = Filter()
-    run_told(filter_, *at_rest(random, 10, BIAS), None)
+    run_with_hints(filter_, *at_rest(random, 10, BIAS), None)
     before = filter_.state['bias']['bias'].copy()
     rates, accelerations = rocking(random, 13)
     rates[:, 2] += 15.0 * DEGREE
-    run_told(filter_, rates, accelerations, np.zeros(len(rates), bool), START + 10 * 10**9)
+    run_with_hints(filter_, rates, accelerations, np.zeros(len(rates), bool), START + 10 * 10**9)
     assert filter_.state['bias']['segments_beyond_max'] == 1
     np.testing.assert_allclose(filter_.state['bias']['bias'][2], before[2], atol=0.02 * DEGREE)
 

@@ -76,7 +76,7 @@ class Selection:
             chosen = [choose_topic(recording, topic) for topic in self.imu_topics]
         else:
             chosen = [choose_topic(recording, None)]
-        inputs = _told_apart({topic: Topics.of(topic) for topic in chosen})
+        inputs = _with_distinct_nodes({topic: Topics.of(topic) for topic in chosen})
         if self.output_topic is not None:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
@@ -206,7 +206,7 @@ def _checked_name(wanted: str, recording: Recording) -> str:
     return name
 
 
-def _told_apart(inputs: dict[str, Topics]) -> dict[str, Topics]:
+def _with_distinct_nodes(inputs: dict[str, Topics]) -> dict[str, Topics]:
     """Return the names with nodes of their own, where several topics have one namespace."""
     nodes = [names.node for names in inputs.values()]
     return {

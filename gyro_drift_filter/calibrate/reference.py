@@ -247,8 +247,8 @@ class ReferenceOfOneRecording:
             return
         # Errors of a reference may belong together over seconds: then spans tell, not samples.
         information = np.array(gradients).T @ np.array(gradients) / (squares / count)
-        told = np.diag(normal) > 0.0
-        ratio = np.diag(information)[told] / np.diag(normal)[told]
+        observed = np.diag(normal) > 0.0
+        ratio = np.diag(information)[observed] / np.diag(normal)[observed]
         self.inflation = max(1.0, float(np.median(ratio)))
 
     @property

@@ -46,7 +46,7 @@ KNOWN = 0.005
 POSES = 'the twelve poses of docs/calibration.md'
 # The recordings tell something of an entry where its standard error is below this share of that of
 # data sheets: a sensor that is turned on one side of a table alone does not get there.
-TOLD = 0.5
+HARDLY_KNOWN = 0.5
 # Turned less about an axis in all, in rad, gravity has not been carried over by it.
 TURNED_ABOUT = float(np.pi)
 # The turns of a sensor with its axes in order close to this.
@@ -149,7 +149,7 @@ def make_result(
     deviations = np.sqrt(np.diag(solution.covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
     warnings = what_is_wrong(sessions, parts)
-    _check_told(matrix, deviation, warnings)
+    _check_known_at_all(matrix, deviation, warnings)
     accelerometer = None
     if any(part.measured for part in parts):
         entries = np.zeros((3, 3))
@@ -247,10 +247,10 @@ def _sides(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> int:
     return len(sides)
 
 
-def _check_told(matrix: Floats, deviation: Floats, warnings: Sequence[str]) -> None:
+def _check_known_at_all(matrix: Floats, deviation: Floats, warnings: Sequence[str]) -> None:
     scale = float(np.abs(np.linalg.det(matrix)) ** (1.0 / 3.0))
     sheets = np.where(np.eye(3) > 0.0, SCALE_DEVIATION, MISALIGNMENT)
-    if (deviation > TOLD * scale * sheets).all():
+    if (deviation > HARDLY_KNOWN * scale * sheets).all():
         raise CalibrationError(
             'the recording tells too little: no entry is known twice as well as from a data sheet. '
             f'Lay the sensor down in {POSES}' + ''.join(f'; {text}' for text in warnings)

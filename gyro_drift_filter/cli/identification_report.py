@@ -105,19 +105,19 @@ def _overview(result: Identification) -> str:
         dead = '-' if number else 'dead'
         cells = (dead if isinstance(axis, DeadAxis) else value(axis) for axis in result.axes)
         rows.append([title, *cells])
-    told = [(name, axis) for name, axis in alive if axis.description.identifiable]
+    identifiable = [(name, axis) for name, axis in alive if axis.description.identifiable]
     text = table(rows)
-    if told:
-        text += '\n\n' + _drift_and_white(told)
+    if identifiable:
+        text += '\n\n' + _drift_and_white(identifiable)
     if hidden := [name for name, axis in alive if not axis.description.identifiable]:
         text += f'\n\nAR(1) plus white noise: not identifiable on {named_axes(hidden)}'
     return text
 
 
-def _drift_and_white(told: Sequence[tuple[str, AxisModel]]) -> str:
+def _drift_and_white(axes: Sequence[tuple[str, AxisModel]]) -> str:
     """Return the table of AR(1) plus white noise; intervals have as many digits as estimates."""
-    rows = [['AR(1) plus white noise, with 95 % intervals', *(name for name, _ in told)]]
-    found = [axis.description for _, axis in told]
+    rows = [['AR(1) plus white noise, with 95 % intervals', *(name for name, _ in axes)]]
+    found = [axis.description for _, axis in axes]
     rows.append(['phi', *(f'{d.phi:.4f}' for d in found)])
     rows.append(['', *('{:.4f} to {:.4f}'.format(*d.phi_interval) for d in found)])
     for title, estimates in (

@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> None:
         compile_first()
     progress = Progress(enabled=not options.quiet)
     # A verdict that nobody sees is not made, as its sums take time.
-    is_told = not options.quiet or options.json is not None
+    is_shown = not options.quiet or options.json is not None
     watches: dict[str, RunWatch] = {}
 
     def watched(topic: str, filter_: 'Filter') -> 'RunWatch':
@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> None:
             diagnostics=options.diagnostics,
             memory=options.bias_memory,
             force=options.force,
-            watch=Watch(progress, watched) if is_told else Watch(progress),
+            watch=Watch(progress, watched) if is_shown else Watch(progress),
         )
     for summary in summaries:
         of_topic = f'{printable(summary.topic)}: ' if len(summaries) > 1 else ''
@@ -150,7 +150,7 @@ def run(options: argparse.Namespace) -> None:
                 tell(f'warning: {of_topic}{status.message}')
     for topic, reason in summaries[0].left_out.items():
         tell(f'note: left out {printable(topic)}: {reason}')
-    if not is_told:
+    if not is_shown:
         return
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
     if options.json:

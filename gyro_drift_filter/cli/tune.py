@@ -107,7 +107,7 @@ def run(options: argparse.Namespace) -> None:
     )
     with Progress(enabled=not options.quiet, unit='runs of the filter') as progress:
         tuning = tune(
-            material, parameters, seconds=options.seconds, seed=options.seed, told=progress
+            material, parameters, seconds=options.seconds, seed=options.seed, on_evaluation=progress
         )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
     write_whole(options.output, parameter_file(tuning, source))

@@ -242,10 +242,10 @@ def judge_axes(
     # An axis about which it was not turned may have either sign.
     still = [AXES[axis] for axis in range(3) if good[WAYS.index(_FLIPPED[axis])]]
     if shares[0] < _CARRIED and len(still) < 3:
-        told = f' except that of {" and ".join(still)}, about which it was hardly turned'
+        exception = f' except that of {" and ".join(still)}, about which it was hardly turned'
         return sound(
             name,
-            f'signs, axes and unit of the rates fit{told if still else ""}: they {match} '
+            f'signs, axes and unit of the rates fit{exception if still else ""}: they {match} '
             f'({100.0 * shares[0]:.2g} % of {turn} are left)',
             values,
         )

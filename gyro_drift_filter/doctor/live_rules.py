@@ -102,8 +102,8 @@ class RuleLog:
         ]
         state = span.now.telemetry
         missing = state.missing_samples / max(state.samples, 1)
-        told = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
-        if not told and missing > _MISSING_SHARE:
+        reported = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
+        if not reported and missing > _MISSING_SHARE:
             found.append(
                 fault(
                     'gaps',

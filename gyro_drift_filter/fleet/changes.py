@@ -124,10 +124,10 @@ class Usual:
         if bags not in self._wander:
             # So many tell a median well enough, and more cost time.
             long = [series for series in self._fleet if len(series.values) >= 2 * bags]
-            told = long[:: max(len(long) // _TELLING, 1)]
+            some = long[:: max(len(long) // _TELLING, 1)]
             self._wander[bags] = (
-                np.array([one.robot for one in told]),
-                np.array([_deviation_of_means(s.values, bags) / self.least(s) for s in told]),
+                np.array([one.robot for one in some]),
+                np.array([_deviation_of_means(s.values, bags) / self.least(s) for s in some]),
             )
         if (robot, bags) not in self._of_others:
             robots, wander = self._wander[bags]

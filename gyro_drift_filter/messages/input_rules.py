@@ -17,7 +17,7 @@
 import math
 
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
-from gyro_drift_filter.core.clock.envelope import LEAST_TOLD, TOLD_SHARE
+from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STANDING_SECONDS
 from gyro_drift_filter.core.clock.periods import OTHER_PERIOD
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
@@ -77,9 +77,9 @@ def _stamps_stand(span: Span) -> bool:
             return False
     again = in_window(span, 'not_measured') + in_window(span, 'repeats')
     lasted = (span.recent - again) * span.now.telemetry.period
-    told = 1e-9 * in_window(span, 'stamp')
-    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= LEAST_TOLD
-    return judged and told < TOLD_SHARE * lasted
+    stamped = 1e-9 * in_window(span, 'stamp')
+    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= STANDING_SECONDS
+    return judged and stamped < LEAST_STAMPED_SHARE * lasted
 
 
 def _has_noise_in_degrees(span: Span) -> bool:

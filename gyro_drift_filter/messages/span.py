@@ -77,14 +77,14 @@ class Span(NamedTuple):
         It is `expected_rate` where they tell none, as where a clock was set.
         """
         now, first = self.now.telemetry, self.first.telemetry
-        told = 1e-9 * (now.stamp - first.stamp)
+        stamped = 1e-9 * (now.stamp - first.stamp)
         overtaken = now.overtaken - first.overtaken
         set_back = now.backward_stamps - first.backward_stamps > overtaken
-        untold = now.restarts > first.restarts or now.zero_stamps > first.zero_stamps
-        if first.stamp == 0 or told <= 0.0 or set_back or untold:
+        jumped = now.restarts > first.restarts or now.zero_stamps > first.zero_stamps
+        if first.stamp == 0 or stamped <= 0.0 or set_back or jumped:
             return self.expected_rate
         missing = (now.missing_samples - first.missing_samples) / now.samples_per_message
-        return (self.recent + missing) / told
+        return (self.recent + missing) / stamped
 
     @property
     def noise_seconds(self) -> list[float]:

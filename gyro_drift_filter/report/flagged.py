@@ -127,9 +127,9 @@ class FlaggedLog:
             rows = np.flatnonzero(decided[:, axis])
             # Beside the flagged ones, those that come right behind one.
             ends = np.append(self._open[axis] is not None, flagged[rows[:-1], axis])[: len(rows)]
-            told = flagged[:, axis].copy()
-            told[rows[ends]] = True
-            self._note_unflagged(axis, result['reason'][:, axis], told, times, before)
+            listed = flagged[:, axis].copy()
+            listed[rows[ends]] = True
+            self._note_unflagged(axis, result['reason'][:, axis], listed, times, before)
             for row in rows[flagged[rows, axis] | ends].tolist():
                 if flagged[row, axis]:
                     self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
@@ -141,12 +141,12 @@ class FlaggedLog:
         self,
         axis: int,
         reasons: NDArray[np.int64],
-        told: NDArray[np.bool_],
+        listed: NDArray[np.bool_],
         times: NDArray[np.int64],
         before: int,
     ) -> None:
-        """Note samples with a reason of their own that no sequence has `told`."""
-        own = ~told & (reasons != STARTED) & (reasons != WITHIN_LIMITS)
+        """Note samples with a reason of their own that are `listed` in no sequence."""
+        own = ~listed & (reasons != STARTED) & (reasons != WITHIN_LIMITS)
         for reason in np.unique(reasons[own]).tolist():
             rows = np.flatnonzero(own & (reasons == reason))
             self._unflagged.setdefault((axis, reason), []).append((before + rows, times[rows]))

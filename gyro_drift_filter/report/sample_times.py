@@ -49,9 +49,9 @@ def sample_seconds(stamp: int, period: float, longest: float, times: SampleTimes
         times: Where the run is; it moves on to the sample.
     """
     step = (stamp - times['stamp']) * 1e-9
-    told = times['started'] and stamp != 0 and abs(step) <= longest
+    follows = times['started'] and stamp != 0 and abs(step) <= longest
     times['started'], times['stamp'] = True, stamp
-    if not told:
+    if not follows:
         times['ahead'] = 0.0
         return period
     if step <= 0.0:

@@ -38,14 +38,14 @@ class Losses:
         """
         self._take = take
         self._received = received
-        self._told = 0  # by the event
+        self._reported = 0  # by the event
         self._counted = 0  # by the publisher's numbers
         # The publisher's number of a message, and how many had been received with it.
         self._last: tuple[int, int] | None = None
 
     def note_event(self, info: QoSMessageLostInfo) -> None:
         """Take what the middleware tells."""
-        self._told = info.total_count
+        self._reported = info.total_count
 
     def forget(self) -> None:
         """Begin to count from the next message that waits."""
@@ -54,7 +54,7 @@ class Losses:
     @property
     def total(self) -> int:
         """How many have been lost, as far as is known."""
-        return max(self._told, self._counted)
+        return max(self._reported, self._counted)
 
     def count(self, subscription: Subscription) -> None:
         """Take a message that waits, if there is one, and see what was lost before it."""

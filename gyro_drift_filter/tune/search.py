@@ -50,12 +50,14 @@ class Evaluations:
         deadline: By `time.monotonic`, in s.
     """
 
-    def __init__(self, objective: Objective, deadline: float, told: Callable[[int], None]) -> None:
+    def __init__(
+        self, objective: Objective, deadline: float, on_evaluation: Callable[[int], None]
+    ) -> None:
         self.count = 0
         self.out_of_time = False
         self.deadline = deadline
         self._objective = objective
-        self._told = told
+        self._on_evaluation = on_evaluation
         self._known: dict[Parameters, Floats] = {}
         # Kernels let go of the interpreter's lock, so that threads are enough.
         self._pool = ThreadPoolExecutor(os.cpu_count())
@@ -81,7 +83,7 @@ class Evaluations:
                 raise TimeIsUpError
             self._known[parameters] = self._objective.costs(parameters)
             self.count += 1
-            self._told(self.count)
+            self._on_evaluation(self.count)
         return self._known[parameters]
 
     def best(self, total: Callable[[Floats], float]) -> Parameters:

@@ -127,7 +127,7 @@ def tune(
     seconds: float = math.inf,
     seed: int = 0,
     budget: int | None = None,
-    told: Callable[[int, int], None] = lambda count, most: None,
+    on_evaluation: Callable[[int, int], None] = lambda count, most: None,
 ) -> Tuning:
     """Tune the parameters of `before.method` that `RANGES` lists.
 
@@ -138,7 +138,7 @@ def tune(
         seed: Of the random numbers.
         budget: Evaluations of the search, else BUDGET for each parameter; those of the sensitivity
             come on top.
-        told: Called after each evaluation, with their number and what it may come to.
+        on_evaluation: Called after each evaluation, with their number and what it may come to.
 
     Raises:
         GyroDriftFilterError: The recording is too short, or nothing of the method is tuned.
@@ -150,21 +150,29 @@ def tune(
     dimensions = len(RANGES[before.method])
     budget = budget or BUDGET * dimensions
     most = budget + (2 * len(_STEPS) + dimensions) * dimensions
-    return _Run(material, before, seconds, lambda count: told(count, most)).tune(budget, seed)
+    return _Run(material, before, seconds, lambda count: on_evaluation(count, most)).tune(
+        budget, seed
+    )
 
 
 class _Run:
     """One run of `tune`."""
 
     def __init__(
-        self, material: Material, before: Parameters, seconds: float, told: Callable[[int], None]
+        self,
+        material: Material,
+        before: Parameters,
+        seconds: float,
+        on_evaluation: Callable[[int], None],
     ) -> None:
         start = time.monotonic()
         self._objective = Objective(material)
         self._before = before
         self._ranges = RANGES[before.method]
         self._end = start + seconds
-        self._evaluations = Evaluations(self._objective, start + SEARCH_SHARE * seconds, told)
+        self._evaluations = Evaluations(
+            self._objective, start + SEARCH_SHARE * seconds, on_evaluation
+        )
 
     def tune(self, budget: int, seed: int) -> Tuning:
         """Return what `tune` does."""

@@ -102,14 +102,14 @@ def recording(random):
     return stamps, rates, accelerations
 
 
-def through(filter_, stamps, rates, accelerations, told):
-    """Filter, and tell it something on the way: {index: function}."""
+def through(filter_, stamps, rates, accelerations, commands):
+    """Filter, and give it commands on the way: {index: function}."""
     parts, done = [], 0
-    for k in [*sorted(told), len(stamps)]:
+    for k in [*sorted(commands), len(stamps)]:
         parts.append(filter_.run(stamps[done:k], rates[done:k], accelerations[done:k]))
         done = k
-        if k in told:
-            told[k](filter_)
+        if k in commands:
+            commands[k](filter_)
     return np.concatenate(parts)
 
 
@@ -183,7 +183,7 @@ def main(out, way):
         except GyroDriftFilterError:
             filter_.reset()
 
-    told = {
+    commands = {
         14.0: lambda f: f.note_temperature(20.0),
         16.0: lambda f: f.note_temperature(25.0),
         20.0: lambda f: f.hint(True),
@@ -196,7 +196,7 @@ def main(out, way):
         282.0: lambda f: f.configure(Parameters(model_noise_deviation=(0.004,) * 3)),
         288.0: lambda f: f.configure(Parameters(sample_rate=100.0, outlier_enabled=False)),
     }
-    told = {round(moment * RATE): tell for moment, tell in told.items()}
+    commands = {round(moment * RATE): command for moment, command in commands.items()}
     stamps, rates, accelerations = recording(np.random.default_rng(1))
     saved = messages()
     for method in METHOD_NAMES:
@@ -207,7 +207,7 @@ def main(out, way):
             stamps[:n],
             rates[:n],
             accelerations[:n],
-            {k: f for k, f in told.items() if k < n},
+            {k: f for k, f in commands.items() if k < n},
         )
         saved |= {f'{method} {name}': results[name] for name in results.dtype.names}
         bias = filter_.state['bias']

@@ -59,7 +59,7 @@ LONGEST_ABSENCE = 86_400.0
 # Of the time that samples take by their period: stamps that tell less of it, for so long (s), stand
 # still, or are in another unit. No period is learned so wrong, and units differ by 1,000. Some
 # drivers stamp in whole seconds, or deliver so late.
-TOLD_SHARE, LEAST_TOLD = 0.1, 5.0
+LEAST_STAMPED_SHARE, STANDING_SECONDS = 0.1, 5.0
 
 
 @kernel
@@ -99,17 +99,17 @@ def elapsed_seconds(clock: Clock, stamp: int) -> float:
     period = float(clock['period'])
     if stamp == 0 or not clock['started']:
         return period
-    told = float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
-    return max(told, period) if _stamps_stand(clock, told) else told
+    stamped = float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
+    return max(stamped, period) if _stamps_stand(clock, stamped) else stamped
 
 
 @kernel
-def _stamps_stand(clock: Clock, told: float) -> bool:
-    """Return whether stamps tell no time, by the `told` seconds of the one that comes."""
-    standing = TOLD_SHARE * LEAST_TOLD
-    untold = clock['untold'] + TOLD_SHARE * clock['period'] - told
-    clock['untold'] = min(max(untold, 0.0), standing)
-    return bool(clock['untold'] >= standing)
+def _stamps_stand(clock: Clock, stamped: float) -> bool:
+    """Return whether stamps tell no time; the next one is `stamped` s behind the last."""
+    standing = LEAST_STAMPED_SHARE * STANDING_SECONDS
+    unstamped = clock['unstamped'] + LEAST_STAMPED_SHARE * clock['period'] - stamped
+    clock['unstamped'] = min(max(unstamped, 0.0), standing)
+    return bool(clock['unstamped'] >= standing)
 
 
 @inlined_kernel

@@ -39,7 +39,7 @@ class Clock(TypedDict):
     mean_rate: float  # Hz, of it
     stamp: int  # ns, of the last stamped sample
     started: bool
-    untold: float  # s, of `TOLD_SHARE` of the samples' time, that stamps have not told
+    unstamped: float  # s, of `LEAST_STAMPED_SHARE` of the samples' time, that stamps lack
     irregularity: float  # mean |step - period| / period
     irregularity_steps: int  # that it is the mean of, up to a limit
     lateness: float  # s, of the last stamp
