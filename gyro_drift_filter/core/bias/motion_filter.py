@@ -64,7 +64,7 @@ SPEED_DEVIATIONS, LARGEST_SPEED = 1.4, 50.0
 # Random walks of direction and velocity, per square root of a second: of what is in no model. That
 # of the noise at rest comes on top, and that of vibration. A motor's may be aliased to rates and
 # accelerations that are as slow as motion: those of the simulated drones, at up to 200 Hz, are
-# noise with the spectral density of the vibration's variance over a quarter of a second.
+# noise with the spectral density of the vibration's variance over 0.3 s.
 DIRECTION_WALK, VELOCITY_WALK, VIBRATION_SECONDS = 1e-3, 0.05, 0.3
 # What a turn leaves beside a constant error of scale, as a share of it. Data sheets have gyroscopes
 # linear within 0.1 to 0.2 %.
