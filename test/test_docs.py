@@ -146,7 +146,6 @@ def rows_of(page, title):
     return [[cell.strip().strip('`') for cell in line.split('|')[1:-1]] for line in table]
 
 
-@pytest.mark.node
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_code_that_a_page_names_exists(page):
     """A list item that begins with `Code:` names files, and what stands in one of them."""
@@ -162,6 +161,7 @@ def test_code_that_a_page_names_exists(page):
             assert re.search(rf'^ *(def |class )?{name}\b', code, re.MULTILINE), (name, item)
 
 
+@pytest.mark.node
 def test_topics_are_those_of_the_node():
     rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed')
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy

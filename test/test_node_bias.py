@@ -289,7 +289,7 @@ def test_a_bias_beyond_the_largest_stays_in_and_is_told(fresh, random):
     assert rates_of(out)[500:, 1].mean() == pytest.approx(12.0 * DEGREE, rel=0.01)
     status = diagnostics(fresh, lambda s: s[FILTER].level == b'\x01')[FILTER]
     assert status.message == (
-        'steady as at rest, but the rate is beyond bias.max (10 deg/s) and is not subtracted: are '
+        'the mean rate at rest is beyond bias.max (10 deg/s) and is not subtracted: are '
         'the rates in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not turn, '
         'raise bias.max, and have the sensor looked at'
     )

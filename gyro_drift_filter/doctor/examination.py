@@ -169,7 +169,7 @@ def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
 def _sorted(findings: list[Finding]) -> list[Finding]:
     """Return findings, the faults first, without those that come of others."""
     faults = {finding.name for finding in findings if finding.is_fault}
-    following = {name for fault in faults for name in _FOLLOWS.get(fault, ())}
+    following = {other for name in faults for other in _FOLLOWS.get(name, ())}
     order = (Verdict.FAULT, Verdict.UNKNOWN, Verdict.SOUND)
     left: dict[tuple[str, Verdict], Finding] = {}
     for finding in findings:

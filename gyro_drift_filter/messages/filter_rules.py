@@ -116,11 +116,11 @@ def _beyond_max_text(span: Span) -> str:
     limit = f'bias.max ({math.degrees(span.now.parameters.bias_max):g} deg/s)'
     if span.now.telemetry.bias_known:
         return (
-            f'a steady rate beyond {limit} is taken for a turn, and not subtracted: if the robot '
+            f'a mean rate beyond {limit} is taken for a turn, and not subtracted: if the robot '
             'stands, its bias has jumped, so have the sensor looked at'
         )
     return (
-        f'steady as at rest, but the rate is beyond {limit} and is not subtracted: are the rates '
+        f'the mean rate at rest is beyond {limit} and is not subtracted: are the rates '
         'in deg/s (REP-103 asks for rad/s)? If they are not and the robot does not turn, raise '
         'bias.max, and have the sensor looked at'
     )

@@ -69,10 +69,15 @@ SHAKEN_STAND = record(ShakenStand)
 
 @kernel
 def forget_stand(stand: ShakenStand) -> None:
-    """Begin anew with what comes."""
+    """Forget the stand, as it has ended."""
+    _begin_anew(stand)
+    stand['beyond_max'] = False
+
+
+@kernel
+def _begin_anew(stand: ShakenStand) -> None:
     stand['blocks'] = 0
     stand['parts'] = -SKIPPED_PARTS
-    stand['beyond_max'] = False
 
 
 @kernel
@@ -90,7 +95,7 @@ def note_stand(stand: ShakenStand, rest: Rest) -> bool:
     if stand['blocks'] < SEGMENT_BLOCKS:
         return False
     if not _gravity_stands(stand):
-        forget_stand(stand)
+        _begin_anew(stand)
         return False
     if stand['parts'] >= 0:
         for axis in range(3):

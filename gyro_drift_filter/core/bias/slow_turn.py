@@ -227,7 +227,7 @@ def is_back(state: 'Bias') -> bool:
     for axis in range(3):
         distance = segment_mean(rest, axis) - turn['given_up'][axis]
         spread = turn['given_up_variance'][axis] + segment_variance(rest, axis)
-        far = is_beyond_gate(distance, BACK_SHARE, jump)
+        far = distance * distance > BACK_SHARE * BACK_SHARE * jump
         if far and is_beyond_gate(distance, GATE, spread):
             return False
     return True
