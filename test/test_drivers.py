@@ -284,6 +284,77 @@ def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(lost, periods, 
     assert results['outlier'][1500:].any(axis=1).mean() <= most
 
 
+def gaps_of(samples, n, random):
+    """Return which of n samples are left by ten gaps, each of so many samples."""
+    kept = np.ones(n, bool)
+    for first in random.choice(np.arange(1500, n - 100), 10, replace=False):
+        kept[first : first + samples] = False
+    return kept
+
+
+def read_from_a_fifo(size):
+    """Return what a driver does that stamps so many samples when it reads them all."""
+
+    def do(times, random):
+        n = len(times)
+        last = np.minimum(np.arange(n) // size * size + size - 1, n - 1)
+        order = np.flatnonzero(gaps_of(20, n, random))
+        return times[last][order], order
+
+    return do
+
+
+def block_until_the_buffer_is_full(times, random):
+    """A driver that is blocked for 0.3 s gets the oldest eight samples then; the rest is lost."""
+    kept, late = np.ones(len(times), bool), times.copy()
+    for first in random.choice(np.arange(1500, len(times) - 100), 10, replace=False):
+        kept[first + 8 : first + 30] = False
+        late[first : first + 30] = times[first + 30]
+    order = np.flatnonzero(kept)
+    return np.maximum.accumulate(late)[order], order
+
+
+def overtake_late_messages(times, random):
+    """One message in 50 comes after the next one, and all are stamped late."""
+    late = np.maximum.accumulate(times + (3e6 * random.exponential(size=len(times))).astype(int))
+    order = np.arange(len(times))
+    for i in np.flatnonzero(random.random(len(times) - 1) < 0.02):
+        order[[i, i + 1]] = order[[i + 1, i]]
+    return late[order], order
+
+
+def lose_the_first_samples_after_long_delays(times, random):
+    """All messages are late now and then, by up to some 0.3 s, and few gaps are lost."""
+    held_up = random.exponential(8e7, len(times)) * (random.random(len(times)) < 0.01)
+    order = np.flatnonzero(gaps_of(20, len(times), random))
+    return np.maximum.accumulate(times + held_up.astype(int))[order], order
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize(
+    'driver',
+    [
+        read_from_a_fifo(4),
+        read_from_a_fifo(10),
+        block_until_the_buffer_is_full,
+        overtake_late_messages,
+        lose_the_first_samples_after_long_delays,
+    ],
+    ids=['FIFO of 4', 'FIFO of 10', 'full buffer', 'overtaken', 'long delays'],
+)
+@pytest.mark.parametrize('rate', [100.0, 200.0])
+def test_losses_that_delays_of_any_kind_hide_cost_nothing_in_fast_motion(rate, driver, seed):
+    random = np.random.default_rng(seed)
+    n = 12_000
+    hand = motion_below(4.0, random, n, rate)
+    truth = 6.0 * hand / hand.std()
+    noise = 0.005 * random.standard_normal((n, 3))
+    times, order = driver(stamps(n, rate), random)
+    results = Filter().run(times, (truth + noise)[order], upright(random, n)[order])
+    error = (results['angular_velocity'] + results['bias'] - truth[order])[1000:]
+    assert np.sqrt(np.mean(error**2)) < 1.05 * noise.std()
+
+
 def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):
     truth = np.concatenate([np.zeros((800, 3)), fast_turn(2000, 100.0)])
     z = truth + 0.005 * random.standard_normal(truth.shape)

@@ -30,27 +30,50 @@ SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # So many steps in a row that are equally long, up to this share, are no losses: a link does not
 # lose every second sample so evenly.
 LONG_RUN, EQUALLY_LONG = 20, 0.25
-# In periods: behind a longer step of the first block samples may be missing. No more than so many
-# are allowed for.
-LATE_STEP, MOST_POSSIBLE = 1.4, 5
+# In periods: behind a longer step samples may be missing. A delay lasts until the envelope has
+# followed, so only one that is being made up for may stand for more than so many that are missing.
+# A step that is longer by as many is rare enough to be one over a gap, however long delays were.
+LATE_STEP, MOST_BY_DELAY = 1.4, 5
 
 
 @kernel
 def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     """Return how many samples may be missing before one for which `advance_clock` found none.
 
-    Delays may hide a loss until later stamps show it. So where samples have been missing before,
-    each period (s) of the delay may stand for another one. In the first block, which shows how far
-    delays vary, each period of the step of `elapsed` s may do so. Where stamps are so irregular
-    that losses do not show, one may be missing before any sample.
+    Delays may hide a loss until later stamps show it. So where some messages have been missing or
+    overtaken before, each period (s) of the delay may stand for one that is missing, and so may
+    each period of the step of `elapsed` s. Otherwise a step may do so that is longer than delays
+    were of late, and any where these say nothing: in the first block, and where stamps are so
+    irregular that losses do not show. There one may be missing before any sample. Of samples that
+    were counted as missing the rest may be so only now, if some of them have come in.
     """
-    possible = 1 if clock['irregularity'] >= REGULAR else 0
-    if clock['blocks'] == 0 and elapsed > LATE_STEP * period:
+    irregular, starting = clock['irregularity'] >= REGULAR, clock['blocks'] == 0
+    incomplete = clock['missing_samples'] > 0 or clock['overtaken'] > 0
+    possible = 1 if irregular else 0
+    longer = elapsed - period > min(clock['longest_delay'], MOST_BY_DELAY * period)
+    if elapsed > LATE_STEP * period and (longer or incomplete or starting or irregular):
         possible = max(int(elapsed / period - LATE_STEP) + 1, possible)
-    elif clock['missing_samples'] > 0:
+    if incomplete and not starting:
         delay = clock['lateness'] - clock['earliest']
-        possible = max(int(delay / period + 1.0 - MADE_UP), possible)
-    return min(possible, MOST_POSSIBLE)
+        by_delay = int(delay / period + 1.0 - MADE_UP)
+        # What was held up comes in at once, and what held it up may have lost what follows.
+        if elapsed > MADE_UP * period:
+            by_delay = min(by_delay, MOST_BY_DELAY)
+        possible = max(by_delay, possible)
+    if clock['suspect_missing'] > 0 and _has_taken_back(clock):
+        possible = max(clock['suspect_missing'], possible)
+    return possible
+
+
+@kernel
+def _has_taken_back(clock: Clock) -> bool:
+    """Return whether some samples that were counted as missing have come in since.
+
+    They were held up, and what held them up may have lost those that follow: a buffer was full.
+    """
+    period = clock['mean_period']
+    not_counted = clock['suspect_delay'] - clock['suspect_missing'] * period
+    return bool(not_counted > clock['mean_delay'] + 0.5 * period)
 
 
 @kernel
