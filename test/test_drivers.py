@@ -296,19 +296,92 @@ def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(
     assert np.sqrt(np.mean(error**2)) < ratio * 0.005
 
 
+@pytest.mark.parametrize(('least', 'most', 'share'), [(0.5, 3.0, 0.8), (8.0, 30.0, 0.97)])
 @pytest.mark.parametrize('lost', [0.0, 0.02])
-def test_spikes_are_found_where_delays_may_hide_losses(lost, random):
-    """Of up to 3 rad/s, where the rate changes by a tenth of that from sample to sample."""
+def test_spikes_are_found_where_delays_may_hide_losses(lost, least, most, share, random):
+    """Where the rate changes by 0.12 rad/s from sample to sample."""
     n = 12_000
     hand = motion_below(2.0, random, n, 100.0)
     z = 2.0 * hand / hand.std() + 0.005 * random.standard_normal((n, 3))
     hit = random.random(n) < 0.005
-    z[hit] += random.choice([-1.0, 1.0], (hit.sum(), 3)) * random.uniform(0.5, 3.0, (hit.sum(), 3))
+    signs = random.choice([-1.0, 1.0], (hit.sum(), 3))
+    z[hit] += signs * random.uniform(least, most, (hit.sum(), 3))
     late = (3e6 * random.exponential(size=n)).astype(np.int64)
     times, kept = np.maximum.accumulate(stamps(n, 100.0) + late), random.random(n) >= lost
     flagged = Filter().run(times[kept], z[kept], upright(random, n)[kept])['outlier'] > 0
-    assert flagged[1500:][hit[kept][1500:]].mean() > 0.8
+    assert flagged[1500:][hit[kept][1500:]].mean() > share
     assert flagged[1500:][~hit[kept][1500:]].mean() < 0.001
+
+
+def gaps_of(samples, n, random):
+    """Return which of n samples are left by ten gaps, each of so many samples."""
+    kept = np.ones(n, bool)
+    for first in random.choice(np.arange(1500, n - 100), 10, replace=False):
+        kept[first : first + samples] = False
+    return kept
+
+
+def read_from_a_fifo(size):
+    """Return what a driver does that stamps so many samples when it reads them all."""
+
+    def do(times, random):
+        n = len(times)
+        last = np.minimum(np.arange(n) // size * size + size - 1, n - 1)
+        order = np.flatnonzero(gaps_of(20, n, random))
+        return times[last][order], order
+
+    return do
+
+
+def block_until_the_buffer_is_full(times, random):
+    """A driver that is blocked for 0.3 s gets the oldest eight samples then; the rest is lost."""
+    kept, late = np.ones(len(times), bool), times.copy()
+    for first in random.choice(np.arange(1500, len(times) - 100), 10, replace=False):
+        kept[first + 8 : first + 30] = False
+        late[first : first + 30] = times[first + 30]
+    order = np.flatnonzero(kept)
+    return np.maximum.accumulate(late)[order], order
+
+
+def overtake_late_messages(times, random):
+    """One message in 50 comes after the next one, and all are stamped late."""
+    late = np.maximum.accumulate(times + (3e6 * random.exponential(size=len(times))).astype(int))
+    order = np.arange(len(times))
+    for i in np.flatnonzero(random.random(len(times) - 1) < 0.02):
+        order[[i, i + 1]] = order[[i + 1, i]]
+    return late[order], order
+
+
+def lose_the_first_samples_after_long_delays(times, random):
+    """All messages are late now and then, by up to some 0.3 s, and few gaps are lost."""
+    held_up = random.exponential(8e7, len(times)) * (random.random(len(times)) < 0.01)
+    order = np.flatnonzero(gaps_of(20, len(times), random))
+    return np.maximum.accumulate(times + held_up.astype(int))[order], order
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize(
+    'driver',
+    [
+        read_from_a_fifo(4),
+        read_from_a_fifo(10),
+        block_until_the_buffer_is_full,
+        overtake_late_messages,
+        lose_the_first_samples_after_long_delays,
+    ],
+    ids=['FIFO of 4', 'FIFO of 10', 'full buffer', 'overtaken', 'long delays'],
+)
+@pytest.mark.parametrize('rate', [100.0, 200.0])
+def test_losses_that_delays_of_any_kind_hide_cost_nothing_in_fast_motion(rate, driver, seed):
+    random = np.random.default_rng(seed)
+    n = 12_000
+    hand = motion_below(4.0, random, n, rate)
+    truth = 6.0 * hand / hand.std()
+    noise = 0.005 * random.standard_normal((n, 3))
+    times, order = driver(stamps(n, rate), random)
+    results = Filter().run(times, (truth + noise)[order], upright(random, n)[order])
+    error = (results['angular_velocity'] + results['bias'] - truth[order])[1000:]
+    assert np.sqrt(np.mean(error**2)) < 1.05 * noise.std()
 
 
 def test_the_end_of_the_range_is_passed_and_left_without_doubt(random):

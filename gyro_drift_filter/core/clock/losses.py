@@ -30,27 +30,51 @@ SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # So many steps in a row that are equally long, up to this share, are no losses: a link does not
 # lose every second sample so evenly.
 LONG_RUN, EQUALLY_LONG = 20, 0.25
-# In periods: behind a longer step of the first block samples may be missing. No more than so many
-# are allowed for.
-LATE_STEP, MOST_POSSIBLE = 1.4, 5
+# In periods: behind a longer step samples may be missing.
+LATE_STEP = 1.4
+# A delay lasts until the envelope has followed, so only one that is being made up for may stand for
+# more than so many that are missing. A step that is longer by as many is rare enough to be one over
+# a gap, however long delays were.
+MOST_BY_DELAY = 5
 
 
 @kernel
 def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     """Return how many samples may be missing before one for which `advance_clock` found none.
 
-    Delays may hide a loss until later stamps show it. So where samples have been missing before,
-    each period (s) of the delay may stand for another one. In the first block, which shows how far
-    delays vary, each period of the step of `elapsed` s may do so. Where stamps are so irregular
-    that losses do not show, one may be missing before any sample.
+    Delays may hide a loss until later stamps show it. So each period (s) may stand for one
+
+    - of a step, `elapsed` s, that is longer than delays explain, or that comes where there were
+      losses before; also in the first block, which has no delays yet, and where stamps are so
+      irregular that losses do not show: there one may be missing before any sample;
+    - of the delay, from `MADE_UP` periods on, where there were losses before;
+    - of a gap, all samples of which were counted as missing when it was found, if the first of
+      them have come in since. They were held up, and the others may have been lost meanwhile.
     """
-    possible = 1 if clock['irregularity'] >= REGULAR else 0
-    if clock['blocks'] == 0 and elapsed > LATE_STEP * period:
+    irregular, starting = clock['irregularity'] >= REGULAR, clock['blocks'] == 0
+    loses = clock['missing_samples'] > 0 or clock['overtaken'] > 0
+    possible = 1 if irregular else 0
+    unexplained = elapsed - period > min(clock['longest_delay'], MOST_BY_DELAY * period)
+    if elapsed > LATE_STEP * period and (unexplained or loses or starting or irregular):
         possible = max(int(elapsed / period - LATE_STEP) + 1, possible)
-    elif clock['missing_samples'] > 0:
+    if loses and not starting:
         delay = clock['lateness'] - clock['earliest']
-        possible = max(int(delay / period + 1.0 - MADE_UP), possible)
-    return min(possible, MOST_POSSIBLE)
+        by_delay = int(delay / period + 1.0 - MADE_UP)
+        # What was held up comes in at once, and what held it up may have lost what follows.
+        if elapsed > MADE_UP * period:
+            by_delay = min(by_delay, MOST_BY_DELAY)
+        possible = max(by_delay, possible)
+    if clock['suspect_missing'] > 0 and _has_taken_back(clock):
+        possible = max(clock['suspect_missing'], possible)
+    return possible
+
+
+@kernel
+def _has_taken_back(clock: Clock) -> bool:
+    """Return whether some of the samples that were counted as missing have come in since."""
+    period = clock['mean_period']
+    not_missing = clock['suspect_delay'] - clock['suspect_missing'] * period
+    return bool(not_missing > clock['mean_delay'] + 0.5 * period)
 
 
 @kernel

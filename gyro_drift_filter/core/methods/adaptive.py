@@ -87,6 +87,7 @@ from gyro_drift_filter.core.methods.outliers import (
     fill_innovation_limits,
     find_reason,
     lies_at_accepted,
+    may_lie_behind_gap,
     note_confirmation,
     note_held,
     note_innovation,
@@ -458,7 +459,7 @@ def _take_in(
         note_missing(doubt, typical)
         doubt['unmeasured'] = unmeasured + 1
     if doubt['unmeasured'] == 0:
-        doubt['behind_gap'] = unmeasured > 0
+        doubt['behind_gap'] = unmeasured > 0 or may_lie_behind_gap(circumstances)
     doubt['last_sample'] = sample
     if decision != Decision.HOLD and decision != Decision.BRIDGE:
         state['last_accepted'] = sample

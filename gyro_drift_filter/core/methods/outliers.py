@@ -85,6 +85,8 @@ FIRST_HIT, CONFIRMED_HIT = 1.5, 1.0 / 3.0
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
 
+# Where more samples may be missing, no extrapolation says where a body has gone.
+MOST_EXTRAPOLATED = 5
 # The largest change of a rate that swings to and fro, in mean changes.
 LARGEST_RATE_CHANGE = 3.0
 
@@ -350,35 +352,50 @@ def _is_within_reach(
     stood still before has hardly got anywhere yet.
     """
     doubt, still, largest = state['doubt'], circumstances['still'], -1.0
+    possible = circumstances['possibly_missing']
     if doubt['unmeasured'] > 0:
         samples = doubt['unmeasured'] + 1.0
         largest = limits['body_limit'] * samples
         if still:
             largest = min(largest, limits['least_jump_while_still'] * samples * samples)
+    if may_lie_behind_gap(circumstances) and not still:
+        largest = max(largest, limits['body_limit'] * (possible + 1.0))
     if doubt['behind_gap'] and not still:
         # One sample behind a gap does not show yet how the motion has changed meanwhile.
         change = min(LARGEST_RATE_CHANGE * doubt['usual_rate_change'], limits['body_limit'])
         largest = max(largest, 2.0 * change)
     if abs(sample - state['last_accepted']) <= largest:
         return True
-    possible = circumstances['possibly_missing']
-    return possible > 0 and not still and _is_extrapolated(state, workspace, sample, possible)
+    return (
+        possible > 0 and not still and _is_extrapolated(state, workspace, limits, sample, possible)
+    )
+
+
+@kernel
+def may_lie_behind_gap(circumstances: Circumstances) -> bool:
+    """Return whether so many samples may be missing that no extrapolation says what comes."""
+    return bool(circumstances['possibly_missing'] > MOST_EXTRAPOLATED)
 
 
 @kernel
 def _is_extrapolated(
-    state: 'AdaptiveAxis', workspace: 'AdaptiveAxisWorkspace', sample: float, possible: int
+    state: 'AdaptiveAxis',
+    workspace: 'AdaptiveAxisWorkspace',
+    limits: OutlierLimits,
+    sample: float,
+    possible: int,
 ) -> bool:
     """Return whether a sample (rad/s) is one that is predicted if up to `possible` are missing.
 
-    The error of a prediction grows with the samples that it goes ahead.
+    The error of a prediction grows with the samples that it goes ahead, by no more than a body does
+    in one of them.
     """
-    prediction = workspace['prediction']
+    prediction, steps = workspace['prediction'], state['doubt']['held'] + 1.0
     innovation = sample - prediction
-    ahead = possible * (prediction - state['last_accepted'])
+    ahead = possible * (prediction - state['last_accepted']) / steps
     nearest = min(max(innovation, min(ahead, 0.0)), max(ahead, 0.0))
     limit = workspace['innovation_limits']['innovation_threshold'] * (possible + 1.0)
-    return abs(innovation - nearest) <= limit
+    return abs(innovation - nearest) <= min(limit, limits['body_limit'])
 
 
 @kernel
