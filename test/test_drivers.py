@@ -359,6 +359,22 @@ def lose_the_first_samples_after_long_delays(times, random):
     return np.maximum.accumulate(times + held_up.astype(int))[order], order
 
 
+@pytest.mark.parametrize('rate', [100.0, 400.0])
+def test_spikes_are_found_in_the_samples_of_a_fifo(rate, random):
+    """The first one of each burst is no worse than the others: its step is as long as usual."""
+    n = 12_000
+    hand = motion_below(2.0, random, n, rate)
+    z = 2.0 * hand / hand.std() + 0.005 * random.standard_normal((n, 3))
+    hit = random.random(n) < 0.005
+    z[hit] += random.choice([-1.0, 1.0], (hit.sum(), 3)) * random.uniform(2.0, 5.0, (hit.sum(), 3))
+    times = stamps(n, rate)[np.minimum(np.arange(n) // 10 * 10 + 9, n - 1)]
+    results = Filter().run(times, z, upright(random, n))[2000:]
+    flagged, hit = results['outlier'].max(axis=1) > 0.0, hit[2000:]
+    first = np.arange(2000, n) % 10 == 0
+    for of in (first, ~first):
+        assert flagged[of & hit].mean() > 0.9
+
+
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize(
     'driver',

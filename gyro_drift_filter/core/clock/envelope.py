@@ -30,6 +30,7 @@ from gyro_drift_filter.core.clock.delays import (
 from gyro_drift_filter.core.clock.losses import (
     drop_suspicion,
     judge_suspicion,
+    note_long_step,
     period_of_long_steps,
     suspect,
 )
@@ -200,6 +201,7 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     lateness = clock['lateness'] + elapsed - period
     delay = lateness - clock['earliest']
     clock['steps'] += 1
+    note_long_step(clock, elapsed)
     missing = 0
     is_long = elapsed > LONG_STEP * period and elapsed > long_step(clock) * period
     if is_long:

@@ -36,6 +36,30 @@ LATE_STEP = 1.4
 # more than so many that are missing. A step that is longer by as many is rare enough to be one over
 # a gap, however long delays were.
 MOST_BY_DELAY = 5
+# A driver that reads a buffer when it is full has steps of one length, up to this share, between
+# its bursts. One whose delays are long now and then has not.
+EVEN_BURSTS, BURST_WEIGHT = 0.25, 1.0 / 16.0
+
+
+@kernel
+def note_long_step(clock: Clock, elapsed: float) -> None:
+    """Note a step in s, if it is one over which samples may be missing."""
+    if elapsed <= LATE_STEP * clock['mean_period']:
+        return
+    if clock['burst_step'] == 0.0:
+        clock['burst_step'], clock['burst_deviation'] = elapsed, 1.0
+    mean = clock['burst_step']
+    deviation = min(max(elapsed / mean - 1.0, -1.0), 1.0)
+    clock['burst_step'] += BURST_WEIGHT * deviation * mean
+    clock['burst_deviation'] += BURST_WEIGHT * (abs(deviation) - clock['burst_deviation'])
+
+
+@kernel
+def _is_between_bursts(clock: Clock, elapsed: float) -> bool:
+    """Return whether a step (s) is one of those between bursts, which are as long each time."""
+    if clock['burst_deviation'] > EVEN_BURSTS:
+        return False
+    return bool(abs(elapsed - clock['burst_step']) <= EVEN_BURSTS * clock['burst_step'])
 
 
 @kernel
@@ -45,8 +69,9 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     Delays may hide a loss until later stamps show it. So each period (s) may stand for one
 
     - of a step, `elapsed` s, that is longer than delays explain, or that comes where there were
-      losses before; also in the first block, which has no delays yet, and where stamps are so
-      irregular that losses do not show: there one may be missing before any sample;
+      losses before; also in the first block, which has no delays yet;
+    - of a step that is not one of those between bursts, where stamps are so irregular that losses
+      do not show: there one may be missing before any sample;
     - of the delay, from `MADE_UP` periods on, where there were losses before;
     - of a gap, all samples of which were counted as missing when it was found, if the first of
       them have come in since. They were held up, and the others may have been lost meanwhile.
@@ -54,8 +79,11 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     irregular, starting = clock['irregularity'] >= REGULAR, clock['blocks'] == 0
     loses = clock['missing_samples'] > 0 or clock['overtaken'] > 0
     possible = 1 if irregular else 0
-    unexplained = elapsed - period > min(clock['longest_delay'], MOST_BY_DELAY * period)
-    if elapsed > LATE_STEP * period and (unexplained or loses or starting or irregular):
+    if irregular:
+        counts = not _is_between_bursts(clock, elapsed)
+    else:
+        counts = loses or elapsed - period > min(clock['longest_delay'], MOST_BY_DELAY * period)
+    if elapsed > LATE_STEP * period and (counts or starting):
         possible = max(int(elapsed / period - LATE_STEP) + 1, possible)
     if loses and not starting:
         delay = clock['lateness'] - clock['earliest']

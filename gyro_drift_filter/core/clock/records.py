@@ -42,6 +42,8 @@ class Clock(TypedDict):
     unstamped: float  # s, of `LEAST_STAMPED_SHARE` of the samples' time, that stamps lack
     irregularity: float  # mean |step - period| / period
     irregularity_steps: int  # that it is the mean of, up to a limit
+    burst_step: float  # s, mean of the steps over which samples may be missing; 0 before one
+    burst_deviation: float  # mean deviation from it, relative to it
     lateness: float  # s, of the last stamp
     earliest: float  # s, the least lateness of this stretch and the one before
     # the stretch
