@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel
-from gyro_drift_filter.core import methods
+from gyro_drift_filter.core import methods, out_of_sequence
 from gyro_drift_filter.core.bias.at_rest import calibrate_bias, leave_rest, start_bias, warm_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.records import has_bias, widen
 from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
-from gyro_drift_filter.core.out_of_sequence import recall_result
 from gyro_drift_filter.core.polling import start_polling
 from gyro_drift_filter.core.quantisation import needs_half_counts, variance_of_cut
 from gyro_drift_filter.core.records import FILTER
@@ -43,8 +42,7 @@ TAKE_OVER_GATE = 4.0
 @entry_kernel(FILTER)
 def forget_history(filter_: NDArray[np.void]) -> None:
     """Never go back behind this moment for a message that was overtaken."""
-    recall_result(filter_[0])
-    filter_[0]['history']['count'] = 0
+    out_of_sequence.forget_history(filter_[0])
 
 
 @entry_kernel(FILTER, SETTINGS)

@@ -110,6 +110,13 @@ def recall_result(filter_: FilterRecord) -> None:
 
 
 @kernel
+def forget_history(filter_: FilterRecord) -> None:
+    """Never go back behind this moment for a message that was overtaken."""
+    recall_result(filter_)
+    filter_['history']['count'] = 0
+
+
+@kernel
 def go_back(filter_: FilterRecord) -> None:
     """Put the state back to the kept one, and count a message that was overtaken."""
     clock = filter_['state']['clock']

@@ -32,6 +32,7 @@ from gyro_drift_filter.core.clock.envelope import (
 )
 from gyro_drift_filter.core.clock.losses import possibly_missing
 from gyro_drift_filter.core.out_of_sequence import (
+    forget_history,
     go_back,
     insert_sample,
     is_overtaken,
@@ -220,7 +221,7 @@ def _doubt_rest(filter_: FilterRecord) -> None:
 def doubt_sensor(filter_: FilterRecord) -> None:
     """Doubt the bias, and forget how the body lies: another sensor measures from now on."""
     bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
-    filter_['history']['count'] = 0
+    forget_history(filter_)
     lose_direction(bias['motion'])
     lose_direction(bias['wide_prior'])
     forget_scale(bias['motion'])

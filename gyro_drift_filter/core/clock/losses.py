@@ -27,18 +27,18 @@ MADE_UP = 0.6
 VERDICT_SAMPLES = 16
 VERDICT_PACE = 2.0
 SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
-# So many steps in a row that are equally long, up to this share, are no losses: a link does not
+# Steps are equally long up to this share. So many of them in a row are no losses: a link does not
 # lose every second sample so evenly.
-LONG_RUN, EQUALLY_LONG = 20, 0.25
+EQUALLY_LONG, LONG_RUN = 0.25, 20
 # In periods: behind a longer step samples may be missing.
 LATE_STEP = 1.4
 # A delay lasts until the envelope has followed, so only one that is being made up for may stand for
 # more than so many that are missing. A step that is longer by as many is rare enough to be one over
 # a gap, however long delays were.
 MOST_BY_DELAY = 5
-# A driver that reads a buffer when it is full has steps of one length, up to this share, between
-# its bursts. One whose delays are long now and then has not.
-EVEN_BURSTS, BURST_WEIGHT = 0.25, 1.0 / 16.0
+# A driver that reads a buffer when it is full has equally long steps between its bursts. One whose
+# delays are long now and then has not. The weight is that of a step in the mean.
+BURST_WEIGHT = 1.0 / 16.0
 
 
 @kernel
@@ -57,9 +57,9 @@ def note_long_step(clock: Clock, elapsed: float) -> None:
 @kernel
 def _is_between_bursts(clock: Clock, elapsed: float) -> bool:
     """Return whether a step (s) is one of those between bursts, which are as long each time."""
-    if clock['burst_deviation'] > EVEN_BURSTS:
+    if clock['burst_deviation'] > EQUALLY_LONG:
         return False
-    return bool(abs(elapsed - clock['burst_step']) <= EVEN_BURSTS * clock['burst_step'])
+    return bool(abs(elapsed - clock['burst_step']) <= EQUALLY_LONG * clock['burst_step'])
 
 
 @kernel
