@@ -25,6 +25,8 @@ from hypothesis import strategies as st
 from benchmark.scenarios import bursty_stamps
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.clock.periodogram import keep_stamp, period_of_stamps
+from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from support.paths import RECORDINGS
 from support.sensor import GRAVITY, NOISE, at_rest, by_hand, fast_turn
@@ -398,6 +400,99 @@ def test_losses_from_the_first_sample_on_do_not_lengthen_the_period(mean_delay, 
     found = missing_at(filter_, START + ((numbers + delays) * 10 * MS).astype(np.int64))
     assert filter_.state['clock']['mean_period'] == pytest.approx(0.01, rel=1e-3)
     np.testing.assert_array_equal(found[after:], np.diff(numbers)[after - 1 :] - 1)
+
+
+def delays_of(kind, size, n, random):
+    """Return delays in periods: exponential, jitter to either side, or up to a coarse clock."""
+    if kind == 'exponential':
+        return np.maximum.accumulate(np.arange(n) + random.exponential(size, n)) - np.arange(n)
+    if kind == 'jitter':
+        return random.uniform(-size, size, n)
+    return np.ceil(np.arange(n) / size) * size - np.arange(n)
+
+
+UNEVEN = [
+    ('exponential', 0.1),
+    ('exponential', 0.2),
+    ('exponential', 0.3),
+    ('exponential', 0.5),
+    ('jitter', 0.2),
+    ('jitter', 0.4),
+    ('coarse', 0.4),
+]
+
+
+@pytest.mark.parametrize(('kind', 'size'), UNEVEN)
+@pytest.mark.parametrize('lost', [0.05, 0.1, 0.2])
+@pytest.mark.parametrize('rate', [50, 200, 1000])
+def test_losses_between_uneven_stamps_do_not_lengthen_the_period(kind, size, lost, rate, random):
+    """And nearly all of them are counted, although delays hide many at first."""
+    n = 60 * rate
+    seconds = (np.arange(n) + delays_of(kind, size, n, random)) / rate
+    stamps, missing = lose(START + np.round(1e9 * seconds).astype(np.int64), lost, random)
+    filter_, known = Filter(), 20 * rate
+    feed(filter_, stamps[:known])
+    before = clock(filter_)['missing_samples']
+    feed(filter_, stamps[known:], seed=2)
+    found = clock(filter_)['missing_samples'] - before
+    hard = kind == 'exponential' and size == 0.5
+    assert filter_.state['clock']['mean_period'] * rate == pytest.approx(1.0, abs=0.002)
+    assert found == pytest.approx(missing[known:].sum(), rel=0.25 if hard else 0.06)
+
+
+@pytest.mark.parametrize('share', [0.6, 0.7, 0.8])
+@pytest.mark.parametrize('lost', [0.0, 0.03, 0.1])
+def test_a_bus_that_is_asked_too_often_keeps_the_sensors_period(share, lost, random):
+    """Its stamps agree with the period of the bus, but hardly any samples are missing."""
+    numbers = np.flatnonzero(random.random(12_000) >= lost)
+    stamps = START + np.round(share * 10 * MS * np.ceil(numbers / share)).astype(np.int64)
+    filter_ = Filter()
+    feed(filter_, stamps)
+    assert filter_.state['clock']['mean_period'] == pytest.approx(0.01, rel=0.005)
+    missing = (np.diff(numbers) - 1).sum()
+    assert clock(filter_)['missing_samples'] == pytest.approx(missing, rel=0.06, abs=5)
+
+
+@pytest.mark.parametrize('deviation', [0.05, 0.1, 0.2])
+def test_a_driver_that_sleeps_has_the_period_of_its_mean_step(deviation, random):
+    """Where steps vary by themselves the stamps agree with some other period for a while."""
+    steps = 1.0 - deviation + random.exponential(deviation, 12_000)
+    filter_, periods = Filter(), []
+    stamps = START + np.cumsum(10 * MS * steps).astype(np.int64)
+    for first in range(2000, 12_000, 200):
+        feed(filter_, stamps[first : first + 200], seed=first)
+        periods.append(float(filter_.state['clock']['mean_period']))
+    assert np.median(periods[10:]) == pytest.approx(0.01, rel=0.01)
+
+
+@pytest.mark.parametrize(('kind', 'size'), UNEVEN)
+def test_the_period_of_stamps_has_the_most_power_of_all(kind, size, random):
+    """Compared with the periodogram as it is written, on a grid forty times as fine."""
+    for lost in (0.02, 0.1, 0.2):
+        delays = delays_of(kind, size, 700, random)
+        stamps = START + np.round(10 * MS * (np.arange(700) + delays)).astype(np.int64)
+        stamps, _ = lose(stamps, lost, random)
+        record = np.zeros(1, FILTER)[0]
+        for stamp in stamps:
+            keep_stamp(record['state']['clock'], stamp)
+        found = period_of_stamps(record['state']['clock'], record['workspace']['clock'])
+        seconds = 1e-9 * (stamps[-512:] - stamps[-1])
+        seconds = seconds[np.diff(seconds, prepend=-np.inf) > 0.25 * np.diff(seconds).mean()]
+        frequencies = np.arange(95.0, 115.0, 0.005)
+        power = np.abs(np.exp(2j * np.pi * frequencies[:, None] * seconds).mean(axis=1))
+        if found > 0.0:
+            assert 1.0 / found == pytest.approx(frequencies[power.argmax()], abs=0.02)
+        assert found > 0.0 or (kind, size) in (('exponential', 0.5), ('jitter', 0.4)) or lost < 0.1
+
+
+@pytest.mark.parametrize('lost', [0.1, 0.2])
+def test_losses_that_come_often_put_no_verdict_off(lost, random):
+    """While a loss is still in doubt the next one comes: what stood the test is no longer so."""
+    stamps, _ = lose(late(6000, 100, 1e-3, random), lost, random)
+    filter_ = Filter()
+    feed(filter_, stamps)
+    assert filter_.state['clock']['suspect_missing'] <= 10
+    assert filter_.state['clock']['lost_share'] > 0.9
 
 
 @pytest.mark.parametrize(

@@ -273,7 +273,9 @@ def test_a_motion_that_begins_in_a_gap_at_rest_is_followed(gap, random):
     [
         (0.0, 0.3, 0.0, 1.05),
         (0.02, 0.3, 0.0, 1.05),
-        (0.05, 0.3, 0.01, 4.0),  # the period is learned 6 % longer: so many losses never show
+        (0.05, 0.3, 0.0, 1.05),
+        (0.1, 0.3, 0.0, 1.05),
+        (0.2, 0.3, 0.0, 1.1),
         (0.05, 0.6, 0.004, 1.05),
         (0.05, 1.0, 0.004, 1.05),
     ],

@@ -20,6 +20,7 @@ from typing import Annotated, TypedDict
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, record
 from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.records import Bias
+from gyro_drift_filter.core.clock.periodogram import ClockWorkspace
 from gyro_drift_filter.core.clock.records import Clock
 from gyro_drift_filter.core.methods import MethodCoefficients, MethodStates, MethodWorkspace
 from gyro_drift_filter.core.polling import Polling
@@ -101,6 +102,7 @@ class Workspace(TypedDict):
     """What is needed within one step, or can be had anew from the state; not in a snapshot."""
 
     methods: MethodWorkspace
+    clock: ClockWorkspace
     motion: MotionWorkspace
     result: Result  # of a sample that was overtaken
 

@@ -131,7 +131,11 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
             derive(filter_, period)
         elapsed = elapsed_seconds(clock, stamp)
         missing, jumped = advance_clock(
-            clock, stamp, settings['sample_rate'], settings['gap_limit']
+            clock,
+            stamp,
+            settings['sample_rate'],
+            settings['gap_limit'],
+            filter_['workspace']['clock'],
         )
         result['status'] = SampleStatus.FILTERED
         needs_half = _look_at_counts(sample, missing == 0 and not jumped, filter_)

@@ -33,12 +33,11 @@ is its delay.
   are counted, but not predicted through, as the filter has followed the samples since.
 - While stamps come in bursts a delay means nothing.
 
-Where many samples are lost from the very start on, the period is learned longer by their share.
-Even stamps show it: all steps with nothing missing between have the same length then. This length
-is taken for the period if it makes at most half as many more samples missing as were found missing.
-(A bus that is asked every 8 ms for samples of every 10 ms has steps of one length, too, but next to
-nothing was found missing.) Where delays come near a period as well, losses and delays can't be told
-apart.
+Where many samples are missing, delays hide some of them, and the envelope would be longer by their
+share. But most stamps agree with one period, however many are missing (`periodogram.py`). Wherever
+it says that some are, it is taken for the period, and what a block has lost beyond those found is
+counted at its end. In bursts, and if delays are as long as the period, stamps agree with none:
+losses and delays can't be told apart then.
 
 The bias walks for as long as stamps say, and so for all of a gap. Where they have told less than a
 tenth of the time of the samples for five seconds, they stand still or are in another unit, and each
@@ -62,6 +61,7 @@ The envelope as a causal fit to delayed stamps: E. Olson, "A Passive Solution to
 Synchronization Problem", IROS 2010; L. Zhang, Z. Liu, C. H. Xia, "Clock Synchronization Algorithms
 for Network Measurements", INFOCOM 2002.
 
-`envelope.py` follows the stamps, `periods.py` learns the period, `delays.py` what delays are usual,
-and `losses.py` how many samples are missing; `records.py` declares what they share.
+`envelope.py` follows the stamps, `periods.py` learns the period from it, and `periodogram.py` from
+the stamps alone; `delays.py` learns what delays are usual, and `losses.py` how many samples are
+missing. `records.py` declares what they share.
 """

@@ -28,21 +28,27 @@ from gyro_drift_filter.core.clock.delays import (
     long_step,
 )
 from gyro_drift_filter.core.clock.losses import (
+    correct_count,
     drop_suspicion,
     judge_suspicion,
     note_long_step,
     period_of_long_steps,
     suspect,
 )
+from gyro_drift_filter.core.clock.periodogram import (
+    ClockWorkspace,
+    keep_stamp,
+    period_of_stamps,
+)
 from gyro_drift_filter.core.clock.periods import (
     BLOCK_SAMPLES,
     LONGEST_PERIOD,
     OTHER_PERIOD,
+    SAME_PERIOD,
     given_or_learned,
     learn_period,
     period_of,
     set_mean_period,
-    single_step,
     take_period,
 )
 from gyro_drift_filter.core.clock.records import BLOCKS, Clock
@@ -115,7 +121,7 @@ def _stamps_stand(clock: Clock, stamped: float) -> bool:
 
 @inlined_kernel
 def advance_clock(
-    clock: Clock, stamp: int, sample_rate: float, gap_limit: float
+    clock: Clock, stamp: int, sample_rate: float, gap_limit: float, workspace: ClockWorkspace
 ) -> tuple[int, bool]:
     """Move the clock to `stamp` (ns).
 
@@ -152,11 +158,12 @@ def advance_clock(
     if other_period > 0.0:
         _correct_period(clock, other_period, sample_rate)
         return 0, False
+    keep_stamp(clock, stamp)
     samples = clock['stretch_samples']
     if samples >= clock['stretch_length'] and (
         samples >= STRETCH_SAMPLES or stamp >= clock['stretch_end']
     ):
-        _end_stretch(clock, sample_rate)
+        _end_stretch(clock, sample_rate, workspace)
     return missing, False
 
 
@@ -167,18 +174,12 @@ def _start_envelope(clock: Clock) -> None:
     clock['anchored'] = False
     clock['steps'] = clock['missing'] = 0
     clock['gap_steps'] = 0.0
-    _forget_steps(clock)
+    clock['long_steps'] = 0
     drop_suspicion(clock)
     clock['long_run'] = 0
+    clock['kept'] = 0
     clock['stretch_samples'] = 0
     _start_stretch(clock)
-
-
-@kernel
-def _forget_steps(clock: Clock) -> None:
-    """Forget how long the steps of the block were."""
-    clock['long_steps'] = clock['single_steps'] = 0
-    clock['single_sum'] = clock['single_squares'] = 0.0
 
 
 @kernel
@@ -206,10 +207,6 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     is_long = elapsed > LONG_STEP * period and elapsed > long_step(clock) * period
     if is_long:
         clock['long_steps'] += 1
-    if abs(elapsed - period) < 0.5 * period:  # one period is the nearest number of them
-        clock['single_steps'] += 1
-        clock['single_sum'] += elapsed
-        clock['single_squares'] += elapsed * elapsed
     if delay <= clock['suspicious']:
         clock['sum'] += delay
         clock['longest'] = max(clock['longest'], delay)
@@ -230,7 +227,7 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
 
 
 @kernel
-def _end_stretch(clock: Clock, sample_rate: float) -> None:
+def _end_stretch(clock: Clock, sample_rate: float, workspace: ClockWorkspace) -> None:
     """Learn from the stretch what there is to learn, and start the next one."""
     starting, period = clock['blocks'] == 0, clock['mean_period']
     regular, samples = clock['irregularity'] < REGULAR, clock['stretch_samples']
@@ -241,15 +238,19 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         clock['steps'] * period + clock['lateness'] >= PERIOD_BLOCK_SECONDS
         and clock['steps'] - clock['missing'] >= BLOCK_SAMPLES
     )
-    single = single_step(clock)
-    if single > 0.0:
-        _correct_period(clock, single, sample_rate)
+    found = 0.0
+    if full and clock['irregularity'] < BURSTS:
+        found = period_of_stamps(clock, workspace)
+    if found > 0.0 and abs(found / period - 1.0) >= SAME_PERIOD:
+        _correct_period(clock, found, sample_rate)
         return
     if full or starting:
-        learn_period(clock, sample_rate, full)
+        learn_period(clock, sample_rate, full, found)
     change = clock['mean_period'] - period
     clock['lateness'] -= change * clock['steps']
     clock['least'] -= change * clock['least_steps']
+    if found > 0.0 and clock['anchored']:
+        correct_count(clock)
     if full or (regular and not clock['anchored'] and samples >= ANCHOR_SAMPLES):
         # The block starts at the point of the envelope that ends the last one.
         clock['anchored'] = True
@@ -258,7 +259,7 @@ def _end_stretch(clock: Clock, sample_rate: float) -> None:
         clock['steps'] -= clock['least_steps']
         clock['missing'] -= clock['least_missing']
         clock['gap_steps'] -= clock['least_gap_steps']
-        _forget_steps(clock)
+        clock['long_steps'] = 0
     clock['earliest'] = clock['least']
     if abs(change) > OTHER_PERIOD * period:
         forget_delays(clock)

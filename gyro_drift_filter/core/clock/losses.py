@@ -26,6 +26,9 @@ MADE_UP = 0.6
 # in at once, or at twice the pace at least.
 VERDICT_SAMPLES = 16
 VERDICT_PACE = 2.0
+# Samples after a gap by which one that was made up for would show: at twice the pace they are early
+# by two periods. So losses that come often do not put the verdict off for ever.
+STANDING_SAMPLES = 4
 SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # Steps are equally long up to this share. So many of them in a row are no losses: a link does not
 # lose every second sample so evenly.
@@ -74,7 +77,8 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
       do not show: there one may be missing before any sample;
     - of the delay, from `MADE_UP` periods on, where there were losses before;
     - of a gap, all samples of which were counted as missing when it was found, if the first of
-      them have come in since. They were held up, and the others may have been lost meanwhile.
+      them have come in since. They were held up, and the others may have been lost meanwhile. So
+      may those behind a delay that was just taken for a loss, as most were of late.
     """
     irregular, starting = clock['irregularity'] >= REGULAR, clock['blocks'] == 0
     loses = clock['missing_samples'] > 0 or clock['overtaken'] > 0
@@ -92,7 +96,7 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
         if elapsed > MADE_UP * period:
             by_delay = min(by_delay, MOST_BY_DELAY)
         possible = max(by_delay, possible)
-    if clock['suspect_missing'] > 0 and _has_taken_back(clock):
+    if clock['suspect_missing'] > 0 and (_has_taken_back(clock) or _may_be_mistaken(clock)):
         possible = max(clock['suspect_missing'], possible)
     return possible
 
@@ -106,6 +110,13 @@ def _has_taken_back(clock: Clock) -> bool:
 
 
 @kernel
+def _may_be_mistaken(clock: Clock) -> bool:
+    """Return whether the samples that were just counted as missing may only be late."""
+    delays_explain = clock['suspect_delay'] <= clock['delay_limit']
+    return bool(delays_explain and clock['suspect_samples'] < STANDING_SAMPLES)
+
+
+@kernel
 def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     """Start a suspicion that samples are missing; return how many if it is taken for sure."""
     period, missing = clock['mean_period'], 0
@@ -114,6 +125,9 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     else:
         sure = delay > clock['delay_limit'] and clock['longest_delay'] > period
     if sure:
+        if clock['suspect_missing'] > 0 and clock['suspect_samples'] >= STANDING_SAMPLES:
+            _learn_verdict(clock, True)
+            drop_suspicion(clock)
         missing = max(int(np.rint((delay - clock['mean_delay']) / period)), 1)
         _count_missing(clock, missing, elapsed - period)
     elif clock['verdict_samples'] > 0 and elapsed - period < clock['suspect_step']:
@@ -121,6 +135,7 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     clock['suspect_delay'] = delay + clock['suspect_missing'] * period
     clock['suspect_step'] = elapsed - period
     clock['suspect_least'] = delay
+    clock['suspect_samples'] = 0
     if missing > 0:
         clock['suspect_missing'] += missing
         clock['suspect_gaps'] += 1
@@ -163,6 +178,7 @@ def judge_suspicion(clock: Clock, delay: float) -> int:
     """
     period, counted = clock['mean_period'], clock['suspect_missing']
     clock['verdict_samples'] -= 1
+    clock['suspect_samples'] += 1
     if counted > 0:
         if delay < (MADE_UP - 1.0) * period:
             return -_take_back(clock, -delay)
@@ -211,6 +227,23 @@ def _count_missing(clock: Clock, missing: int, step: float) -> None:
     clock['gap_steps'] += step
     clock['missing_samples'] += missing
     clock['gaps'] += 1
+
+
+@kernel
+def correct_count(clock: Clock) -> None:
+    """Correct the count of samples that are missing in a block whose period is known.
+
+    By so many periods its least late stamp is late, counted from the one before the block: more
+    were missing than were found, or fewer if it is early.
+    """
+    more = int(np.rint(clock['least'] / clock['mean_period']))
+    if more == 0:
+        return
+    clock['missing_samples'] += more
+    if more > 0:
+        clock['gaps'] += more  # one in each, most likely
+        _learn_verdict(clock, True)
+        drop_suspicion(clock)
 
 
 @kernel

@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sample period: from the envelope of a block, or from even steps where samples are lost."""
-
-import math
+"""The sample period: from the envelope of a block, where the stamps alone have not told it."""
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.clock.delays import REGULAR
@@ -27,10 +25,6 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-4, 1.0
 # The steps over gaps are longer by as many periods as samples are missing. Those that only seem to
 # be gaps, as the period in use is too short, are longer by as much as delays vary.
 GAP_STEPS = 0.7
-# Steps between neighbours that vary by no more than this share of theirs leave no doubt where
-# samples are missing. Their mean is the period if it is another one for sure, by so many deviations
-# of it, and if the samples missing by it are at most so many times those that were found missing.
-EVEN_STEPS, STEP_DEVIATIONS, MISSING_RATIO = 0.1, 3.0, 1.5
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
 SAME_RATE = 0.1
@@ -71,8 +65,30 @@ def take_period(clock: Clock, period: float, sample_rate: float) -> None:
 
 
 @kernel
-def learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
-    """Take the period from the envelope of the block, which is full or the first one."""
+def learn_period(clock: Clock, sample_rate: float, full: bool, found: float) -> None:
+    """Take the period from the block, which is full or the first one.
+
+    It is `found`, in s, where the stamps agree with a period although samples are missing; else
+    that is 0, and the envelope tells the period.
+    """
+    period = found if found > 0.0 else _period_of_envelope(clock)
+    if period == 0.0:
+        return
+    if full:
+        clock['block_periods'][clock['blocks'] % BLOCKS] = period
+        clock['blocks'] += 1
+        period = _typical(clock['block_periods'], min(clock['blocks'], BLOCKS))
+    set_mean_period(clock, period)
+    if not full and sample_rate > 0.0:
+        return
+    used = given_or_learned(period, sample_rate)
+    if used != period or abs(period / clock['period'] - 1.0) >= SAME_PERIOD:
+        clock['period'] = used
+
+
+@kernel
+def _period_of_envelope(clock: Clock) -> float:
+    """Return the period in s by the envelope of the block, or 0 where it says none."""
     period, steps, missing = clock['mean_period'], clock['least_steps'], clock['least_missing']
     lateness, samples = clock['least'], clock['steps'] - clock['missing']
     # More missing than received, and not by one gap, or most steps long: these are no gaps, the
@@ -90,39 +106,8 @@ def learn_period(clock: Clock, sample_rate: float, full: bool) -> None:
         steps -= missing
     # Of samples that came all at once no stamp says how far they lie apart.
     if steps <= 0 or span < steps * SHORTEST_PERIOD:
-        return
-    period = min(span / steps, LONGEST_PERIOD)
-    if full:
-        clock['block_periods'][clock['blocks'] % BLOCKS] = period
-        clock['blocks'] += 1
-        period = _typical(clock['block_periods'], min(clock['blocks'], BLOCKS))
-    set_mean_period(clock, period)
-    if not full and sample_rate > 0.0:
-        return
-    used = given_or_learned(period, sample_rate)
-    if used != period or abs(period / clock['period'] - 1.0) >= SAME_PERIOD:
-        clock['period'] = used
-
-
-@kernel
-def single_step(clock: Clock) -> float:
-    """Return the sample period in s by the steps from one sample to the next.
-
-    It is 0 where no sample is missing, steps are not even, or they and the period agree.
-    """
-    period, count, missing = clock['mean_period'], clock['single_steps'], clock['missing']
-    samples = clock['steps'] - missing
-    if missing == 0 or count < BLOCK_SAMPLES or 2 * count < samples:
         return 0.0
-    single = clock['single_sum'] / count
-    variance = max(clock['single_squares'] / count - single * single, 0.0)
-    if variance > (EVEN_STEPS * single) ** 2:
-        return 0.0
-    tolerance = SAME_PERIOD * period + STEP_DEVIATIONS * math.sqrt(variance / count)
-    missing_by_it = (clock['steps'] * period + clock['lateness']) / single - samples
-    if abs(single - period) < tolerance or not 0.0 < missing_by_it < MISSING_RATIO * missing:
-        return 0.0
-    return float(single)
+    return min(span / steps, LONGEST_PERIOD)
 
 
 @kernel

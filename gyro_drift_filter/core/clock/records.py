@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import record
 
 BLOCKS = 5
+# So many stamps show the period where delays are half of it on the mean.
+STAMPS = 512
 
 BlockPeriods = Annotated[NDArray[np.float64], np.float64, (BLOCKS,)]
 
@@ -62,11 +64,11 @@ class Clock(TypedDict):
     missing: int
     long_steps: int
     gap_steps: float  # s, by which the steps over gaps were longer than the period
-    single_steps: int  # that were about a period long
-    single_sum: float  # s, of them
-    single_squares: float  # s^2
     block_periods: BlockPeriods  # s
     blocks: int
+    # the last stamps since the envelope was started anew
+    stamps: Annotated[NDArray[np.int64], np.int64, (STAMPS,)]  # ns, the oldest one is overwritten
+    kept: int  # stamps so far, those that were overwritten among them
     # delays
     mean_delay: float  # s
     longest_delay: float  # s, of late
@@ -75,6 +77,7 @@ class Clock(TypedDict):
     lost_share: float  # of late, of the suspicions that were right
     # the suspicion
     verdict_samples: int  # until the verdict, 0 where there is no suspicion
+    suspect_samples: int  # since the last step that raised it
     suspect_delay: float  # s, with that of the missing samples
     suspect_step: float  # s, by which the step was longer than the period
     suspect_least: float  # s, the least delay since

@@ -484,6 +484,10 @@ def _learn(
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - accepted_before, change)
+    if circumstances['possibly_missing'] > 0 and not circumstances['noise_alone']:
+        # The differences of samples between which one is missing are those of no motion: they look
+        # as rough as noise.
+        interrupt_block(state['noise'])
     _learn_noise(state, workspace, sample, circumstances['noise_alone'], coefficients['noise'])
 
 

@@ -1,0 +1,185 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The sample period that the stamps agree with best, wherever samples are missing between them.
+
+With the true period the phases of even stamps are all alike, whether samples are missing or not.
+With another one they go round, and cancel out. The squared length of the mean of their unit vectors
+is the Rayleigh periodogram of event times, by which pulsars are found: K. T. S. Brazier,
+"Confidence intervals from the Rayleigh test", MNRAS 268, 1994. It is 1 for even stamps.
+
+A bus that is asked every 8 ms for samples of every 10 ms has stamps that agree with 8 ms, too,
+although none is missing. But what is missing at random makes stamps walk away from the line of
+their mean step, so this walk says how many may be missing at most.
+"""
+
+import math
+from typing import Annotated, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.clock.records import STAMPS, Clock
+
+# Fewer stamps agree with some period by chance.
+LEAST_STAMPS = 64
+# The walk is that over so many steps, where delays add little to it, and it is as uncertain as the
+# number of such stretches says: so many times what it shows may be missing.
+WALK_STEPS, WALK_MARGIN = 8, 1.5
+# A smaller share of missing samples lengthens the period by less than the clock looks at.
+LEAST_MISSING = 0.01
+# Of the mean step: a stamp that comes so soon is that of a sample that was held up. It says when
+# the driver came to read it, and as many as were held up agree with any period.
+HELD_UP = 0.25
+# If a larger share were missing, half of the period would come in question, with which even stamps
+# agree as well.
+MOST_MISSING = 0.4
+# So many periods are looked at for each one that the stamps can tell apart.
+OVERSAMPLING = 3
+# Stamps that have no period have so much power once in so many times by chance. But no stamps
+# without a period have as much as the second value.
+CHANCE, CERTAIN_POWER = 1e6, 0.5
+
+
+class ClockWorkspace(TypedDict):
+    """What is needed to find the period of the stamps: their phases at one frequency."""
+
+    cosine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+    sine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+    # of what the phases turn by from one frequency to the next
+    turn_cosine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+    turn_sine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+
+
+CLOCK_WORKSPACE = record(ClockWorkspace)
+
+
+@kernel
+def keep_stamp(clock: Clock, stamp: int) -> None:
+    """Keep a stamp in ns, in place of the oldest one."""
+    clock['stamps'][clock['kept'] % STAMPS] = stamp
+    clock['kept'] += 1
+
+
+@kernel
+def period_of_stamps(clock: Clock, workspace: ClockWorkspace) -> float:
+    """Return the sample period in s where samples are missing.
+
+    It is 0 where none or hardly any are, and where the stamps agree with no period.
+    """
+    count = min(clock['kept'], STAMPS)
+    if count < LEAST_STAMPS:
+        return 0.0
+    newest = clock['stamps'][(clock['kept'] - 1) % STAMPS]
+    oldest = clock['stamps'][clock['kept'] % STAMPS if clock['kept'] > STAMPS else 0]
+    span = (newest - oldest) * 1e-9
+    step = span / (count - 1)
+    most = min(WALK_MARGIN * _share_by_walk(clock, count, step), MOST_MISSING)
+    if step <= 0.0 or most < LEAST_MISSING:
+        return 0.0
+    frequency, change = 1.0 / step, 1.0 / (OVERSAMPLING * span)
+    read = _start_phases(clock, workspace, count, frequency, change)
+    best, best_index, before, below, above = 0.0, 0, 0.0, 0.0, 0.0
+    for index in range(int(frequency * most / (1.0 - most) / change) + 2):
+        power = _turn_phases(workspace, count) / (read * read)
+        if power > best:
+            best, best_index, below, above = power, index, before, 0.0
+        elif index == best_index + 1:
+            above = power
+        before = power
+    by_chance = _power_of_varying_steps(clock, count, frequency + best_index * change) / read
+    if best < min(math.log(CHANCE) * by_chance, CERTAIN_POWER):
+        return 0.0
+    shift = 0.0
+    if below > 0.0 and above > 0.0:
+        # The peak of the parabola through the highest power and its neighbours.
+        shift = 0.5 * (above - below) / (2.0 * best - above - below)
+    period = 1.0 / (frequency + (best_index + shift) * change)
+    return period if period < (1.0 - LEAST_MISSING) * step else 0.0
+
+
+@kernel
+def _share_by_walk(clock: Clock, count: int, step: float) -> float:
+    """Return the share of samples that are missing, by how the stamps leave their mean step (s).
+
+    The number of periods from one sample to the next is geometric. Its variance is the share that
+    is missing times the square of its mean, and such variances add up from step to step.
+    """
+    squares, stamps, first = 0.0, clock['stamps'], clock['kept'] - count
+    for i in range(first + WALK_STEPS, first + count):
+        seconds = (stamps[i % STAMPS] - stamps[(i - WALK_STEPS) % STAMPS]) * 1e-9
+        squares += (seconds - WALK_STEPS * step) ** 2
+    return squares / ((count - WALK_STEPS) * WALK_STEPS * step * step) if step > 0.0 else 0.0
+
+
+@kernel
+def _power_of_varying_steps(clock: Clock, count: int, frequency: float) -> float:
+    """Return the mean power of one stamp at a frequency (Hz), if each step varied by itself.
+
+    A driver that sleeps between two readings has such steps: their errors add up, so that stamps
+    agree with one period for a while and with another one later. It is the spectrum of a renewal
+    process, by the characteristic function of its steps (D. R. Cox, P. A. W. Lewis, "The
+    Statistical Analysis of Series of Events", 1966).
+    """
+    stamps, first, x, y = clock['stamps'], clock['kept'] - count, 0.0, 0.0
+    for i in range(first + 1, first + count):
+        seconds = (stamps[i % STAMPS] - stamps[(i - 1) % STAMPS]) * 1e-9
+        x += math.cos(2.0 * math.pi * frequency * seconds)
+        y += math.sin(2.0 * math.pi * frequency * seconds)
+    x, y = x / (count - 1), y / (count - 1)
+    differ = (1.0 - x) ** 2 + y * y
+    return (1.0 - x * x - y * y) / differ if differ > 0.0 else math.inf
+
+
+@kernel
+def _start_phases(
+    clock: Clock, workspace: ClockWorkspace, count: int, frequency: float, change: float
+) -> int:
+    """Set the phase of each stamp, one change of the frequency (Hz) before the first one.
+
+    Those of samples that were held up have none. Returns how many are left.
+    """
+    stamps, kept, read = clock['stamps'], clock['kept'], 0
+    newest, before = stamps[(kept - 1) % STAMPS], stamps[(kept - count) % STAMPS]
+    soon = HELD_UP * 1e9 / frequency
+    for i in range(count):
+        stamp = stamps[(kept - count + i) % STAMPS]
+        seconds, length = (stamp - newest) * 1e-9, 1.0
+        if i > 0 and stamp - before < soon:
+            length = 0.0
+        else:
+            read += 1
+        before = stamp
+        phase = 2.0 * math.pi * (frequency - change) * seconds
+        turn = 2.0 * math.pi * change * seconds
+        workspace['cosine'][i] = length * math.cos(phase)
+        workspace['sine'][i] = length * math.sin(phase)
+        workspace['turn_cosine'][i], workspace['turn_sine'][i] = math.cos(turn), math.sin(turn)
+    return read
+
+
+@kernel
+def _turn_phases(workspace: ClockWorkspace, count: int) -> float:
+    """Turn the phases to the next frequency; return the squared length of their sum."""
+    cosine, sine = workspace['cosine'], workspace['sine']
+    turn_cosine, turn_sine = workspace['turn_cosine'], workspace['turn_sine']
+    x, y = 0.0, 0.0
+    for i in range(count):
+        c, s = cosine[i], sine[i]
+        cosine[i] = c * turn_cosine[i] - s * turn_sine[i]
+        sine[i] = s * turn_cosine[i] + c * turn_sine[i]
+        x += cosine[i]
+        y += sine[i]
+    return x * x + y * y
