@@ -62,6 +62,10 @@ def main() -> None:
         ('100 Hz, bursts of up to 40', 100, bursty_stamps(SECONDS * 100, 100, random), 0.0),
         ('100 Hz, even, 1 in 10 lost', 100, jittered(100, 0.0, random), 0.1),
         ('100 Hz, late by 0.5 ms, 1 in 10 lost', 100, delayed(100, 0.5e-3, random), 0.1),
+        ('200 Hz, late by 1 ms, 1 in 20 lost', 200, delayed(200, 1e-3, random), 0.05),
+        ('100 Hz, late by 3 ms, 1 in 10 lost', 100, delayed(100, 3e-3, random), 0.1),
+        ('100 Hz, jitter 40 %, 1 in 10 lost', 100, jittered(100, 0.4, random), 0.1),
+        ('400 Hz, late by 1.25 ms, 1 in 5 lost', 400, delayed(400, 1.25e-3, random), 0.2),
     ]
     print(f'{"stamps":40s}  rate       missing, of   at once  false')
     for text, rate, all_stamps, share in cases:

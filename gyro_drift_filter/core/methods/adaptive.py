@@ -263,6 +263,7 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
         shake += change * change
         usual_shake += jolt['usual_change'] * jolt['usual_change']
     circumstances['possibly_missing'] = possibly_missing
+    circumstances['loses'] = filter_['state']['clock']['missing_samples'] > 0
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
@@ -484,9 +485,10 @@ def _learn(
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - accepted_before, change)
-    if circumstances['possibly_missing'] > 0 and not circumstances['noise_alone']:
-        # The differences of samples between which one is missing are those of no motion: they look
-        # as rough as noise.
+    may_follow_gap = circumstances['loses'] and circumstances['possibly_missing'] > 0
+    if may_follow_gap and not circumstances['noise_alone']:
+        # The differences between samples of which some in between are missing are those of no
+        # motion: they look as rough as noise.
         interrupt_block(state['noise'])
     _learn_noise(state, workspace, sample, circumstances['noise_alone'], coefficients['noise'])
 
