@@ -48,8 +48,8 @@ HELD_UP = 0.25
 MOST_MISSING = 0.4
 # So many periods are looked at for each one that the stamps can tell apart.
 OVERSAMPLING = 3
-# Stamps that have no period have so much power once in so many times by chance. But no stamps
-# without a period have as much as the second value.
+# A power that stamps without a period have by chance once in so many times shows one. Where steps
+# are so even that it would be more than the second value, that is enough.
 CHANCE, CERTAIN_POWER = 1e6, 0.5
 
 
@@ -79,12 +79,11 @@ def period_of_stamps(clock: Clock, workspace: ClockWorkspace) -> float:
 
     It is 0 where none or hardly any are, and where the stamps agree with no period.
     """
-    count = min(clock['kept'], STAMPS)
+    stamps, kept = clock['stamps'], clock['kept']
+    count = min(kept, STAMPS)
     if count < LEAST_STAMPS:
         return 0.0
-    newest = clock['stamps'][(clock['kept'] - 1) % STAMPS]
-    oldest = clock['stamps'][clock['kept'] % STAMPS if clock['kept'] > STAMPS else 0]
-    span = (newest - oldest) * 1e-9
+    span = (stamps[(kept - 1) % STAMPS] - stamps[(kept - count) % STAMPS]) * 1e-9
     step = span / (count - 1)
     most = min(WALK_MARGIN * _share_by_walk(clock, count, step), MOST_MISSING)
     if step <= 0.0 or most < LEAST_MISSING:
