@@ -465,6 +465,21 @@ def test_a_driver_that_sleeps_has_the_period_of_its_mean_step(deviation, random)
     assert np.median(periods[10:]) == pytest.approx(0.01, rel=0.01)
 
 
+@pytest.mark.parametrize('rate', [100, 1000, 4000])
+@pytest.mark.parametrize('jitter', [0.0, 0.05, 0.1])
+@pytest.mark.parametrize('lost', [0.0, 0.1])
+def test_a_gap_does_not_change_the_period(rate, jitter, lost, random):
+    """Whenever it is, and as long as the filter does not start anew behind it."""
+    for seconds in (0.3, 0.6, 0.95):
+        for _ in range(4):
+            hole = random.integers(6 * rate, 9 * rate)
+            stamps = jittered(12 * rate, rate, jitter, random)
+            stamps, _missing = lose(stamps, lost, random, (hole,), int(seconds * rate))
+            filter_ = Filter()
+            feed(filter_, stamps)
+            assert filter_.state['clock']['mean_period'] * rate == pytest.approx(1.0, abs=0.01)
+
+
 @pytest.mark.parametrize(('kind', 'size'), UNEVEN)
 def test_the_period_of_stamps_has_the_most_power_of_all(kind, size, random):
     """Compared with the periodogram as it is written, on a grid forty times as fine."""
@@ -473,6 +488,7 @@ def test_the_period_of_stamps_has_the_most_power_of_all(kind, size, random):
         stamps = START + np.round(10 * MS * (np.arange(700) + delays)).astype(np.int64)
         stamps, _ = lose(stamps, lost, random)
         record = np.zeros(1, FILTER)[0]
+        record['state']['clock']['mean_period'] = 0.01
         for stamp in stamps:
             keep_stamp(record['state']['clock'], stamp)
         found = period_of_stamps(record['state']['clock'], record['workspace']['clock'])

@@ -237,9 +237,7 @@ def correct_count(clock: Clock) -> None:
     were missing than were found, or fewer if it is early.
     """
     more = int(np.rint(clock['least'] / clock['mean_period']))
-    if more == 0:
-        return
-    clock['missing_samples'] += more
+    clock['missing_samples'] = max(clock['missing_samples'] + more, 0)
     if more > 0:
         clock['gaps'] += more  # one in each, most likely
         _learn_verdict(clock, True)

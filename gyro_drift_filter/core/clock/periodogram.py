@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.core.clock.periods import LONGEST_PERIOD, SHORTEST_PERIOD
 from gyro_drift_filter.core.clock.records import STAMPS, Clock
 
 # Fewer stamps agree with some period by chance.
@@ -46,6 +47,8 @@ HELD_UP = 0.25
 # If a larger share were missing, half of the period would come in question, with which even stamps
 # agree as well.
 MOST_MISSING = 0.4
+# In periods. With a longer step among the stamps their mean step says nothing of the period.
+LONGEST_STEP = 16.0
 # So many periods are looked at for each one that the stamps can tell apart.
 OVERSAMPLING = 3
 # A power that stamps without a period have by chance once in so many times shows one. Where steps
@@ -85,11 +88,15 @@ def period_of_stamps(clock: Clock, workspace: ClockWorkspace) -> float:
         return 0.0
     span = (stamps[(kept - 1) % STAMPS] - stamps[(kept - count) % STAMPS]) * 1e-9
     step = span / (count - 1)
+    if step < SHORTEST_PERIOD or _has_long_step(clock, count):
+        return 0.0
     most = min(WALK_MARGIN * _share_by_walk(clock, count, step), MOST_MISSING)
-    if step <= 0.0 or most < LEAST_MISSING:
+    if most < LEAST_MISSING:
         return 0.0
     frequency, change = 1.0 / step, 1.0 / (OVERSAMPLING * span)
     read = _start_phases(clock, workspace, count, frequency, change)
+    if read < LEAST_STAMPS:
+        return 0.0
     best, best_index, before, below, above = 0.0, 0, 0.0, 0.0, 0.0
     for index in range(int(frequency * most / (1.0 - most) / change) + 2):
         power = _turn_phases(workspace, count) / (read * read)
@@ -98,15 +105,28 @@ def period_of_stamps(clock: Clock, workspace: ClockWorkspace) -> float:
         elif index == best_index + 1:
             above = power
         before = power
-    by_chance = _power_of_varying_steps(clock, count, frequency + best_index * change) / read
-    if best < min(math.log(CHANCE) * by_chance, CERTAIN_POWER):
+    # By chance the power has an exponential distribution with this mean.
+    by_chance = max(_power_of_varying_steps(clock, count, frequency + best_index * change), 1.0)
+    if best < min(math.log(CHANCE) * by_chance / read, CERTAIN_POWER):
         return 0.0
     shift = 0.0
     if below > 0.0 and above > 0.0:
         # The peak of the parabola through the highest power and its neighbours.
         shift = 0.5 * (above - below) / (2.0 * best - above - below)
     period = 1.0 / (frequency + (best_index + shift) * change)
-    return period if period < (1.0 - LEAST_MISSING) * step else 0.0
+    longest = min((1.0 - LEAST_MISSING) * step, LONGEST_PERIOD)
+    return float(period) if SHORTEST_PERIOD <= period <= longest else 0.0
+
+
+@kernel
+def _has_long_step(clock: Clock, count: int) -> bool:
+    """Return whether a gap or a driver that was blocked lies between the last stamps."""
+    stamps, kept = clock['stamps'], clock['kept']
+    longest = LONGEST_STEP * 1e9 * clock['mean_period']
+    for i in range(kept - count + 1, kept):
+        if stamps[i % STAMPS] - stamps[(i - 1) % STAMPS] > longest:
+            return True
+    return False
 
 
 @kernel
@@ -120,7 +140,7 @@ def _share_by_walk(clock: Clock, count: int, step: float) -> float:
     for i in range(first + WALK_STEPS, first + count):
         seconds = (stamps[i % STAMPS] - stamps[(i - WALK_STEPS) % STAMPS]) * 1e-9
         squares += (seconds - WALK_STEPS * step) ** 2
-    return squares / ((count - WALK_STEPS) * WALK_STEPS * step * step) if step > 0.0 else 0.0
+    return squares / ((count - WALK_STEPS) * WALK_STEPS * step * step)
 
 
 @kernel

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.clock.delays import REGULAR
 from gyro_drift_filter.core.methods.adaptive_axis import (
     ADAPTIVE_AXIS_WORKSPACE,
     AdaptiveAxis,
@@ -263,7 +264,11 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
         shake += change * change
         usual_shake += jolt['usual_change'] * jolt['usual_change']
     circumstances['possibly_missing'] = possibly_missing
-    circumstances['loses'] = filter_['state']['clock']['missing_samples'] > 0
+    clock = filter_['state']['clock']
+    # Where stamps are irregular one may be missing anywhere, which says nothing of this sample.
+    anywhere = 1 if clock['irregularity'] >= REGULAR else 0
+    loses = clock['missing_samples'] > 0
+    circumstances['may_follow_gap'] = loses and possibly_missing > anywhere
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
@@ -485,8 +490,7 @@ def _learn(
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
     if taken and circumstances['polled']:
         note_prediction(state['bridge'], prediction - accepted_before, change)
-    may_follow_gap = circumstances['loses'] and circumstances['possibly_missing'] > 0
-    if may_follow_gap and not circumstances['noise_alone']:
+    if circumstances['may_follow_gap'] and not circumstances['noise_alone']:
         # The differences between samples of which some in between are missing are those of no
         # motion: they look as rough as noise.
         interrupt_block(state['noise'])
