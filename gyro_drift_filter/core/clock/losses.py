@@ -80,10 +80,9 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
       them have come in since. They were held up, and the others may have been lost meanwhile. So
       may those behind a delay that was just taken for a loss, as most were of late.
     """
-    irregular, starting = clock['irregularity'] >= REGULAR, clock['blocks'] == 0
+    starting, possible = clock['blocks'] == 0, _missing_anywhere(clock)
     loses = clock['missing_samples'] > 0 or clock['overtaken'] > 0
-    possible = 1 if irregular else 0
-    if irregular:
+    if possible > 0:
         counts = not _is_between_bursts(clock, elapsed)
     else:
         counts = loses or elapsed - period > min(clock['longest_delay'], MOST_BY_DELAY * period)
@@ -99,6 +98,21 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     if clock['suspect_missing'] > 0 and (_has_taken_back(clock) or _may_be_mistaken(clock)):
         possible = max(clock['suspect_missing'], possible)
     return possible
+
+
+@kernel
+def may_follow_gap(clock: Clock, possible: int) -> bool:
+    """Return whether samples may be missing right before the last stamp, as some have been earlier.
+
+    `possible` is what `possibly_missing` says of it; what may be missing before any does not count.
+    """
+    return bool(clock['missing_samples'] > 0 and possible > _missing_anywhere(clock))
+
+
+@kernel
+def _missing_anywhere(clock: Clock) -> int:
+    """Return how many samples may be missing before any stamp, whatever it is."""
+    return 1 if clock['irregularity'] >= REGULAR else 0
 
 
 @kernel
@@ -126,8 +140,7 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
         sure = delay > clock['delay_limit'] and clock['longest_delay'] > period
     if sure:
         if clock['suspect_missing'] > 0 and clock['suspect_samples'] >= STANDING_SAMPLES:
-            _learn_verdict(clock, True)
-            drop_suspicion(clock)
+            _conclude(clock, True)
         missing = max(int(np.rint((delay - clock['mean_delay']) / period)), 1)
         _count_missing(clock, missing, elapsed - period)
     elif clock['verdict_samples'] > 0 and elapsed - period < clock['suspect_step']:
@@ -183,17 +196,14 @@ def judge_suspicion(clock: Clock, delay: float) -> int:
         if delay < (MADE_UP - 1.0) * period:
             return -_take_back(clock, -delay)
         if clock['verdict_samples'] == 0:
-            _learn_verdict(clock, True)
-            drop_suspicion(clock)
+            _conclude(clock, True)
         return 0
     clock['suspect_least'] = min(clock['suspect_least'], delay)
     if clock['suspect_least'] < MADE_UP * period:
         clock['longest'] = max(clock['longest'], clock['suspect_delay'])
-        _learn_verdict(clock, False)
-        drop_suspicion(clock)
+        _conclude(clock, False)
     elif clock['verdict_samples'] == 0:
-        _learn_verdict(clock, True)
-        drop_suspicion(clock)
+        _conclude(clock, True)
         missing = int(np.rint(clock['suspect_least'] / period))
         _count_missing(clock, missing, clock['suspect_step'])
         return missing
@@ -240,13 +250,19 @@ def correct_count(clock: Clock) -> None:
     clock['missing_samples'] = max(clock['missing_samples'] + more, 0)
     if more > 0:
         clock['gaps'] += more  # one in each, most likely
-        _learn_verdict(clock, True)
-        drop_suspicion(clock)
+        _conclude(clock, True)
 
 
 @kernel
 def _learn_verdict(clock: Clock, missing: bool) -> None:
     clock['lost_share'] += SHARE_WEIGHT * (missing - clock['lost_share'])
+
+
+@kernel
+def _conclude(clock: Clock, missing: bool) -> None:
+    """End the suspicion by the verdict on it."""
+    _learn_verdict(clock, missing)
+    drop_suspicion(clock)
 
 
 @kernel

@@ -47,23 +47,28 @@ HELD_UP = 0.25
 # If a larger share were missing, half of the period would come in question, with which even stamps
 # agree as well.
 MOST_MISSING = 0.4
-# In periods. With a longer step among the stamps their mean step says nothing of the period.
+# In periods. With a longer step among the stamps, over a gap or while a driver was blocked, their
+# mean step says nothing of the period.
 LONGEST_STEP = 16.0
-# So many periods are looked at for each one that the stamps can tell apart.
+# So many frequencies are looked at in each 1 / T, which is what stamps over a time T tell apart.
 OVERSAMPLING = 3
 # A power that stamps without a period have by chance once in so many times shows one. Where steps
 # are so even that it would be more than the second value, that is enough.
 CHANCE, CERTAIN_POWER = 1e6, 0.5
 
 
-class ClockWorkspace(TypedDict):
-    """What is needed to find the period of the stamps: their phases at one frequency."""
+PerStamp = Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
 
-    cosine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
-    sine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+
+class ClockWorkspace(TypedDict):
+    """What is needed to find the period of the stamps: them, and their phases at one frequency."""
+
+    seconds: PerStamp  # in order, less the newest one
+    cosine: PerStamp
+    sine: PerStamp
     # of what the phases turn by from one frequency to the next
-    turn_cosine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
-    turn_sine: Annotated[NDArray[np.float64], np.float64, (STAMPS,)]
+    turn_cosine: PerStamp
+    turn_sine: PerStamp
 
 
 CLOCK_WORKSPACE = record(ClockWorkspace)
@@ -82,69 +87,68 @@ def period_of_stamps(clock: Clock, workspace: ClockWorkspace) -> float:
 
     It is 0 where none or hardly any are, and where the stamps agree with no period.
     """
-    stamps, kept = clock['stamps'], clock['kept']
-    count = min(kept, STAMPS)
+    seconds, count = workspace['seconds'], _list_seconds(clock, workspace)
     if count < LEAST_STAMPS:
         return 0.0
-    span = (stamps[(kept - 1) % STAMPS] - stamps[(kept - count) % STAMPS]) * 1e-9
+    span = -seconds[0]
     step = span / (count - 1)
-    if step < SHORTEST_PERIOD or _has_long_step(clock, count):
+    if step < SHORTEST_PERIOD:
         return 0.0
-    most = min(WALK_MARGIN * _share_by_walk(clock, count, step), MOST_MISSING)
+    if _longest_step(seconds, count) > LONGEST_STEP * clock['mean_period']:
+        return 0.0
+    most = min(WALK_MARGIN * _share_by_walk(seconds, count, step), MOST_MISSING)
     if most < LEAST_MISSING:
         return 0.0
     frequency, change = 1.0 / step, 1.0 / (OVERSAMPLING * span)
-    read = _start_phases(clock, workspace, count, frequency, change)
+    read = _start_phases(workspace, count, frequency, change)
     if read < LEAST_STAMPS:
         return 0.0
-    best, best_index, before, below, above = 0.0, 0, 0.0, 0.0, 0.0
-    for index in range(int(frequency * most / (1.0 - most) / change) + 2):
-        power = _turn_phases(workspace, count) / (read * read)
-        if power > best:
-            best, best_index, below, above = power, index, before, 0.0
-        elif index == best_index + 1:
-            above = power
-        before = power
+    frequencies = int(frequency * most / (1.0 - most) / change) + 2
+    power, index, shift = _strongest(workspace, count, read, frequencies)
     # By chance the power has an exponential distribution with this mean.
-    by_chance = max(_power_of_varying_steps(clock, count, frequency + best_index * change), 1.0)
-    if best < min(math.log(CHANCE) * by_chance / read, CERTAIN_POWER):
+    by_chance = max(_power_of_varying_steps(seconds, count, frequency + index * change), 1.0)
+    if power < min(math.log(CHANCE) * by_chance / read, CERTAIN_POWER):
         return 0.0
-    shift = 0.0
-    if below > 0.0 and above > 0.0:
-        # The peak of the parabola through the highest power and its neighbours.
-        shift = 0.5 * (above - below) / (2.0 * best - above - below)
-    period = 1.0 / (frequency + (best_index + shift) * change)
+    period = 1.0 / (frequency + (index + shift) * change)
     longest = min((1.0 - LEAST_MISSING) * step, LONGEST_PERIOD)
     return float(period) if SHORTEST_PERIOD <= period <= longest else 0.0
 
 
 @kernel
-def _has_long_step(clock: Clock, count: int) -> bool:
-    """Return whether a gap or a driver that was blocked lies between the last stamps."""
+def _list_seconds(clock: Clock, workspace: ClockWorkspace) -> int:
+    """List the kept stamps in the workspace, and return how many there are."""
     stamps, kept = clock['stamps'], clock['kept']
-    longest = LONGEST_STEP * 1e9 * clock['mean_period']
-    for i in range(kept - count + 1, kept):
-        if stamps[i % STAMPS] - stamps[(i - 1) % STAMPS] > longest:
-            return True
-    return False
+    count = min(kept, STAMPS)
+    for i in range(count):
+        age = stamps[(kept - 1) % STAMPS] - stamps[(kept - count + i) % STAMPS]
+        workspace['seconds'][i] = -1e-9 * age
+    return int(count)
 
 
 @kernel
-def _share_by_walk(clock: Clock, count: int, step: float) -> float:
+def _longest_step(seconds: PerStamp, count: int) -> float:
+    """Return the longest step in s from one stamp to the next."""
+    longest = 0.0
+    for i in range(1, count):
+        longest = max(longest, seconds[i] - seconds[i - 1])
+    return longest
+
+
+@kernel
+def _share_by_walk(seconds: PerStamp, count: int, step: float) -> float:
     """Return the share of samples that are missing, by how the stamps leave their mean step (s).
 
     The number of periods from one sample to the next is geometric. Its variance is the share that
     is missing times the square of its mean, and such variances add up from step to step.
     """
-    squares, stamps, first = 0.0, clock['stamps'], clock['kept'] - count
-    for i in range(first + WALK_STEPS, first + count):
-        seconds = (stamps[i % STAMPS] - stamps[(i - WALK_STEPS) % STAMPS]) * 1e-9
-        squares += (seconds - WALK_STEPS * step) ** 2
+    squares = 0.0
+    for i in range(WALK_STEPS, count):
+        squares += (seconds[i] - seconds[i - WALK_STEPS] - WALK_STEPS * step) ** 2
     return squares / ((count - WALK_STEPS) * WALK_STEPS * step * step)
 
 
 @kernel
-def _power_of_varying_steps(clock: Clock, count: int, frequency: float) -> float:
+def _power_of_varying_steps(seconds: PerStamp, count: int, frequency: float) -> float:
     """Return the mean power of one stamp at a frequency (Hz), if each step varied by itself.
 
     A driver that sleeps between two readings has such steps: their errors add up, so that stamps
@@ -152,41 +156,55 @@ def _power_of_varying_steps(clock: Clock, count: int, frequency: float) -> float
     process, by the characteristic function of its steps (D. R. Cox, P. A. W. Lewis, "The
     Statistical Analysis of Series of Events", 1966).
     """
-    stamps, first, x, y = clock['stamps'], clock['kept'] - count, 0.0, 0.0
-    for i in range(first + 1, first + count):
-        seconds = (stamps[i % STAMPS] - stamps[(i - 1) % STAMPS]) * 1e-9
-        x += math.cos(2.0 * math.pi * frequency * seconds)
-        y += math.sin(2.0 * math.pi * frequency * seconds)
+    x, y = 0.0, 0.0
+    for i in range(1, count):
+        phase = 2.0 * math.pi * frequency * (seconds[i] - seconds[i - 1])
+        x += math.cos(phase)
+        y += math.sin(phase)
     x, y = x / (count - 1), y / (count - 1)
     differ = (1.0 - x) ** 2 + y * y
     return (1.0 - x * x - y * y) / differ if differ > 0.0 else math.inf
 
 
 @kernel
-def _start_phases(
-    clock: Clock, workspace: ClockWorkspace, count: int, frequency: float, change: float
-) -> int:
+def _start_phases(workspace: ClockWorkspace, count: int, frequency: float, change: float) -> int:
     """Set the phase of each stamp, one change of the frequency (Hz) before the first one.
 
     Those of samples that were held up have none. Returns how many are left.
     """
-    stamps, kept, read = clock['stamps'], clock['kept'], 0
-    newest, before = stamps[(kept - 1) % STAMPS], stamps[(kept - count) % STAMPS]
-    soon = HELD_UP * 1e9 / frequency
+    seconds, read = workspace['seconds'], 0
     for i in range(count):
-        stamp = stamps[(kept - count + i) % STAMPS]
-        seconds, length = (stamp - newest) * 1e-9, 1.0
-        if i > 0 and stamp - before < soon:
-            length = 0.0
-        else:
-            read += 1
-        before = stamp
-        phase = 2.0 * math.pi * (frequency - change) * seconds
-        turn = 2.0 * math.pi * change * seconds
+        held_up = i > 0 and seconds[i] - seconds[i - 1] < HELD_UP / frequency
+        length = 0.0 if held_up else 1.0
+        read += 0 if held_up else 1
+        phase = 2.0 * math.pi * (frequency - change) * seconds[i]
+        turn = 2.0 * math.pi * change * seconds[i]
         workspace['cosine'][i] = length * math.cos(phase)
         workspace['sine'][i] = length * math.sin(phase)
         workspace['turn_cosine'][i], workspace['turn_sine'][i] = math.cos(turn), math.sin(turn)
     return read
+
+
+@kernel
+def _strongest(
+    workspace: ClockWorkspace, count: int, read: int, frequencies: int
+) -> tuple[float, int, float]:
+    """Return the largest power, the number of its frequency, and how far off the peak is.
+
+    Of `count` stamps `read` have a phase. The peak is that of the parabola through the largest
+    power and its neighbours.
+    """
+    best, best_index, before, below, above = 0.0, 0, 0.0, 0.0, 0.0
+    for index in range(frequencies):
+        power = _turn_phases(workspace, count) / (read * read)
+        if power > best:
+            best, best_index, below, above = power, index, before, 0.0
+        elif index == best_index + 1:
+            above = power
+        before = power
+    if below == 0.0 or above == 0.0:
+        return best, best_index, 0.0
+    return best, best_index, 0.5 * (above - below) / (2.0 * best - above - below)
 
 
 @kernel

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import record
 
 BLOCKS = 5
-# So many stamps show the period where delays are half of it on the mean.
+# Stamps that are kept: so many show the period although they are late by half of it on the mean.
 STAMPS = 512
 
 BlockPeriods = Annotated[NDArray[np.float64], np.float64, (BLOCKS,)]

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.clock.delays import REGULAR
+from gyro_drift_filter.core.clock.losses import may_follow_gap
 from gyro_drift_filter.core.methods.adaptive_axis import (
     ADAPTIVE_AXIS_WORKSPACE,
     AdaptiveAxis,
@@ -264,11 +264,7 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
         shake += change * change
         usual_shake += jolt['usual_change'] * jolt['usual_change']
     circumstances['possibly_missing'] = possibly_missing
-    clock = filter_['state']['clock']
-    # Where stamps are irregular one may be missing anywhere, which says nothing of this sample.
-    anywhere = 1 if clock['irregularity'] >= REGULAR else 0
-    loses = clock['missing_samples'] > 0
-    circumstances['may_follow_gap'] = loses and possibly_missing > anywhere
+    circumstances['may_follow_gap'] = may_follow_gap(filter_['state']['clock'], possibly_missing)
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
     circumstances['shake'] = math.sqrt(shake)
