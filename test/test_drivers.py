@@ -298,6 +298,25 @@ def test_losses_that_delays_hide_are_few_outliers_in_fast_motion(
     assert np.sqrt(np.mean(error**2)) < ratio * 0.005
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_losses_between_irregular_stamps_teach_no_noise_of_motion(seed):
+    """Stamps off by near a period, four samples lost, and the first rest after a minute."""
+    random = np.random.default_rng(seed)
+    n, rate, moving = 8000, 100.0, 6000
+    seconds = np.arange(n) / rate
+    turn = np.sin(2.0 * np.pi * np.array([0.4, 0.5, 0.6]) * seconds[:, None])
+    z = 0.005 * random.standard_normal((n, 3))
+    z[:moving] += turn[:moving]
+    force = upright(random, n)
+    force[:moving] += np.sin(2.0 * np.pi * 0.7 * seconds[:moving, None])
+    times = stamps(n, rate) + np.round(1e7 * random.uniform(-0.8, 0.8, n)).astype(np.int64)
+    kept = np.delete(np.arange(n), [900, 1500, 2000, 3000])
+    results = Filter().run(np.sort(times)[kept], z[kept], force[kept])
+    resting = results['at_rest'] > 0.0
+    assert resting.mean() > 0.15
+    assert np.sqrt(results['measurement_noise'][resting]).max() < 2.0 * 0.005
+
+
 @pytest.mark.parametrize(('least', 'most', 'share'), [(0.5, 3.0, 0.8), (8.0, 30.0, 0.97)])
 @pytest.mark.parametrize('lost', [0.0, 0.02])
 def test_spikes_are_found_where_delays_may_hide_losses(lost, least, most, share, random):

@@ -37,7 +37,7 @@ Where many samples are missing, delays hide some of them, and the envelope would
 share. But most stamps agree with one period, however many are missing (`periodogram.py`). Wherever
 it says that some are, it is taken for the period, and what a block has lost beyond those found is
 counted at its end. In bursts, and if delays are as long as the period, stamps agree with none:
-losses and delays can't be told apart then.
+losses and delays can't be told apart then. Across a gap the envelope tells the period.
 
 The bias walks for as long as stamps say, and so for all of a gap. Where they have told less than a
 tenth of the time of the samples for five seconds, they stand still or are in another unit, and each
