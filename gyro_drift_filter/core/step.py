@@ -30,7 +30,7 @@ from gyro_drift_filter.core.clock.envelope import (
     elapsed_seconds,
     lengthen_period,
 )
-from gyro_drift_filter.core.clock.losses import possibly_missing
+from gyro_drift_filter.core.clock.losses import possibly_in_gap, possibly_missing
 from gyro_drift_filter.core.out_of_sequence import (
     forget_history,
     go_back,
@@ -169,7 +169,8 @@ def _filter_sample(
     possible = possibly_missing(clock, elapsed, period) if follows else 0
     _stop_coasting(sample, missing, jumped, filter_)
     _filter_axes(sample, missing, possible, filter_)
-    _subtract_bias(sample, elapsed, missing, jumped, filter_)
+    in_gap = possibly_in_gap(clock, possible)
+    _subtract_bias(sample, elapsed, missing, in_gap, jumped, filter_)
     _apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
@@ -383,9 +384,12 @@ def _update_axis(rate: float, axis: int, filter_: FilterRecord) -> None:
 
 @kernel
 def _subtract_bias(
-    sample: Sample, elapsed: float, missing: int, jumped: bool, filter_: FilterRecord
+    sample: Sample, elapsed: float, missing: int, in_gap: int, jumped: bool, filter_: FilterRecord
 ) -> None:
-    """Learn the bias if this is rest, and subtract it from the result."""
+    """Learn the bias if this is rest, and subtract it from the result.
+
+    Up to `in_gap` samples may be missing in a gap before this one, beside those that are for sure.
+    """
     settings, state = filter_['settings'], filter_['state']
     bias, result = state['bias'], state['result']
     if jumped:
@@ -399,7 +403,7 @@ def _subtract_bias(
     result['at_rest'] = at_rest
     _note_turn(missing, jumped, filter_)
     if settings['bias_in_motion']:
-        _track_motion(sample, missing, filter_)
+        _track_motion(sample, missing, in_gap, filter_)
     in_motion = settings['bias_in_motion'] and not at_rest
     refused = result['status'] == SampleStatus.REFUSED
     for axis in range(3):
@@ -435,44 +439,50 @@ def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
 
 
 @kernel
-def _track_motion(sample: Sample, missing: int, filter_: FilterRecord) -> None:
-    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier."""
+def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
+    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
+
+    Over the samples that may be missing in a gap the body may have turned at the rate that it has.
+    """
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
     workspace['sound'] = True
-    clipped = 0.0
+    fastest = clipped = 0.0
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
         if result['outlier'][axis] > 0.0:
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
+        fastest = max(fastest, abs(rate))
         if state['checks']['range_end']['at_limit'][axis]:
             clipped = max(clipped, abs(rate))
-    seconds = state['clock']['period'] * (1 + missing)
-    _follow(bias['motion'], sample, clipped, seconds, filter_)
+    period = state['clock']['period']
+    seconds = period * (1 + missing)
+    missed = clipped * seconds + fastest * period * in_gap
+    _follow(bias['motion'], sample, missed, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):
             lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
-        _follow(bias['wide_prior'], sample, clipped, seconds, filter_)
+        _follow(bias['wide_prior'], sample, missed, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 
 
 @kernel
 def _follow(
-    motion: MotionBias, sample: Sample, clipped: float, seconds: float, filter_: FilterRecord
+    motion: MotionBias, sample: Sample, missed: float, seconds: float, filter_: FilterRecord
 ) -> None:
-    """Update by the workspace's rates; `clipped` (rad/s) is the largest at its limit, or 0."""
+    """Update by the workspace's rates; the body may have turned by `missed` rad beside them."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     if state['result']['status'] == SampleStatus.REFUSED:
         lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
         return
     if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
         lose_direction(motion)
-    if clipped > 0.0 or motion['missed_turn'] > 0.0:
-        miss_turn(motion, clipped * seconds)
+    if missed > 0.0 or motion['missed_turn'] > 0.0:
+        miss_turn(motion, missed)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
     track_motion(motion, workspace, sample, seconds, rest, lengths)
 

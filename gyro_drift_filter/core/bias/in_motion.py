@@ -116,7 +116,10 @@ def lose_direction(state: MotionBias) -> None:
 
 @kernel
 def miss_turn(state: MotionBias, angle: float) -> None:
-    """Note that the body may have turned further by an angle in rad: a rate is at its limit."""
+    """Note that the body may have turned further by an angle in rad.
+
+    A rate is at its limit, or samples may be missing.
+    """
     missed = state['missed_turn']
     if missed + angle > START_DIRECTION:
         lose_direction(state)

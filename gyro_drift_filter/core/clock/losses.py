@@ -101,12 +101,21 @@ def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
 
 
 @kernel
-def may_follow_gap(clock: Clock, possible: int) -> bool:
-    """Return whether samples may be missing right before the last stamp, as some have been earlier.
+def possibly_in_gap(clock: Clock, possible: int) -> int:
+    """Return how many samples may be missing in a gap right before the last stamp.
 
     `possible` is what `possibly_missing` says of it; what may be missing before any does not count.
     """
-    return bool(clock['missing_samples'] > 0 and possible > _missing_anywhere(clock))
+    return max(possible - _missing_anywhere(clock), 0)
+
+
+@kernel
+def may_follow_gap(clock: Clock, possible: int) -> bool:
+    """Return whether samples may be missing right before the last stamp, as some have been earlier.
+
+    `possible` is as for `possibly_in_gap`.
+    """
+    return bool(clock['missing_samples'] > 0 and possibly_in_gap(clock, possible) > 0)
 
 
 @kernel
