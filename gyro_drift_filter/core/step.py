@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias
-from gyro_drift_filter.core.bias.in_motion import lose_direction, miss_turn, track_motion
+from gyro_drift_filter.core.bias.in_motion import (
+    KNOWN_TURN_SECONDS,
+    lose_direction,
+    miss_turn,
+    track_motion,
+)
+from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
 from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional, widen
 from gyro_drift_filter.core.bias.shared import forget_scale, limit_prior
@@ -440,49 +446,78 @@ def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
 
 @kernel
 def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
-    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
-
-    Over the samples that may be missing in a gap the body may have turned at the rate that it has.
-    """
+    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
     workspace['sound'] = True
-    fastest = clipped = 0.0
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
         if result['outlier'][axis] > 0.0:
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
-        fastest = max(fastest, abs(rate))
-        if state['checks']['range_end']['at_limit'][axis]:
-            clipped = max(clipped, abs(rate))
-    period = state['clock']['period']
-    seconds = period * (1 + missing)
-    missed = clipped * seconds + fastest * period * in_gap
-    _follow(bias['motion'], sample, missed, seconds, filter_)
+    _note_missed_turn(missing, in_gap, state, workspace)
+    seconds = state['clock']['period'] * (1 + missing)
+    _follow(bias['motion'], sample, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):
             lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
-        _follow(bias['wide_prior'], sample, missed, seconds, filter_)
+        _follow(bias['wide_prior'], sample, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 
 
 @kernel
-def _follow(
-    motion: MotionBias, sample: Sample, missed: float, seconds: float, filter_: FilterRecord
-) -> None:
-    """Update by the workspace's rates; the body may have turned by `missed` rad beside them."""
+def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: MotionWorkspace) -> None:
+    """Note in the workspace how the body may have turned where nobody has measured it.
+
+    A rate may be beyond the end of its range. Over samples that may be missing in a gap the body
+    may have turned at the rate that it has.
+    """
+    period, at_limit = state['clock']['period'], state['checks']['range_end']['at_limit']
+    fastest = clipped = 0.0
+    for axis in range(3):
+        rate = abs(workspace['rate'][axis])
+        fastest = max(fastest, rate)
+        if at_limit[axis]:
+            clipped = max(clipped, rate)
+    unmeasured = _unmeasured_seconds(state, missing)
+    workspace['fastest'], workspace['unmeasured_seconds'] = fastest, unmeasured
+    workspace['missed_turn'] = clipped * period * (1 + missing) + fastest * (
+        period * in_gap + unmeasured
+    )
+
+
+@kernel
+def _unmeasured_seconds(state: State, missing: int) -> float:
+    """Return for how long (s) a rate was not measured up to this sample, beyond a known turn.
+
+    It is no usable number, samples are missing, or all rates are those of a bus that hangs. At
+    rest a coarse gyroscope gives the same rates for as long.
+    """
+    period, coasted, equal = state['clock']['period'], state['coasted'], state['checks']['equal']
+    longest = period * max(coasted[0], coasted[1], coasted[2], missing)
+    if not state['bias']['rest']['at_rest']:
+        longest = max(longest, _message_period(state) * min(equal[0], equal[1], equal[2]))
+    if longest <= KNOWN_TURN_SECONDS:
+        return 0.0
+    seconds = period * (1 + missing)
+    return float(longest if longest - seconds <= KNOWN_TURN_SECONDS else seconds)
+
+
+@kernel
+def _follow(motion: MotionBias, sample: Sample, seconds: float, filter_: FilterRecord) -> None:
+    """Update by the workspace's rates."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
     if state['result']['status'] == SampleStatus.REFUSED:
         lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
         return
-    if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
+    hangs = may_hang(state['checks']) or state['checks']['accelerometer_hangs']
+    if hangs or state['clock']['period'] > KNOWN_TURN_SECONDS:
         lose_direction(motion)
-    if missed > 0.0 or motion['missed_turn'] > 0.0:
-        miss_turn(motion, missed)
+    if workspace['missed_turn'] > 0.0 or motion['missed_turn'] > 0.0:
+        miss_turn(motion, workspace)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
     track_motion(motion, workspace, sample, seconds, rest, lengths)
 

@@ -80,8 +80,9 @@ from gyro_drift_filter.gravity import GRAVITY
 # is in other units.
 LEAST_GRAVITY_SHARE, LARGEST_GRAVITY_SHARE = 0.7, 1.3
 MOTION_BLOCK_SECONDS = 0.4
-# The largest time without samples over which the body's turn is known well enough, in s.
-LONGEST_GAP = 0.05
+# Without rates for so long, in s, a body's turn is known well enough by those before and behind.
+# Beyond that they say how far it may have turned, until half a swing of an arm has passed.
+KNOWN_TURN_SECONDS, LONGEST_UNMEASURED = 0.05, 0.5
 # Standard deviations at the start: of the direction, the velocity in m/s and the accelerometer's
 # bias in m/s^2; the second direction is that of a rest, beside what the bias makes of it.
 START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.003, 1.0, 0.1
@@ -108,27 +109,28 @@ def take_direction(state: MotionBias, x: float, y: float, z: float, seconds: flo
 def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
-    state['missed_turn'] = 0.0
+    state['missed_turn'] = state['unmeasured_seconds'] = 0.0
     interrupt_vibration(state['vibration'])
     _forget_accelerations(state)
     _start_value(state)
 
 
 @kernel
-def miss_turn(state: MotionBias, angle: float) -> None:
-    """Note that the body may have turned further by an angle in rad.
+def miss_turn(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Take in that the body may have turned further than the rates of the workspace have shown.
 
-    A rate is at its limit, or samples may be missing.
+    What was not measured began and ended at rates that were: it has turned by the larger one.
     """
-    missed = state['missed_turn']
-    if missed + angle > START_DIRECTION:
+    state['missed_turn'] += workspace['missed_turn']
+    state['unmeasured_seconds'] += workspace['unmeasured_seconds']
+    seconds = state['unmeasured_seconds']
+    missed = max(state['missed_turn'], workspace['fastest'] * seconds)
+    if missed > START_DIRECTION or seconds > LONGEST_UNMEASURED:
         lose_direction(state)
-    elif angle > 0.0:
-        state['missed_turn'] = missed + angle
-    else:
+    elif workspace['missed_turn'] == 0.0:
         for axis in range(3):
             state['covariance'][DIRECTION + axis, DIRECTION + axis] += missed * missed
-        state['missed_turn'] = 0.0
+        state['missed_turn'] = state['unmeasured_seconds'] = 0.0
 
 
 @kernel
@@ -143,7 +145,7 @@ def track_motion(
     """Take the rate of the workspace and the acceleration of a sample in, which last `seconds`."""
     rate, acceleration = workspace['rate'], sample['linear_acceleration']
     # Where the direction is not known, nothing stands in for gravity.
-    known = seconds <= LONGEST_GAP and (workspace['sound'] or state['directed'])
+    known = seconds <= LONGEST_UNMEASURED and (workspace['sound'] or state['directed'])
     for axis in range(3):
         force = acceleration[axis]
         if not workspace['sound']:

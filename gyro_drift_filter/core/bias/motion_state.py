@@ -75,7 +75,8 @@ class MotionBias(TypedDict):
     wide: bool  # all of the bias is tracked, whatever its variance, at the speed of a hand
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
-    missed_turn: float  # rad, that the rates may not have shown since they were at their limit
+    missed_turn: float  # rad, that the rates may not have shown since they were last sound
+    unmeasured_seconds: float  # s, for which they were not measured since then
     vibration: Vibration
     rectified: PerAxis  # (rad/s)^2, variance of the shift by vibration so far, or by memory
     # the value under way
