@@ -150,6 +150,34 @@ def test_another_frame_is_another_sensor(seconds, random):
     assert errors['other'] < np.radians(0.03)
 
 
+def test_the_frame_of_an_accelerometer_beside_it_is_no_other_gyroscope(random):
+    """It publishes messages without rates on the same topic."""
+    rates = 0.003 * random.standard_normal((2000, 3))
+    alone, beside = MessageFilter(Parameters()), MessageFilter(Parameters())
+    for k, rate in enumerate(rates):
+        stamp = 10**18 + k * 10**7
+        message = imu_message(stamp, rate, (0, 0, 9.8), frame='imu')
+        for filter_ in (alone, beside):
+            filter_.take(message)
+        if k % 10 == 5:
+            beside.take(
+                imu_message(stamp, rate, (0, 0, 9.8), frame='force', covariance=NOT_REPORTED)
+            )
+    assert beside.report().frame_changes == 0
+    np.testing.assert_array_equal(beside.filter.bias_deviation, alone.filter.bias_deviation)
+
+
+def test_a_message_without_rates_hides_no_other_frame(random):
+    filter_ = MessageFilter(Parameters())
+    for k, rate in enumerate(0.003 * random.standard_normal((1000, 3))):
+        filter_.take(imu_message(10**18 + k * 10**7, rate, (0, 0, 9.8), frame='imu'))
+    stamp = 10**18 + 10**10
+    filter_.take(imu_message(stamp, (0, 0, 0), (0, 0, 9.8), frame='b', covariance=NOT_REPORTED))
+    filter_.take(imu_message(stamp + 10**7, (0, 0, 0), (0, 0, 9.8), frame='b'))
+    assert filter_.report().frame_changes == 1
+    assert filter_.filter.bias_deviation.min() > np.radians(2.0)
+
+
 def test_frames_that_alternate_keep_the_bias_learned_and_doubted(random):
     """Nobody knows whether it is one sensor with two names, or two of them."""
     filter_ = MessageFilter(Parameters())

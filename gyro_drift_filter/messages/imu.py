@@ -202,9 +202,9 @@ def frame_id(message: bytes, imu: Any) -> str:
 
 
 def frame_of(message: bytes) -> str | None:
-    """Return header.frame_id of a serialized message, None where that is malformed."""
+    """Return header.frame_id of a serialized message, None where it is not one with rates."""
     imu = read_message(message)
-    return None if imu['kind'] == ImuKind.MALFORMED else frame_id(message, imu)
+    return frame_id(message, imu) if imu['kind'] == ImuKind.GOOD else None
 
 
 def fault_text(fault: Fault) -> str:

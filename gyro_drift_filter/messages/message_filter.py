@@ -174,11 +174,11 @@ def _count_and_filter(
         imu['kind'] = ImuKind.OWN_OUTPUT
         reception['own_outputs'] += 1
         return
-    is_other_frame = _note_frame_id(data, imu, reception)
     if imu['kind'] == ImuKind.NOT_REPORTED:
+        # Its frame is no other gyroscope's: it may be that of an accelerometer beside it.
         reception['not_reported'] += 1
         return
-    if is_other_frame:
+    if _note_frame_id(data, imu, reception):
         doubt_sensor(filter_)
     step(imu['sample'], filter_)
     imu['result'] = filter_['state']['result']
