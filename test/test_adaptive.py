@@ -40,6 +40,7 @@ from gyro_drift_filter.core.methods.mode_set import (
     Transition,
     derive_mode_set,
 )
+from gyro_drift_filter.core.methods.noise import largest_variance
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.paths import FLIGHTS
@@ -281,6 +282,18 @@ def test_never_locked_out_and_always_finite(parts, last, rate):
     given_back = angle * np.where(falls, at_once, 1.0 / SMOOTHING_SECONDS)
     left = left + (given_back.max() if np.any(last) else given_back)
     assert (off[-1] <= tolerance + 1e-3 + left).all()
+
+
+def test_an_axis_that_is_constant_at_first_has_noise_all_the_same(random):
+    """Where its variance was taken for 0, the errors of the modes were not computed for it."""
+    z = motion_below(4.0, random, 400, 100.0) + 0.003 * random.standard_normal((400, 3))
+    z[:60, 1] = 0.0
+    still, filter_ = still_accelerations(random, 400), Filter()
+    for k in range(0, 400, 20):
+        part = slice(k, k + 20)
+        filter_.run(stamps(400, 100.0)[part], z[part], still[part])
+        noise = filter_.state['methods']['adaptive'][1]['noise']
+        assert largest_variance(noise) >= noise['variance'] > 0.0
 
 
 @pytest.mark.parametrize('deviation', [1e-4, 0.005, 0.05])

@@ -211,12 +211,13 @@ def largest_variance(noise: Noise) -> float:
     """Return how large the variance of the noise may be, in (rad/s)^2.
 
     R is less before the first rest: a share of what may be motion, or nothing is known at all.
+    Where a block was constant, R is the larger one.
     """
     if is_begun(noise):
         return noise['variance']
     if noise['bound'] == Bound.NONE:
         return LARGEST_NOISE**2
-    return float(LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE)
+    return float(max(LEAST_SHOWN * noise['lowest'] / UNKNOWN_SHARE, noise['variance']))
 
 
 @kernel
