@@ -23,7 +23,7 @@ from scipy import signal
 from benchmark.bias import warm_up
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.rest.detection import close_block
+from gyro_drift_filter.core.rest.detection import LEAST_SEGMENT, _ended_rest, close_block
 from gyro_drift_filter.core.rest.noise import doubt_noise
 from gyro_drift_filter.core.rest.records import (
     HALF,
@@ -31,6 +31,7 @@ from gyro_drift_filter.core.rest.records import (
     REST_LENGTHS,
     SEGMENT_BLOCKS,
     SIGNALS,
+    BlockOutcome,
     Obstacle,
 )
 from gyro_drift_filter.core.rest.segment import (
@@ -244,6 +245,15 @@ def test_a_doubt_after_a_long_drive_keeps_its_bound_for_some_time():
         assert rest['calm_known']
     close_block(rest, lengths)
     assert not rest['calm_known']
+
+
+def test_a_rest_whose_noise_has_become_doubtful_ends_without_a_segment():
+    """Nothing is there to judge it by."""
+    rest = zeroed(REST)[0]
+    rest['at_rest'], rest['known'], rest['blocks'] = True, True, LEAST_SEGMENT
+    assert _ended_rest(rest, Obstacle.NONE) == BlockOutcome.END_OF_REST
+    rest['known'] = False
+    assert _ended_rest(rest, Obstacle.NONE) == BlockOutcome.NOTHING
 
 
 @pytest.mark.parametrize('more', [0, 3])

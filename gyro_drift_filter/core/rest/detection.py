@@ -229,10 +229,10 @@ def _ended_rest(rest: Rest, obstacle_before: int) -> BlockOutcome:
     `obstacle_before` showed the motion before the segment.
     """
     blocks = rest['blocks']
+    if not rest['known']:
+        return BlockOutcome.NOTHING  # also of a rest whose noise has become doubtful meanwhile
     if rest['at_rest']:
         return BlockOutcome.END_OF_REST if blocks >= LEAST_SEGMENT else BlockOutcome.NOTHING
-    if not rest['known']:
-        return BlockOutcome.NOTHING
     if rest['halves'] != Halves.WHOLE:
         return BlockOutcome.END_OF_REST if blocks >= HALF + LEAST_SEGMENT else BlockOutcome.NOTHING
     sudden = _is_sudden(obstacle_before) and _is_sudden(rest['obstacle'])
