@@ -101,6 +101,13 @@ def test_restore_continues_bit_for_bit(cuts, method, share_of_noise):
     assert same(np.concatenate(parts), whole)
 
 
+def test_a_provisional_bias_of_the_last_run_is_kept_where_a_parameter_changes():
+    filter_ = Filter()
+    filter_.set_bias((0.01, -0.02, 0.0), (0.02, 0.02, 0.02), known=False)
+    filter_.configure(Parameters(bias_turn_on_deviation=0.05))
+    np.testing.assert_array_equal(filter_.state['bias']['bias'], (0.01, -0.02, 0.0))
+
+
 def test_restore_refuses_another_version():
     snapshot = Filter().snapshot()
     Filter().restore(snapshot)

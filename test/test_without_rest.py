@@ -27,6 +27,7 @@ from benchmark.without_rest import (
 )
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.without_rest import _across
+from gyro_drift_filter.core.step import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES
@@ -276,6 +277,38 @@ def test_what_motion_has_shown_is_kept_where_a_parameter_changes(walk):
     part = slice(round(80 * SAMPLE_RATE), round(81 * SAMPLE_RATE))
     results = filter_.run(walk.stamps[part], walk.rates[part], walk.accelerations[part])
     np.testing.assert_allclose(results['bias'][0], before, atol=5e-3)
+
+
+@pytest.mark.parametrize('seconds', [24.0, 120.0])
+def test_another_sensor_has_another_bias(seconds):
+    """Before and after motion has shown the first one's: what was learned of it is doubted."""
+    of = started_in_motion('hand', 6, 2.0 * DEGREE)
+    change = round(seconds * SAMPLE_RATE)
+    rates = of.rates.copy()
+    rates[change:] -= 2.0 * of.bias[change:]
+    filter_ = Filter()
+    filter_.run(of.stamps[:change], rates[:change], of.accelerations[:change])
+    doubt_sensor(filter_.record[0])
+    after = slice(change, change + round(120 * SAMPLE_RATE))
+    results = filter_.run(of.stamps[after], rates[after], of.accelerations[after])
+    error = results['bias'][-1] + of.bias[after][-1]
+    assert np.abs(error[:2]).max() < 0.5 * DEGREE
+    assert np.all(np.abs(error) < 3.0 * filter_.bias_deviation)
+
+
+def test_a_bias_that_moves_with_the_temperature_is_followed():
+    of = started_in_motion('hand', 6, 0.0)
+    change = round(120 * SAMPLE_RATE)
+    rates, left = of.rates.copy(), {}
+    rates[change:] += 0.015
+    for told in (False, True):
+        filter_ = Filter()
+        filter_.note_temperature(20.0)
+        filter_.run(of.stamps[:change], rates[:change], of.accelerations[:change])
+        filter_.note_temperature(60.0 if told else 20.0)
+        results = filter_.run(of.stamps[change:], rates[change:], of.accelerations[change:])
+        left[told] = np.abs(results['bias'][-1] - 0.015).max()
+    assert left[True] < 0.5 * left[False]
 
 
 def test_directions_across_the_vertical_are_of_length_one_and_square(random):

@@ -23,7 +23,7 @@ from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods, out_of_sequence
 from gyro_drift_filter.core.bias.at_rest import calibrate_bias, leave_rest, start_bias, warm_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import has_bias, widen
+from gyro_drift_filter.core.bias.records import has_learned_bias, widen
 from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling
@@ -64,7 +64,7 @@ def prepare_for_settings(filter_: NDArray[np.void], settings: NDArray[np.void]) 
         # Nobody knows how the body has turned meanwhile.
         lose_direction(bias['motion'])
         lose_direction(bias['wide_prior'])
-    if has_bias(bias):
+    if has_learned_bias(bias):
         widen(bias, _change_of_bias(before, after))
         quantisation = state['quantisation']
         was_needed = needs_half_counts(quantisation, before['input_quantisation'])

@@ -94,7 +94,8 @@ class Filter:
         self.record['coefficients']['period'] = 0.0  # the next step derives them anew
         bias = self.state['bias']
         learned = bias['provisional_variance'][0] > 0.0 or bias['corrected'] > 0
-        guessed = not bias['known'] and not learned
+        is_initial = bool(np.all(bias['bias'] == before.bias_initial))
+        guessed = is_initial and not bias['known'] and not learned
         widened = parameters.bias_turn_on_deviation != before.bias_turn_on_deviation
         if parameters.bias_initial != before.bias_initial or (guessed and widened):
             self.set_bias(parameters.bias_initial)

@@ -28,8 +28,14 @@ from gyro_drift_filter.core.bias.in_motion import (
 )
 from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
-from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional, widen
-from gyro_drift_filter.core.bias.shared import forget_scale, limit_prior
+from gyro_drift_filter.core.bias.records import (
+    bias_variance,
+    has_bias,
+    has_learned_bias,
+    has_provisional,
+    widen,
+)
+from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,
@@ -238,10 +244,12 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     forget_scale(bias['motion'])
     # Of sensors that alternate each message is another one's: once between two rests is enough.
     lacking = deviation * deviation - bias['process_noise']
-    if lacking > 0.0 and (has_bias(bias) or bias['corrected'] > 0):
+    if lacking > 0.0 and has_learned_bias(bias):
         leave_rest(bias)
         widen(bias, lacking)
         limit_prior(bias['motion'])
+    if not has_bias(bias):
+        doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
 
 
 @kernel
@@ -251,7 +259,7 @@ def _forget_rest(filter_: FilterRecord) -> None:
     # A device that is not ready may do so, too, and a bias of the last run does not depend on it.
     if bias['known'] and bias['segments'] == 0:
         return
-    if has_bias(bias) or bias['corrected'] > 0:
+    if has_learned_bias(bias):
         methods.start_over(filter_)
         forget_bias(bias, filter_['settings']['bias_turn_on_deviation'])
     expect_no_noise(bias['rest'])
@@ -269,7 +277,7 @@ def _look_at_counts(sample: Sample, follows: bool, filter_: FilterRecord) -> boo
     if follows and note_counts(quantisation, rate, state['checks']['measured']):
         before, needs_half = needs_half, needs_half_counts(quantisation, choice)
         # The bias was learned with half a count more or less in the rates.
-        if (before or needs_half) and has_bias(state['bias']):
+        if (before or needs_half) and has_learned_bias(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
     return needs_half
 

@@ -115,8 +115,15 @@ def has_bias(state: Bias) -> bool:
 
 
 @kernel
+def has_learned_bias(state: Bias) -> bool:
+    """Return whether there is more than a guess: what `has_bias` asks for, or shown by motion."""
+    return bool(has_bias(state) or state['corrected'] > 0)
+
+
+@kernel
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
     state['process_noise'] += variance
     state['motion']['pending_process_noise'] += variance
+    state['wide_prior']['pending_process_noise'] += variance
     state['largest_process_noise'] += variance

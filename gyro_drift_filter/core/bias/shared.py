@@ -75,6 +75,14 @@ def start_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis) -> Non
 
 
 @kernel
+def doubt_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis, deviation: float) -> None:
+    """Begin anew with a bias (3,) in rad/s, as uncertain as `deviation` in rad/s at least."""
+    start_wide_prior(state, bias, variance)
+    lacking = deviation * deviation - min(variance[0], variance[1], variance[2])
+    state['pending_process_noise'] = max(lacking, 0.0)
+
+
+@kernel
 def _start_scale(state: MotionBias, variance: PerAxis) -> None:
     """Track errors of the scale from where the bias is known, as each would be taken for the other.
 
