@@ -171,6 +171,30 @@ def test_vibration_in_a_curve_that_is_driven_again_and_again_is_no_rest(speed, r
     assert np.abs(results['bias'][1000:, 2]).max() < 0.1 * DEGREE
 
 
+def test_wheels_that_shake_a_steady_turn_are_no_machine(random):
+    """Three segments of one drive were taken for rest, and the turns were smoothed as noise is."""
+    spells = [(4, 0.0)]
+    for speed in (8.0, -20.0, 5.0, 30.0, -10.0, 15.0):
+        spells += [(15, speed), (5, 0.0)]
+    rates, accelerations, truth = [], [], []
+    for seconds, speed in spells:
+        noise, force = at_rest(random, seconds)
+        motion = np.zeros_like(noise)
+        if speed:
+            motion = 0.02 * motion_below(30.0, random, len(noise), 100.0)
+            motion[:, 2] += speed * DEGREE
+            force += 0.1 * random.standard_normal(force.shape)
+        rates.append(noise + motion)
+        accelerations.append(force)
+        truth.append(motion)
+    moved = np.concatenate(truth)
+    results = run(Filter(), np.concatenate(rates), np.concatenate(accelerations))
+    moving = moved.any(axis=1)
+    assert results['at_rest'][moving].mean() < 0.02
+    assert np.sqrt(results['measurement_noise'][moving].max()) < 0.008  # 0.016 before
+    assert np.std((results['angular_velocity'] - moved)[moving]) < 0.009  # 0.014 before
+
+
 def test_a_machine_that_runs_now_and_then_hides_no_rest(random):
     rates, accelerations = at_rest(random, 120)
     runs = (np.arange(len(rates)) % 2000 < 600) & (np.arange(len(rates)) > 1000)

@@ -17,9 +17,9 @@
 Where the noise has risen for good nothing is still any more, by what is known of it. So what is not
 known as rest is looked at a second time, by a detector that knows no noise, as before the first
 rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
-the noise at rest from now on. A robot may drive for long in between, if the bias can have had the
-rate each time: else vibration in a curve that is driven again and again would be confirmed. Where
-the noise falls again it is learned as always.
+the noise at rest from now on. The bias has to be able to have had the rate each time: else the
+vibration of wheels in a steady turn would be confirmed. A robot may drive for long in between.
+Where the noise falls again it is learned as always.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -78,9 +78,9 @@ def finds_other_segment(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> 
 def confirm_other_noise(
     rest: Rest, noise: OtherNoise, lengths: RestLengths, may_be_bias: bool
 ) -> None:
-    """Take the noise of the segments over where enough of them confirm it.
+    """Take the noise of the segments over where enough of them confirm it, one after the other.
 
-    They come one after the other, or each of them `may_be_bias`, as its rate says.
+    Each of them `may_be_bias`, as its rate says: what turns is no rest, however steady it is.
     """
     other = noise['rest']
     next_segment(other, False)
@@ -88,9 +88,8 @@ def confirm_other_noise(
         _note_segment(noise)
     else:
         noise['segments'] = 0
-    confirmed = max(noise['segments'], other['learned']) >= CONFIRMING
     stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
-    if stands and confirmed and _is_of_a_machine(rest, other):
+    if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
         _take_noise(rest, other)
 
 
