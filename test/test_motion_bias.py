@@ -30,6 +30,7 @@ from gyro_drift_filter.core.bias.motion_filter import (
     MOTION_WORKSPACE,
     SPEED_SECONDS,
     expect_mean_velocity,
+    normalise_direction,
     predict_covariance,
 )
 from gyro_drift_filter.core.bias.motion_state import (
@@ -51,6 +52,7 @@ from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_varianc
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START
 from support.paths import FLIGHTS
 from support.rests import run
@@ -394,6 +396,40 @@ def test_motion_and_rest_are_one_kalman_filter(random):
         row[VELOCITY + axis], row[MEAN_VELOCITY + axis] = 1.0, -1.0
         values, covariance = measure(values, covariance, row, 0.0, noise)
     check(state, values, covariance)
+
+
+def test_the_length_of_the_direction_moves_nothing_else(random):
+    """Beside a dense projection: nothing is uncertain along a direction of length one."""
+    state, values, covariance = joint(random)
+    own = slice(DIRECTION, DIRECTION + 3)
+    state['state_vector'][own] = direction = 1.2 * np.array([0.6, 0.0, 0.8])
+    normalise_direction(state, zeroed(MOTION_WORKSPACE)[0])
+    np.testing.assert_allclose(state['state_vector'][own], direction / 1.2, rtol=1e-15)
+    np.testing.assert_array_equal(state['state_vector'][3:], values[3:STATES])
+    projection = np.eye(STATES)
+    projection[own, own] -= np.outer(direction, direction) / 1.2**2
+    expected = projection @ covariance[:STATES, :STATES] @ projection
+    np.testing.assert_allclose(state['covariance'], expected, atol=1e-12)
+    np.testing.assert_array_equal(state['covariance'], state['covariance'].T)
+
+
+@pytest.mark.parametrize(
+    ('vehicle', 'seed', 'begin', 'count'), [('legged', 6, 3000, 500), ('hand', 0, 260, 60)]
+)
+def test_garbage_leaves_the_bias_in_motion_as_it_is(vehicle, seed, begin, count):
+    """From a serial link that has slipped.
+
+    The direction became four times as long, by which the bias was moved by 47e-3 rad/s for good.
+    """
+    of = ride(VEHICLES[vehicle], seed, 100.0, warm_up=0.0)
+    random = np.random.default_rng(seed)
+    rates, accelerations = of.rates[::2].copy(), of.accelerations[::2].copy()
+    garbage = slice(begin, begin + count)
+    rates[garbage] = random.uniform(-35.0, 35.0, (count, 3))
+    accelerations[garbage] = random.uniform(-40.0, 40.0, (count, 3))
+    results = Filter().run(of.stamps[::2], rates, accelerations)
+    errors = np.abs(results['bias'] - of.bias[::2])
+    assert errors[begin + count + 500 :].max() < 1e-3
 
 
 def moved(vector, rate, force):

@@ -50,6 +50,7 @@ from gyro_drift_filter.core.bias.motion_filter import (
     expect_length,
     expect_mean_velocity,
     expected_speed,
+    normalise_direction,
     predict_covariance,
     velocity_left,
 )
@@ -246,7 +247,10 @@ def _end_block(
         limit_prior(state)
     predict_covariance(state, workspace, rest, lengths)
     expect_mean_velocity(state, workspace)
-    expect_length(state, workspace)
+    if state['wide']:
+        expect_length(state, workspace)
+    else:
+        normalise_direction(state, workspace)
     if not state['wide'] and state['speed_deviation'] > LARGEST_SPEED:
         state['speed_deviation'] = SPEED
         lose_direction(state)

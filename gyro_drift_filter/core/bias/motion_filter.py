@@ -69,7 +69,7 @@ DIRECTION_WALK, VELOCITY_WALK, VIBRATION_SECONDS = 1e-3, 0.05, 0.3
 # What a turn leaves beside a constant error of scale, as a share of it. Data sheets have gyroscopes
 # linear within 0.1 to 0.2 %.
 NONLINEARITY = 0.002
-LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one
+LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one, with a wide prior
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
 # speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s. A body that walks and turns
 # has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
@@ -236,7 +236,10 @@ def _note_wide_speed(state: MotionBias, seconds: float) -> None:
 
 @kernel
 def expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
-    """Measure that the direction is of length one."""
+    """Measure that the direction is of length one: for the wide prior, see `normalise_direction`.
+
+    There a robot that is faster than a hand, and turns one way, would be given a bias otherwise.
+    """
     vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
     x, y, z = vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2]
     length = vector_length(x, y, z)
@@ -247,6 +250,32 @@ def expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
     for k in range(STATES):
         gain[k] /= innovation_variance
     _correct(state, workspace, 1.0 - length, innovation_variance)
+
+
+@kernel
+def normalise_direction(state: MotionBias, workspace: MotionWorkspace) -> None:
+    """Make the direction one of length one, which nothing is uncertain along.
+
+    Measured, the length would move the bias: a correction tilts the direction along a tangent, and
+    what it is longer by then says nothing of the bias.
+    """
+    vector, covariance, along = state['state_vector'], state['covariance'], workspace['gain']
+    x, y, z = vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2]
+    length = vector_length(x, y, z)
+    x, y, z = x / length, y / length, z / length
+    vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2] = x, y, z
+    for k in range(STATES):
+        along[k] = covariance[0, k] * x + covariance[1, k] * y + covariance[2, k] * z
+    total = along[0] * x + along[1] * y + along[2] * z
+    for i in range(3):
+        part = vector[DIRECTION + i]
+        for k in range(i + 1):
+            removed = part * along[k] + (along[i] - total * part) * vector[DIRECTION + k]
+            covariance[i, k] -= removed
+            covariance[k, i] = covariance[i, k]
+        for k in range(3, STATES):
+            covariance[i, k] -= part * along[k]
+            covariance[k, i] = covariance[i, k]
 
 
 @kernel
