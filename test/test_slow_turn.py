@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmark.bias import to_and_fro
 from gyro_drift_filter.accelerate import zeroed
-from gyro_drift_filter.core import Filter
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.rest.records import (
     HALF,
@@ -49,6 +49,16 @@ def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
             run(filter_, *turning, start=START + (10 + second) * 10**9)
         change = np.abs(filter_.state['bias']['bias'] - before) / (speed * DEGREE)
         assert change[2] < (0.01 if hint else 0.2)
+
+
+@pytest.mark.parametrize('below', [0.02, 0.05])
+def test_a_turn_just_below_the_largest_bias_is_no_bias(below, random):
+    """Some of its blocks lie above by noise, and counted as a faster turn in between."""
+    speed = Parameters().bias_max - below * DEGREE
+    parts = [at_rest(random, 10), at_rest(random, 80, (0.0, 0.0, speed))]
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][:, 2]).max() < 0.2 * DEGREE  # 9.97 before
 
 
 def test_a_turn_that_only_several_segments_tell_is_taken_back(random):

@@ -117,13 +117,18 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 
 @kernel
 def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: float) -> None:
-    """Note by how much the body turns in the full block, at a rate beyond `bias_max` (rad/s)."""
+    """Note by how much the body turns in the full block, at a rate beyond `bias_max` (rad/s).
+
+    A slow turn that is nearly as fast exceeds that by noise now and then, and is none in between.
+    """
     if turn['seconds'] == 0.0 or not is_block_filled(rest, lengths):
         return
-    rate = 0.0
+    rate, differs = 0.0, False
     for axis in range(3):
-        rate = max(rate, abs(block_mean(rest, axis)))
-    if rate > bias_max:
+        mean, scatter = block_mean(rest, axis), rest['signals'][axis]['scatter']
+        rate = max(rate, abs(mean))
+        differs = differs or is_beyond_gate(mean - turn['rate'][axis], SAME_TURN_GATE, scatter)
+    if rate > bias_max and differs:
         turn['turned'] += rate * lengths['block_seconds']
 
 
