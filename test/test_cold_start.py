@@ -15,6 +15,7 @@
 """What arrives while the kernels are compiled is kept, in bounds, and worked off in its order."""
 
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -87,6 +88,14 @@ def executable(tmp_path, monkeypatch, script):
     path.write_text(f'#!/bin/sh\n{script}\n')
     path.chmod(0o755)
     monkeypatch.setattr(sys, 'executable', str(path))
+
+
+def test_the_compiler_runs_where_there_is_no_room_for_its_errors(node, tmp_path, monkeypatch):
+    executable(tmp_path, monkeypatch, 'echo broken >&2; exit 3')
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'missing'))
+    start = ColdStart(node)
+    node.turn(lambda: start.waiting is None)
+    assert any('the compiler ended with 3' in line for line in node.log)
 
 
 def test_what_arrives_is_taken_later_in_its_order(node, tmp_path, monkeypatch):

@@ -15,6 +15,7 @@
 """Bags that were cut off in mid-write, at any byte, and bags that are replaced."""
 
 import struct
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -192,6 +193,15 @@ def test_what_can_not_be_recovered_is_one_line(tmp_path, random):
         with pytest.raises(BagError, match=reason) as error:
             found(path)
         assert '\n' not in str(error.value)
+
+
+def test_only_what_is_recovered_needs_room_for_a_copy(tmp_path, random, monkeypatch):
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'missing'))
+    assert found(path)
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(BagError, match='was cut off, and what is whole of it can not be copied'):
+        found(path)
 
 
 def test_a_whole_file_is_not_copied(tmp_path, random, monkeypatch):

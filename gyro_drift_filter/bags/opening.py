@@ -17,7 +17,7 @@
 import logging
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -60,12 +60,10 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
         BagError: The path is missing, or is no bag that rosbags can read.
     """
     check_path(path)
-    with tempfile.TemporaryDirectory() as folder:
-        library = _opened(_recovered(path, Path(folder)), path)
-        try:
-            yield choose_reader(library)
-        finally:
-            library.close()
+    with ExitStack() as stack:
+        library = _opened(_recovered(path, stack), path)
+        stack.callback(library.close)
+        yield choose_reader(library)
 
 
 def choose_reader(library: AnyReader) -> Recording:
@@ -119,21 +117,24 @@ def _cut_off_in(path: Path | StoredPath) -> str:
     return ''
 
 
-def _recovered(path: Path | StoredPath, folder: Path) -> Path | StoredPath:
-    """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it."""
+def _recovered(path: Path | StoredPath, stack: ExitStack) -> Path | StoredPath:
+    """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it.
+
+    The copy is removed with the stack.
+    """
     try:
         if path.suffix != '.mcap' or path.is_dir() or not is_cut_off(path):
             return path
     except OSError as error:
         raise BagError(f'{path} can not be opened: {reason(error)}') from error
     try:
-        copy = folder / path.name
+        copy = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.name
         count = recover(path, copy)
     except McapError as error:
         raise BagError(f'{path} was cut off, and what is there {error}') from error
     except OSError as error:
         raise BagError(
-            f'{path} was cut off, and can not be recovered in {folder}: {reason(error)}'
+            f'{path} was cut off, and what is whole of it can not be copied: {reason(error)}'
         ) from error
     if count == 0:
         raise BagError(f'{path} was cut off before its first whole message')
