@@ -35,7 +35,8 @@ from gyro_drift_filter.core.settings import SETTINGS, Settings
 from gyro_drift_filter.core.step import derive
 from gyro_drift_filter.gravity import GRAVITY
 
-# A method takes over from another's output where that is so many deviations from the last sample.
+# A method takes over from another's output where that is no more than so many deviations from the
+# last sample, as noise hardly ever is: farther off, it was held for an outlier or lags.
 TAKE_OVER_GATE = 4.0
 
 

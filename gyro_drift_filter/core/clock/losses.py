@@ -33,7 +33,8 @@ SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # Steps are equally long up to this share. So many of them in a row are no losses: a link does not
 # lose every second sample so evenly.
 EQUALLY_LONG, LONG_RUN = 0.25, 20
-# In periods: behind a longer step samples may be missing.
+# In periods: behind a longer step samples may be missing. The jitter of a timer stays below 0.3 at
+# either end of a step, and one over a missing sample lasts two periods less that.
 LATE_STEP = 1.4
 # A delay lasts until the envelope has followed, so only one that is being made up for may stand for
 # more than so many that are missing. A step that is longer by as many is rare enough to be one over

@@ -124,7 +124,7 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
         if scatter_of_means(signal['segment'], rest['blocks']) > limit * signal['scatter']:
             return Obstacle.SCATTERS
         scatter = signal['scatter'] * rest['variance_ratio']
-        if index < 3 and _has_halves(rest, signal, scatter, HALVES_DEVIATIONS):
+        if index < 3 and _halves_differ(rest, signal, scatter, HALVES_DEVIATIONS):
             return Obstacle.DRIFTS
     else:
         obstacle = _obstacle_of_first(rest, index, lengths)
@@ -162,15 +162,15 @@ def _obstacle_of_first(rest: Rest, index: int, lengths: RestLengths) -> Obstacle
     if not slow_scatter * correlated <= walk * walk / lengths['block_seconds']:
         return Obstacle.SCATTERS
     largest = max(signal['largest_variance'], signal['early_largest_variance'])
-    if not largest <= limit * variance or _has_unlike_halves(rest, signal):
+    if not largest <= limit * variance or _halves_vary_unlike(rest, signal):
         return Obstacle.UNEVEN
-    if _has_halves(rest, signal, max(step_variance, variance / length), deviations):
+    if _halves_differ(rest, signal, max(step_variance, variance / length), deviations):
         return Obstacle.DRIFTS
     return Obstacle.NONE
 
 
 @kernel
-def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -> bool:
+def _halves_differ(rest: Rest, signal: Signal, scatter: float, deviations: float) -> bool:
     """Return whether the mean of the segment moves from its first half to its second."""
     late = rest['blocks'] - HALF
     if late <= 0:
@@ -182,7 +182,7 @@ def _has_halves(rest: Rest, signal: Signal, scatter: float, deviations: float) -
 
 
 @kernel
-def _has_unlike_halves(rest: Rest, signal: Signal) -> bool:
+def _halves_vary_unlike(rest: Rest, signal: Signal) -> bool:
     """Return whether the values vary far less in one half of the segment than in the other."""
     early = signal['early_variances'] / HALF
     late = (signal['variances'] - signal['early_variances']) / (rest['blocks'] - HALF)
