@@ -39,8 +39,8 @@ from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, l
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,
-    elapsed_seconds,
     lengthen_period,
+    note_elapsed,
 )
 from gyro_drift_filter.core.clock.losses import possibly_in_gap, possibly_missing
 from gyro_drift_filter.core.out_of_sequence import (
@@ -141,7 +141,7 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
     if message != Message.REPEAT:
         if filter_['coefficients']['period'] != period:
             derive(filter_, period)
-        elapsed = elapsed_seconds(clock, stamp)
+        elapsed = note_elapsed(clock, stamp)
         missing, jumped = advance_clock(
             clock,
             stamp,

@@ -31,8 +31,8 @@ from gyro_drift_filter.core.clock.losses import (
     correct_count,
     drop_suspicion,
     judge_suspicion,
+    note_long_run,
     note_long_step,
-    period_of_long_steps,
     suspect,
 )
 from gyro_drift_filter.core.clock.periodogram import (
@@ -101,18 +101,21 @@ def lengthen_period(clock: Clock, times: float, sample_rate: float) -> None:
 
 
 @kernel
-def elapsed_seconds(clock: Clock, stamp: int) -> float:
-    """Return the time in s from the last sample to a stamp (ns); a period where no stamp says."""
+def note_elapsed(clock: Clock, stamp: int) -> float:
+    """Note how far a stamp (ns) is from the last sample; return that in s.
+
+    It is a period where no stamp says, or where stamps stand.
+    """
     period = float(clock['period'])
     if stamp == 0 or not clock['started']:
         return period
     stamped = float(min(max((stamp - clock['stamp']) * 1e-9, 0.0), LONGEST_ABSENCE))
-    return max(stamped, period) if _stamps_stand(clock, stamped) else stamped
+    return max(stamped, period) if _note_standing(clock, stamped) else stamped
 
 
 @kernel
-def _stamps_stand(clock: Clock, stamped: float) -> bool:
-    """Return whether stamps tell no time; the next one is `stamped` s behind the last."""
+def _note_standing(clock: Clock, stamped: float) -> bool:
+    """Note that a stamp is `stamped` s behind the last; return whether stamps tell no time."""
     standing = LEAST_STAMPED_SHARE * STANDING_SECONDS
     unstamped = clock['unstamped'] + LEAST_STAMPED_SHARE * clock['period'] - stamped
     clock['unstamped'] = min(max(unstamped, 0.0), standing)
@@ -154,7 +157,7 @@ def advance_clock(
         _start_envelope(clock)
         return 0, False
     missing = _follow_envelope(clock, elapsed)
-    other_period = period_of_long_steps(clock, elapsed, missing)
+    other_period = note_long_run(clock, elapsed, missing)
     if other_period > 0.0:
         _correct_period(clock, other_period, sample_rate)
         return 0, False

@@ -168,12 +168,11 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
 
 
 @kernel
-def period_of_long_steps(clock: Clock, elapsed: float, missing: int) -> float:
-    """Return the sample period in s that a driver has changed to, or 0.
+def note_long_run(clock: Clock, elapsed: float, missing: int) -> float:
+    """Note a step in s, with so many samples missing in it; return the driver's new period, or 0.
 
-    It has, where it was found that samples are missing before each of the last ones, the present
-    one included, which comes `elapsed` s behind the one before with `missing` in between. They were
-    not, and are no longer counted.
+    The driver has another period in s where samples were found to be missing before each of the
+    last ones. They were not, and are no longer counted.
     """
     run, seconds = clock['long_run'], clock['long_run_seconds']
     equal = abs(elapsed * run - seconds) <= EQUALLY_LONG * seconds
