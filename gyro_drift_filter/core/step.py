@@ -499,19 +499,19 @@ def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: Motion
 
 @kernel
 def _unmeasured_seconds(state: State, missing: int) -> float:
-    """Return for how long (s) a rate was not measured up to this sample, beyond a known turn.
+    """Return for how long (s) a rate has not been measured by now; 0 where that is no time.
 
     It is no usable number, samples are missing, or all rates are those of a bus that hangs. At
     rest a coarse gyroscope gives the same rates for as long.
     """
     period, coasted, equal = state['clock']['period'], state['coasted'], state['checks']['equal']
-    longest = period * max(coasted[0], coasted[1], coasted[2], missing)
+    lasted = period * (1 + max(coasted[0], coasted[1], coasted[2], missing))
     if not state['bias']['rest']['at_rest']:
-        longest = max(longest, _message_period(state) * min(equal[0], equal[1], equal[2]))
-    if longest <= KNOWN_TURN_SECONDS:
+        lasted = max(lasted, _message_period(state) * (1 + min(equal[0], equal[1], equal[2])))
+    if lasted <= KNOWN_TURN_SECONDS:
         return 0.0
     seconds = period * (1 + missing)
-    return float(longest if longest - seconds <= KNOWN_TURN_SECONDS else seconds)
+    return float(lasted if lasted - seconds <= KNOWN_TURN_SECONDS else seconds)
 
 
 @kernel
