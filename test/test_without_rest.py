@@ -18,7 +18,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from benchmark import unmeasured as unmeasured_benchmark
 from benchmark import without_rest as benchmark
+from benchmark.unmeasured import largest_bias, unmeasured
 from benchmark.without_rest import (
     SAMPLE_RATE,
     SECONDS,
@@ -105,53 +107,26 @@ def test_a_rest_replaces_what_motion_has_shown(walk, random):
     assert filter_.state['bias']['corrected'] == corrected
 
 
-def without_rates(count, seed, samples=40):
-    """Which of `count` samples are among those lost, so many at a time, 30 times."""
-    lost = np.zeros(count, bool)
-    for start in np.random.default_rng(seed).choice(
-        np.arange(1000, count - 200), 30, replace=False
-    ):
-        lost[start : start + samples] = True
-    return lost
-
-
-def largest_error(of, kept, stamps, rates):
-    results = Filter().run(stamps[kept], rates[kept], of.accelerations[kept])
-    return np.abs(results['bias'] - of.bias[kept]).max()
-
-
-def test_gaps_between_bursts_show_no_bias():
-    """Of samples that come four at a time no stamp tells how many a gap holds.
-
-    A bias of 0.12 rad/s was found where there is none.
-    """
-    of = started_in_motion('hand', 5, 0.0)
-    count = len(of.stamps)
-    last_of_burst = np.minimum(np.arange(count) // 4 * 4 + 3, count - 1)
-    kept = ~without_rates(count, 5)
-    assert largest_error(of, kept, of.stamps[last_of_burst], of.rates) < 4e-3
-
-
 @pytest.mark.parametrize(
-    ('what', 'vehicle', 'seed'), [('unusable', 'legged', 5), ('held', 'legged', 4)]
+    ('kind', 'vehicle', 'seed'),
+    [
+        ('unusable', 'legged', 5),
+        ('held', 'legged', 4),
+        ('missing', 'drone', 4),
+        ('missing between bursts', 'hand', 5),
+    ],
 )
-def test_rates_that_are_not_measured_for_a_while_show_no_bias(what, vehicle, seed):
-    """For 0.2 s at a time: biases of 0.048 and 0.013 rad/s were found where there is none."""
+def test_rates_that_are_not_measured_for_a_while_show_no_bias(kind, vehicle, seed):
+    """For 0.2 s at a time: biases of 11e-3 to 0.12 rad/s were found where there is none."""
     of = started_in_motion(vehicle, seed, 0.0)
-    lost, rates = without_rates(len(of.stamps), seed), of.rates.copy()
-    if what == 'held':
-        measured = np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))
-        rates = rates[measured]
-    else:
-        rates[lost] = np.nan
-    assert largest_error(of, np.ones(len(lost), bool), of.stamps, rates) < 4e-3
+    assert largest_bias(of, unmeasured(len(of.stamps), 0.2, seed), kind) < 4.0
 
 
-def test_gaps_in_a_slow_turn_leave_the_direction_of_gravity():
-    """A drone turns little in 0.2 s. As it leans where it is pushed, a new direction is wrong."""
-    of = started_in_motion('drone', 4, 0.0)
-    kept = ~without_rates(len(of.stamps), 4)
-    assert largest_error(of, kept, of.stamps, of.rates) < 4e-3
+def test_the_benchmark_of_unmeasured_rates_fails_where_a_bias_is_found(monkeypatch, capsys):
+    for found, status in ((4.0, 0), (6.0, 1)):
+        monkeypatch.setattr(unmeasured_benchmark, 'largest_bias', lambda *given: found)  # noqa: B023
+        assert unmeasured_benchmark.main(['--only', 'hand', '--seeds', '1', '--check']) == status
+    assert 'FALLS SHORT  held: a bias of 6.0e-3 rad/s is found' in capsys.readouterr().out
 
 
 def test_the_next_run_begins_with_what_motion_has_shown(walk):
