@@ -52,11 +52,12 @@ from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_varianc
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START
 from support.paths import FLIGHTS
 from support.rests import run
-from support.sensor import DEGREE, at_rest, by_hand
+from support.sensor import DEGREE, at_rest, by_hand, motion_below
 
 # The states of the motion, and the three biases at rest.
 ALL = STATES + 3
@@ -396,6 +397,25 @@ def test_motion_and_rest_are_one_kalman_filter(random):
         row[VELOCITY + axis], row[MEAN_VELOCITY + axis] = 1.0, -1.0
         values, covariance = measure(values, covariance, row, 0.0, noise)
     check(state, values, covariance)
+
+
+@pytest.mark.parametrize('seed', [2, 3, 4])
+def test_a_coarse_gyroscope_in_slow_motion_is_no_bus_that_hangs(seed):
+    """It gives the same rates for most of the time, and gravity shows its bias all the same."""
+    random = np.random.default_rng(seed)
+    seconds = np.arange(18_000) / 100.0
+    moving = np.clip(seconds - 8.0, 0.0, 1.0)[:, None]
+    rates = 0.05 * moving * motion_below(0.2, random, len(seconds), 100.0)
+    rates *= 0.05 / rates[1000:].std()
+    turned = running_products(from_vectors(rates / 100.0))
+    gravity = rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
+    accelerations = gravity + 0.03 * random.standard_normal(rates.shape)
+    bias = np.outer(1.0 - np.exp(-np.maximum(seconds - 8.0, 0.0) / 60.0), (6e-3, -6e-3, 0.0))
+    count = 0.25 * DEGREE
+    given = count * np.round((rates + bias + 0.5e-3 * random.standard_normal(rates.shape)) / count)
+    assert (np.diff(given, axis=0) == 0.0).all(axis=1).mean() > 0.5
+    error = run(Filter(), given, accelerations)['bias'] - bias
+    assert np.sqrt(np.mean(error[1000:, :2] ** 2)) < 2.3e-3  # 2.8 to 3.4e-3 if the bus hangs
 
 
 def test_the_length_of_the_direction_moves_nothing_else(random):

@@ -31,7 +31,7 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.core.step import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
-from gyro_drift_filter.rotations import rotate
+from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES
 from support.messages import START
 from support.paths import FLIGHTS, REPOSITORY
@@ -120,6 +120,43 @@ def test_rates_that_are_not_measured_for_a_while_show_no_bias(kind, vehicle, see
     """For 0.2 s at a time: biases of 11e-3 to 0.12 rad/s were found where there is none."""
     of = started_in_motion(vehicle, seed, 0.0)
     assert largest_bias(of, unmeasured(len(of.stamps), 0.2, seed), kind) < 4.0
+
+
+@pytest.mark.parametrize('seed', [3, 6])
+def test_delays_that_lose_nothing_hide_no_bias(seed):
+    """Stamps of a callback, of which one in a hundred stalls: they may all follow a gap."""
+    of = started_in_motion('hand', seed, 2.0 * DEGREE)
+    random, count = np.random.default_rng(seed), len(of.stamps)
+    late = random.exponential(1e6, count) + (random.random(count) < 0.01) * random.exponential(
+        15e6, count
+    )
+    stamps = np.maximum.accumulate(of.stamps + late.astype(np.int64))
+    results = Filter().run(stamps, of.rates, of.accelerations)
+    across = rotate(of.orientations, results['bias'] - of.bias)[count // 2 :, :2]
+    assert np.linalg.norm(across, axis=1).mean() < 5e-3  # 5.4 to 11.2e-3 if they missed a turn
+
+
+@pytest.mark.parametrize('seed', [1, 4])
+def test_a_gap_that_begins_in_a_fast_turn_shows_no_bias(seed):
+    """The rate behind it says nothing of how far an arm has tilted."""
+    random = np.random.default_rng(seed)
+    seconds = np.arange(15_000) / 100.0
+    rates, kept = 0.1 * motion_below(0.5, random, len(seconds), 100.0), np.ones(15_000, bool)
+    for turn, begin in enumerate(np.arange(8.0, 145.0, 3.5)):
+        since = seconds - begin
+        tilt = np.radians(random.uniform(20.0, 50.0)) * (-1) ** turn
+        pulse = np.where((since >= 0.0) & (since < 0.5), 1.0 - np.cos(4.0 * np.pi * since), 0.0)
+        rates[:, turn % 2] += 2.0 * tilt * pulse
+        if turn % 2:
+            kept &= (since < 0.25) | (since >= 0.55)
+    turned = running_products(from_vectors(rates / 100.0))
+    gravity = rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
+    accelerations = gravity + 0.03 * random.standard_normal(rates.shape)
+    given = rates + 0.001 * random.standard_normal(rates.shape)
+    results = Filter().run(
+        START + np.round(1e9 * seconds[kept]).astype(np.int64), given[kept], accelerations[kept]
+    )
+    assert np.abs(results['bias']).max() < 4e-3
 
 
 def test_the_benchmark_of_unmeasured_rates_fails_where_a_bias_is_found(monkeypatch, capsys):

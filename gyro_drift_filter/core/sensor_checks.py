@@ -154,10 +154,29 @@ def _note_accelerations(checks: SensorChecks, acceleration: PerAxis) -> None:
 
 
 @kernel
+def equal_rates(checks: SensorChecks) -> int:
+    """Return how often all rates have come before in a row."""
+    equal = checks['equal']
+    return int(min(equal[0], equal[1], equal[2]))
+
+
+@kernel
 def _equal_all(checks: SensorChecks) -> int:
     """Return how often all rates and accelerations have come before in a row."""
-    equal = checks['equal']
-    return int(min(equal[0], equal[1], equal[2], checks['equal_accelerations']))
+    return min(equal_rates(checks), int(checks['equal_accelerations']))
+
+
+@kernel
+def are_rates_held(checks: SensorChecks, fastest: float) -> bool:
+    """Return whether rates that have come before are not measured: a bus hangs.
+
+    The accelerations are held as long, or the body turns at `fastest` (rad/s), which a gyroscope
+    shows by another count each time. A coarse one gives the same rates in slow motion for long.
+    """
+    resolution = checks['resolution']
+    step = max(resolution[0], resolution[1], resolution[2])
+    held = checks['equal_accelerations'] >= equal_rates(checks)
+    return bool(held or fastest > CROSS_STEPS * step)
 
 
 @kernel
@@ -270,7 +289,7 @@ def _find_frozen(checks: SensorChecks, acceleration: PerAxis, period: float) -> 
     for axis in range(3):
         if abs(acceleration[axis] - then[axis]) > LEAST_PUSH:
             checks['pushed'] = True
-    is_long = _is_long(min(equal[0], equal[1], equal[2]), period)
+    is_long = _is_long(equal_rates(checks), period)
     return is_long and bool(_is_frozen(checks) or checks['pushed'])
 
 
@@ -282,7 +301,7 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
     stays = checks['rates']
     if same:
         stays['same'] += 1
-        lasts = min(equal[0], equal[1], equal[2]) >= LONG_ZEROS
+        lasts = equal_rates(checks) >= LONG_ZEROS
         living = checks['living']
         if is_zero(rate) and lasts and living[0] and living[1] and living[2]:
             checks['gives_zeros'] = True

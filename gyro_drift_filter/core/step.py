@@ -76,6 +76,8 @@ from gyro_drift_filter.core.sample import (
     is_usable,
 )
 from gyro_drift_filter.core.sensor_checks import (
+    are_rates_held,
+    equal_rates,
     forget_turn,
     has_fault,
     may_hang,
@@ -480,34 +482,37 @@ def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterReco
 def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: MotionWorkspace) -> None:
     """Note in the workspace how the body may have turned where nobody has measured it.
 
-    A rate may be beyond the end of its range. Over samples that may be missing in a gap the body
-    may have turned at the rate that it has.
+    A rate may be beyond the end of its range. In a gap the body has turned at the rate before it or
+    behind it, whichever is larger, and over samples that only may be missing at the one behind.
     """
     period, at_limit = state['clock']['period'], state['checks']['range_end']['at_limit']
-    fastest = clipped = 0.0
+    fastest = before = clipped = 0.0
     for axis in range(3):
         rate = abs(workspace['rate'][axis])
         fastest = max(fastest, rate)
         if at_limit[axis]:
             clipped = max(clipped, rate)
-    unmeasured = _unmeasured_seconds(state, missing)
+        if missing > 0 and is_usable(state['taken'][axis]):
+            before = max(before, abs(state['taken'][axis]))
+    unmeasured = _unmeasured_seconds(state, missing, fastest)
+    missed = clipped * period * (1 + missing) + max(before, fastest) * unmeasured
+    if period * in_gap > KNOWN_TURN_SECONDS:
+        missed += fastest * period * in_gap
     workspace['fastest'], workspace['unmeasured_seconds'] = fastest, unmeasured
-    workspace['missed_turn'] = clipped * period * (1 + missing) + fastest * (
-        period * in_gap + unmeasured
-    )
+    workspace['missed_turn'] = missed
 
 
 @kernel
-def _unmeasured_seconds(state: State, missing: int) -> float:
+def _unmeasured_seconds(state: State, missing: int, fastest: float) -> float:
     """Return for how long (s) a rate has not been measured by now; 0 where that is no time.
 
-    It is no usable number, samples are missing, or all rates are those of a bus that hangs. At
-    rest a coarse gyroscope gives the same rates for as long.
+    It is no usable number, samples are missing, or a bus hangs that sends the same rates again.
+    `fastest` is the largest rate of the sample in rad/s.
     """
-    period, coasted, equal = state['clock']['period'], state['coasted'], state['checks']['equal']
+    period, coasted, checks = state['clock']['period'], state['coasted'], state['checks']
     lasted = period * (1 + max(coasted[0], coasted[1], coasted[2], missing))
-    if not state['bias']['rest']['at_rest']:
-        lasted = max(lasted, _message_period(state) * (1 + min(equal[0], equal[1], equal[2])))
+    if not state['bias']['rest']['at_rest'] and are_rates_held(checks, fastest):
+        lasted = max(lasted, _message_period(state) * (1 + equal_rates(checks)))
     if lasted <= KNOWN_TURN_SECONDS:
         return 0.0
     seconds = period * (1 + missing)

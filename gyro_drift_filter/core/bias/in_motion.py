@@ -120,7 +120,7 @@ def lose_direction(state: MotionBias) -> None:
 def miss_turn(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Take in that the body may have turned further than the rates of the workspace have shown.
 
-    What was not measured began and ended at rates that were: it has turned by the larger one.
+    What was not measured ends at a rate that is, at which it may have turned all the time.
     """
     state['missed_turn'] += workspace['missed_turn']
     state['unmeasured_seconds'] += workspace['unmeasured_seconds']
