@@ -418,6 +418,19 @@ def test_a_coarse_gyroscope_in_slow_motion_is_no_bus_that_hangs(seed):
     assert np.sqrt(np.mean(error[1000:, :2] ** 2)) < 2.3e-3  # 2.8 to 3.4e-3 if the bus hangs
 
 
+def test_below_20_hz_no_bias_is_followed_in_motion(random):
+    """From one sample to the next the body turns by nobody knows what."""
+    rates, accelerations = at_rest(random, 60)
+    turn, push = by_hand(random, 50)
+    rates[1000:] += turn
+    accelerations[1000:] += push
+    stamps = START + 10_000_000 * np.arange(len(rates))
+    for every, is_followed in ((10, False), (4, True)):
+        filter_ = Filter()
+        filter_.run(stamps[::every], rates[::every], accelerations[::every])
+        assert (filter_.state['bias']['motion']['moving_seconds'] > 0.0) == is_followed
+
+
 def test_the_length_of_the_direction_moves_nothing_else(random):
     """Beside a dense projection: nothing is uncertain along a direction of length one."""
     state, values, covariance = joint(random)

@@ -523,11 +523,11 @@ def _unmeasured_seconds(state: State, missing: int, fastest: float) -> float:
 def _follow(motion: MotionBias, sample: Sample, seconds: float, filter_: FilterRecord) -> None:
     """Update by the workspace's rates."""
     state, workspace = filter_['state'], filter_['workspace']['motion']
-    if state['result']['status'] == SampleStatus.REFUSED:
-        lose_direction(motion)  # nobody knows how the body turns about an axis without any rate
+    refused = state['result']['status'] == SampleStatus.REFUSED
+    if refused or state['clock']['period'] > KNOWN_TURN_SECONDS:
+        lose_direction(motion)  # nobody knows how the body turns from one sample to the next
         return
-    hangs = may_hang(state['checks']) or state['checks']['accelerometer_hangs']
-    if hangs or state['clock']['period'] > KNOWN_TURN_SECONDS:
+    if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
         lose_direction(motion)
     if workspace['missed_turn'] > 0.0 or motion['missed_turn'] > 0.0:
         miss_turn(motion, workspace)
