@@ -37,10 +37,11 @@ from gyro_drift_filter.doctor.rests import (
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.recordings.examined import read_recording
-from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, running_products
+from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.doctored import handled, write
 from support.paths import RECORDINGS
+from support.sensor import turning_gravity
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 TIME = 'builtin_interfaces/msg/Time'
@@ -122,7 +123,7 @@ def about_one_axis(simulation, axis, signs=(1.0, 1.0, 1.0)):
     """Return the same turned about one axis alone, which lies level."""
     only = np.eye(3)[axis] * (simulation.truth - simulation.bias)
     noise = simulation.angular_velocity - simulation.truth
-    gravity = rotate(inverse(running_products(from_vectors(only / 100.0))), UP)
+    gravity = turning_gravity(only, 100.0)
     return replace(
         simulation,
         angular_velocity=only * signs + simulation.bias + noise,

@@ -52,12 +52,11 @@ from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_varianc
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
-from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START
 from support.paths import FLIGHTS
 from support.rests import run
-from support.sensor import DEGREE, at_rest, by_hand, motion_below
+from support.sensor import DEGREE, at_rest, by_hand, motion_below, turning_gravity
 
 # The states of the motion, and the three biases at rest.
 ALL = STATES + 3
@@ -407,9 +406,7 @@ def test_a_coarse_gyroscope_in_slow_motion_is_no_bus_that_hangs(seed):
     moving = np.clip(seconds - 8.0, 0.0, 1.0)[:, None]
     rates = 0.05 * moving * motion_below(0.2, random, len(seconds), 100.0)
     rates *= 0.05 / rates[1000:].std()
-    turned = running_products(from_vectors(rates / 100.0))
-    gravity = rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
-    accelerations = gravity + 0.03 * random.standard_normal(rates.shape)
+    accelerations = turning_gravity(rates, 100.0) + 0.03 * random.standard_normal(rates.shape)
     bias = np.outer(1.0 - np.exp(-np.maximum(seconds - 8.0, 0.0) / 60.0), (6e-3, -6e-3, 0.0))
     count = 0.25 * DEGREE
     given = count * np.round((rates + bias + 0.5e-3 * random.standard_normal(rates.shape)) / count)

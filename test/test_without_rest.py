@@ -31,11 +31,11 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.core.step import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
-from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
+from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES
 from support.messages import START
 from support.paths import FLIGHTS, REPOSITORY
-from support.sensor import DEGREE, at_rest, motion_below
+from support.sensor import DEGREE, at_rest, motion_below, turning_gravity
 
 LATER = slice(round(120 * SAMPLE_RATE), None)
 # In flight and in the hand, s after the first sample.
@@ -149,9 +149,7 @@ def test_a_gap_that_begins_in_a_fast_turn_shows_no_bias(seed):
         rates[:, turn % 2] += 2.0 * tilt * pulse
         if turn % 2:
             kept &= (since < 0.25) | (since >= 0.55)
-    turned = running_products(from_vectors(rates / 100.0))
-    gravity = rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
-    accelerations = gravity + 0.03 * random.standard_normal(rates.shape)
+    accelerations = turning_gravity(rates, 100.0) + 0.03 * random.standard_normal(rates.shape)
     given = rates + 0.001 * random.standard_normal(rates.shape)
     results = Filter().run(
         START + np.round(1e9 * seconds[kept]).astype(np.int64), given[kept], accelerations[kept]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
 from gyro_drift_filter.simulation.experiments import autoregressive
 
 # As of the ADIS16405 at 100 Hz, in rad/s.
@@ -56,6 +57,12 @@ def motion_below(hertz: float, random: np.random.Generator, n: int, rate: float)
     """Return rates (n, 3) of random motion up to a frequency in Hz, of any size."""
     sections = signal.butter(3, hertz, fs=rate, output='sos')
     return np.asarray(signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0))
+
+
+def turning_gravity(rates: Array, rate: float) -> Array:
+    """Return gravity (n, 3) in the axes of a body that turns at rates (n, 3) from upright on."""
+    turned = running_products(from_vectors(rates / rate))
+    return rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
 
 
 def fast_turn(n: int, rate: float) -> Array:
