@@ -120,7 +120,7 @@ def lose_direction(state: MotionBias) -> None:
 def miss_turn(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Take in that the body may have turned further than the rates of the workspace have shown.
 
-    What was not measured ends at a rate that is, at which it may have turned all the time.
+    How far it may have turned without rates, the first rate behind that time says as well.
     """
     state['missed_turn'] += workspace['missed_turn']
     state['unmeasured_seconds'] += workspace['unmeasured_seconds']
@@ -249,9 +249,9 @@ def _end_block(
     expect_mean_velocity(state, workspace)
     if state['wide']:
         expect_length(state, workspace)
-    else:
-        normalise_direction(state, workspace)
-    if not state['wide'] and state['speed_deviation'] > LARGEST_SPEED:
+        return
+    normalise_direction(state, workspace)
+    if state['speed_deviation'] > LARGEST_SPEED:
         state['speed_deviation'] = SPEED
         lose_direction(state)
 
