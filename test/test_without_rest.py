@@ -188,6 +188,16 @@ def test_a_plain_kalman_filter_has_it_too(walk):
     assert filter_.state['bias']['corrected'] > 0
 
 
+@pytest.mark.parametrize('method', ['kalman', 'sage_husa'])
+def test_samples_that_the_papers_filters_lag_behind_show_it(method):
+    """They flag most samples of a hand; with its own estimate for them 2 to 6 deg/s were left."""
+    of = started_in_motion('hand', 6, 2.0 * DEGREE)
+    results = Filter(Parameters(method=method)).run(of.stamps, of.rates, of.accelerations)
+    assert results['outlier'][LATER].mean() > 0.1
+    across = rotate(of.orientations, results['bias'] - of.bias)[-6000:, :2]
+    assert np.linalg.norm(across, axis=1).mean() < 0.7 * DEGREE
+
+
 def test_without_an_accelerometer_nothing_is_shown(walk):
     for silent in (0.0, np.nan):
         filter_ = Filter()

@@ -456,15 +456,18 @@ def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
 
 @kernel
 def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
-    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier."""
+    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
+
+    A rate that a method has flagged for its own lag was measured all the same.
+    """
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
-    workspace['sound'] = True
+    workspace['sound'], flags_motion = True, methods.flags_motion(filter_)
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
-        if result['outlier'][axis] > 0.0:
+        if result['outlier'][axis] > 0.0 and not (flags_motion and is_usable(rate)):
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate

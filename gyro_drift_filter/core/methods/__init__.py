@@ -40,8 +40,8 @@ for what is counted per sample, `start_over`, `learned_noise`, `noise_block_seco
 `is_noise_known` for noise that is learned (`is_noise_known` is asked after `update`, but is about
 the innovation variance that was predicted before), `divergences` for a method that starts anew
 where it has diverged, `reason`, `innovation_limits` and `is_undecided` for one that judges samples
-by several rules, `change_model` for what parameters replace, and `take_over` for a start at the
-rate of another method.
+by several rules, `flags_motion` for one that does not, `change_model` for what parameters replace,
+and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of the seven listed first, also where it
@@ -292,6 +292,15 @@ def is_undecided(filter_: 'FilterRecord', axis: int) -> bool:
         reason = filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
         return bool(reason == reasons.Reason.REPEATED)
     return False
+
+
+@kernel
+def flags_motion(filter_: 'FilterRecord') -> bool:
+    """Return whether a sample may be flagged for no more than that the estimate lags in motion.
+
+    The paper's test on the square of a rate knows nothing of what a body can do.
+    """
+    return bool(filter_['settings']['method'] != ADAPTIVE)
 
 
 @kernel
