@@ -44,6 +44,7 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.scale || status=1; \
 	$(BIN)/python -m benchmark.without_rest --check || status=1; \
 	$(BIN)/python -m benchmark.unmeasured --check || status=1; \
+	$(BIN)/python -m benchmark.contradictions --check || status=1; \
 	exit $$status
 
 coverage: compile

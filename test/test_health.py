@@ -121,6 +121,11 @@ CASES = {
         {'acceleration_at_rest': 9.9},
         'the acceleration at rest is 1, where gravity is 9.81 m/s^2',
     ),
+    'contradicts gravity': (
+        {'contradicts_gravity': True},
+        {'bias_corrected': True},
+        'are the axes of both sensors the same',
+    ),
     'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
     'taken for a turn': (
         {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 121.0},
@@ -755,6 +760,7 @@ def test_telemetry_is_that_of_the_state(random):
         'divergences': [axis['divergences'] for axis in state['methods']['paper']],
         'stuck': checks['stuck'],
         'accelerometer_hangs': checks['accelerometer_hangs'],
+        'contradicts_gravity': bias['contradicts'],
         'all_zero': not checks['measured'].any(),
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],

@@ -18,8 +18,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from benchmark import contradictions as contradictions_benchmark
 from benchmark import unmeasured as unmeasured_benchmark
 from benchmark import without_rest as benchmark
+from benchmark.contradictions import ACCELEROMETERS, last_bias
 from benchmark.unmeasured import largest_bias, unmeasured
 from benchmark.without_rest import (
     SAMPLE_RATE,
@@ -162,6 +164,48 @@ def test_the_benchmark_of_unmeasured_rates_fails_where_a_bias_is_found(monkeypat
         monkeypatch.setattr(unmeasured_benchmark, 'largest_bias', lambda *given: found)  # noqa: B023
         assert unmeasured_benchmark.main(['--only', 'hand', '--seeds', '1', '--check']) == status
     assert 'FALLS SHORT  held: a bias of 6.0e-3 rad/s is found' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('vehicle', VEHICLES)
+def test_the_motion_of_one_body_is_no_contradiction(vehicle):
+    of = started_in_motion(vehicle, 3, 2.0 * DEGREE)
+    filter_ = Filter()
+    for first in range(0, len(of.stamps), 200):
+        part = slice(first, first + 200)
+        filter_.run(of.stamps[part], of.rates[part], of.accelerations[part])
+        assert not filter_.state['bias']['contradicts']
+        assert filter_.state['bias']['wide_prior']['innovation_square'] < 1.0
+
+
+@pytest.mark.parametrize('seed', [1, 9, 25])
+def test_an_accelerometer_with_other_axes_shows_no_bias(seed):
+    """It had a drone find 6.5 deg/s where there is none."""
+    of = started_in_motion('drone', seed, 0.0)
+    assert last_bias(of, ACCELEROMETERS['axes y, z, x'](of.accelerations)) < 1.0
+
+
+@pytest.mark.parametrize('seed', [1, 6])
+def test_an_accelerometer_that_is_sound_again_shows_the_bias(seed):
+    """What the other one has shown is forgotten: 5 deg/s were left in."""
+    of = started_in_motion('hand', seed, 2.0 * DEGREE)
+    accelerations, change = of.accelerations.copy(), round(80 * SAMPLE_RATE)
+    accelerations[:change] = accelerations[:change, [1, 2, 0]]
+    filter_ = Filter()
+    before = filter_.run(of.stamps[:change], of.rates[:change], accelerations[:change])['bias'][-1]
+    assert filter_.state['bias']['contradicts']
+    np.testing.assert_allclose(before, 0.0, atol=5e-3)
+    after = filter_.run(of.stamps[change:], of.rates[change:], accelerations[change:])['bias']
+    assert not filter_.state['bias']['contradicts']
+    across = rotate(of.orientations[change:], after - of.bias[change:])[-3000:, :2]
+    assert np.linalg.norm(across, axis=1).mean() < 0.5 * DEGREE
+
+
+def test_the_benchmark_of_contradictions_fails_where_a_bias_is_found(monkeypatch, capsys):
+    for found, status in ((0.9, 0), (1.2, 1)):
+        monkeypatch.setattr(contradictions_benchmark, 'last_bias', lambda *given: found)  # noqa: B023
+        arguments = ['--only', 'hand', '--seeds', '1', '--check']
+        assert contradictions_benchmark.main(arguments) == status
+    assert 'FALLS SHORT  axes y, z, x: a bias of 1.20 deg/s is found' in capsys.readouterr().out
 
 
 def test_the_next_run_begins_with_what_motion_has_shown(walk):

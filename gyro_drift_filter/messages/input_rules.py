@@ -281,6 +281,13 @@ INPUT_RULES = (
     ),
     Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
+        'contradicts gravity',
+        lambda span: span.now.telemetry.contradicts_gravity,
+        'rates and accelerations are not those of one motion: are the axes of both sensors the '
+        'same, with the same signs, and are both as fast? Let it stand still for some seconds; '
+        'until then no bias is found',
+    ),
+    Rule(
         'clipped',
         lambda span: has_grown(span, 'clipped'),
         'a fast rate stays where it is, without noise: the end of the measuring range; choose a '

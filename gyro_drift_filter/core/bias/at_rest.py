@@ -102,7 +102,10 @@ def start_bias(
         if not variance[axis] < np.inf:
             state['known'] = False
             state['variance'][axis] = turn_on_deviation * turn_on_deviation
+        state['assumed_bias'][axis] = state['bias'][axis]
+        state['assumed_variance'][axis] = state['variance'][axis]
         state['provisional_variance'][axis] = 0.0
+    state['contradicts'] = False
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = 1.0

@@ -71,10 +71,11 @@ DIRECTION_WALK, VELOCITY_WALK, VIBRATION_SECONDS = 1e-3, 0.05, 0.3
 NONLINEARITY = 0.002
 LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one, with a wide prior
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
-# speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s. A body that walks and turns
+# speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s, and so are the innovations
+# over INNOVATION_MEMORY s. A body that walks and turns
 # has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
 # in m/s^2, of 0.7 m/s at 0.7 rad/s.
-WIDE_SPEED_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 0.5
+WIDE_SPEED_MEMORY, INNOVATION_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 10.0, 0.5
 
 
 class MotionWorkspace(TypedDict):
@@ -206,7 +207,11 @@ def expect_mean_velocity(state: MotionBias, workspace: MotionWorkspace) -> None:
         )
         for k in range(STATES):
             workspace['gain'][k] = (covariance[k, i] - covariance[k, mean]) / innovation_variance
-        _correct(state, workspace, vector[mean] - vector[i], innovation_variance)
+        innovation = vector[mean] - vector[i]
+        if state['wide']:
+            square = innovation * innovation / innovation_variance - state['innovation_square']
+            state['innovation_square'] += seconds / INNOVATION_MEMORY * square / 3.0
+        _correct(state, workspace, innovation, innovation_variance)
 
 
 @kernel

@@ -73,6 +73,9 @@ class MotionBias(TypedDict):
     vertical_angle: float  # rad, by which the body has turned about the vertical
     carried: float  # m/s, of the acceleration along the vertical: gravity, on the mean
     wide: bool  # all of the bias is tracked, whatever its variance, at the speed of a hand
+    # mean of the last normalised innovations squared, of a wide prior: 1 and less where rates and
+    # accelerations are of one motion
+    innovation_square: float
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
     missed_turn: float  # rad, that the rates may not have shown since they were last sound

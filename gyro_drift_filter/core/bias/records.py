@@ -65,6 +65,10 @@ class Bias(TypedDict):
     provisional_variance: PerAxis
     motion: MotionBias  # the bias in motion
     wide_prior: MotionBias  # the same from a wide prior, while there is nothing else
+    # those that the wide prior began with, in rad/s and (rad/s)^2
+    assumed_bias: PerAxis
+    assumed_variance: PerAxis
+    contradicts: bool  # rates and accelerations are not of one motion, before any rest
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
     walk: float  # share of the random walk's variance that the bias takes
     process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment

@@ -72,6 +72,7 @@ def start_wide_prior(state: MotionBias, bias: PerAxis, variance: PerAxis) -> Non
     state['wide'] = True
     start_motion_bias(state, bias, variance)
     state['speed_deviation'] = SPEED
+    state['innovation_square'] = 0.0
 
 
 @kernel

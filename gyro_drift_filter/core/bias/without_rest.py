@@ -22,7 +22,9 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 - across the vertical of the body, as it was on the mean of the motion, unless it leans far;
 - after so much motion that accelerations have come and gone;
 - where it is far enough from what is subtracted: by more, the faster the body is, and the more it
-  turns one way.
+  turns one way;
+- while rates and accelerations are those of one motion. An accelerometer with other axes, or one
+  that is late, contradicts the gyroscope, and what explains that best is no bias.
 """
 
 import math
@@ -32,10 +34,11 @@ from gyro_drift_filter.core.bias.in_motion import (
     LARGEST_GRAVITY_SHARE,
     LEAST_GRAVITY_SHARE,
     MOTION_BLOCK_SECONDS,
+    lose_direction,
 )
 from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
 from gyro_drift_filter.core.bias.records import Bias
-from gyro_drift_filter.core.bias.shared import start_motion_bias
+from gyro_drift_filter.core.bias.shared import start_motion_bias, start_wide_prior
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
@@ -54,6 +57,10 @@ LASTING_TILT = 0.05
 # than one where the body leans to all sides: by 26 degrees on the mean, about which gravity shows
 # the bias about the vertical, too.
 VERTICAL_MEMORY, LEANING = 120.0, 0.9
+# The mean normalised innovation squared above which rates and accelerations contradict each other,
+# that is two deviations, and below which they do no more. A velocity lasts, so that those of one
+# motion stay below 1: the simulated vehicles and the real hands reach 0.8.
+LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 4.0, 1.0
 
 Vector = tuple[float, float, float]
 
@@ -67,6 +74,9 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     wide_prior = state['wide_prior']
     # Once for each block of motion, as it has ended.
     if not wide_prior['moving'] or wide_prior['samples'] > 0 or wide_prior['block_seconds'] > 0.0:
+        return
+    if _contradicts(state):
+        _take_back(state)
         return
     seconds = min(wide_prior['moving_seconds'], VERTICAL_MEMORY)
     share = MOTION_BLOCK_SECONDS / max(seconds, MOTION_BLOCK_SECONDS)
@@ -97,6 +107,35 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     if changed:
         state['corrected'] += 1
         _start_anew(state)
+
+
+@kernel
+def _contradicts(state: Bias) -> bool:
+    """Return whether rates and accelerations can't be those of one body's motion.
+
+    What was learned of them is forgotten then, as it would go on to contradict sound ones.
+    """
+    wide_prior = state['wide_prior']
+    square = wide_prior['innovation_square']
+    if square > LARGEST_INNOVATION_SQUARE:
+        state['contradicts'] = True
+        start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
+        lose_direction(wide_prior)
+    elif wide_prior['moving_seconds'] >= LEAST_MOTION and square < USUAL_INNOVATION_SQUARE:
+        state['contradicts'] = False
+    return state['contradicts']
+
+
+@kernel
+def _take_back(state: Bias) -> None:
+    """Undo what motion has shown, if it has."""
+    if state['corrected'] == 0:
+        return
+    state['corrected'] = 0
+    for axis in range(3):
+        state['bias'][axis] = state['assumed_bias'][axis]
+        state['variance'][axis] = state['assumed_variance'][axis]
+    start_motion_bias(state['motion'], state['bias'], state['variance'])
 
 
 @kernel
@@ -148,7 +187,8 @@ def _error_variance(state: MotionBias, variance: float) -> float:
     """Return the variance of an error in (rad/s)^2, by what the filter takes it for."""
     share = ERROR_SHARE * max(state['speed_deviation'], LEAST_SPEED) / SPEED
     turning = LASTING_TILT * state['vertical_angle'] / state['moving_seconds']
-    return share * share * variance + turning * turning
+    own = max(state['innovation_square'], 1.0) * variance
+    return share * share * own + turning * turning
 
 
 @kernel

@@ -1,0 +1,88 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bias that is found beside an accelerometer that contradicts the gyroscope, without any rest.
+
+    python -m benchmark.contradictions [--seeds N] [--only NAME ...] [--check]
+
+Vehicles that have no bias are switched on while they move, as in `benchmark.without_rest`. Their
+accelerometer has other axes than the gyroscope, or is late. What explains that best is a bias. The
+table has the largest mean over the last minute of any ride, in deg/s, and in the last row that of
+the same rides with sound accelerometers.
+"""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.vehicles import parsed, tell_misses
+from benchmark.without_rest import SAMPLE_RATE, started_in_motion
+from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Filter
+from gyro_drift_filter.simulation.sensor import DEGREE
+from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride
+
+Array = NDArray[np.float64]
+
+LAST = round(60.0 * SAMPLE_RATE)
+# A car shows no bias that is worth anything before it has driven for minutes.
+NAMES = [name for name in VEHICLES if name != 'car']
+LARGEST = 1.0  # deg/s
+
+
+def late(accelerations: Array, seconds: float) -> Array:
+    """Return accelerations (n, 3) so many s later."""
+    index = np.arange(len(accelerations)) - round(seconds * SAMPLE_RATE)
+    return accelerations[np.maximum(index, 0)]
+
+
+ACCELEROMETERS: Mapping[str, Callable[[Array], Array]] = {
+    'axes y, z, x': lambda accelerations: accelerations[:, [1, 2, 0]],
+    'axes y, x, z': lambda accelerations: accelerations[:, [1, 0, 2]],
+    'axes -x, y, z': lambda accelerations: accelerations * [-1.0, 1.0, 1.0],
+    'late by 0.15 s': lambda accelerations: late(accelerations, 0.15),
+    'sound': lambda accelerations: accelerations,
+}
+
+
+def last_bias(of: Ride, accelerations: Array) -> float:
+    """Return the size of the mean error of the bias over the last minute, in deg/s."""
+    biases = Filter().run(of.stamps, of.rates, accelerations)['bias']
+    return float(np.linalg.norm((biases - of.bias)[-LAST:].mean(axis=0))) / DEGREE
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; return 1 where a bar is checked and does not hold."""
+    options = parsed(__doc__, arguments, NAMES)
+    rows, missed = [['accelerometer', *options.only]], []
+    found: dict[str, list[float]] = {name: [] for name in ACCELEROMETERS}
+    for vehicle in options.only:
+        tell(f'riding: {vehicle} ...')
+        rides = [started_in_motion(vehicle, seed, 0.0) for seed in range(options.seeds)]
+        for name, accelerometer in ACCELEROMETERS.items():
+            biases = [last_bias(of, accelerometer(of.accelerations)) for of in rides]
+            found[name].append(max(biases))
+    for name, largest in found.items():
+        rows.append([name, *(f'{bias:.2f}' for bias in largest)])
+        if max(largest) > LARGEST:
+            missed.append(f'{name}: a bias of {max(largest):.2f} deg/s is found')
+    print(table(rows))
+    return tell_misses(missed, options.check)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
