@@ -205,6 +205,16 @@ def test_a_memory_that_does_not_fit_is_told_and_replaced(tmp_path, random, caplo
     assert not (tmp_path / 'other').exists()
 
 
+def test_a_bias_that_a_later_recording_has_left_is_told(tmp_path, random, caplog):
+    """As where a chain of recordings is replayed once more with the file of the first time."""
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 20))})
+    memory = tmp_path / 'bias.json'
+    for name in ('first', 'again'):
+        assert 'after the start of this recording' not in caplog.text
+        replay(source, tmp_path / name, parameters=Parameters(), memory=memory)
+    assert 'is from 20 s after the start of this recording: remove the file' in caplog.text
+
+
 def test_the_bias_of_another_frame_is_not_kept(tmp_path, random, caplog):
     first = imus(*at_rest(random, 10, (0.01, 0.02, 0.03)))
     rates, accelerations = at_rest(random, 10, (-0.05, 0.05, 0.05))

@@ -78,8 +78,15 @@ class ReplayBiasMemory:
         except MemoryFileError as error:
             _log.warning('the bias of the last recording is not used: %s', error)
             return
-        if self._recalled is not None:
-            self._recalled.give(self._filter)
+        if self._recalled is None:
+            return
+        if self._recalled.age < 0.0:
+            _log.warning(
+                'the bias of %s is from %.0f s after the start of this recording: remove the file '
+                'to begin without one',
+                *(self._path, -self._recalled.age),
+            )
+        self._recalled.give(self._filter)
 
     def save(self) -> None:
         """Write what was learned, if anything was.

@@ -65,7 +65,7 @@ class RememberedBias:
         deviation: (3,) its standard deviation in rad/s.
         shift: Of the bias in motion from that at rest.
         provisional: No rest has shown it, neither in that run nor before.
-        age: Since it was written, in s.
+        age: Since it was written, in s; negative where that lies ahead.
     """
 
     bias: Sequence[float]
@@ -183,7 +183,7 @@ def recall(
         )
     if max(map(abs, bias)) > largest:
         raise MemoryFileError(f'{path} holds {list(bias)} rad/s, which is beyond bias.max')
-    return RememberedBias(bias, deviation, shift, provisional, max(age, 0.0))
+    return RememberedBias(bias, deviation, shift, provisional, age)
 
 
 def remember(

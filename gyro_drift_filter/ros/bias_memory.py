@@ -75,7 +75,7 @@ class NodeBiasMemory:
         self._recalled = found
         found.give(self._filter)
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
-        hours = found.age / 3600.0
+        hours = max(found.age, 0.0) / 3600.0  # a clock may have been set back
         ago = f'{hours:.1f} h' if hours >= 1.0 else f'{60.0 * hours:.0f} min'
         log.info(f'bias of {ago} ago, {degrees} deg/s, from {path}')
 
