@@ -30,6 +30,7 @@ from benchmark.without_rest import (
     started_in_motion,
 )
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.bias.motion_state import BIAS
 from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.core.step import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
@@ -198,6 +199,24 @@ def test_an_accelerometer_that_is_sound_again_shows_the_bias(seed):
     assert not filter_.state['bias']['contradicts']
     across = rotate(of.orientations[change:], after - of.bias[change:])[-3000:, :2]
     assert np.linalg.norm(across, axis=1).mean() < 0.5 * DEGREE
+
+
+def test_a_search_that_begins_anew_keeps_what_the_temperature_has_moved(walk):
+    filter_ = Filter(Parameters(bias_temperature_coefficient=2e-3))
+    state = filter_.state['bias']
+    for temperature in (20.0, 60.0):
+        filter_.note_temperature(temperature)
+    widened = float(state['process_noise'])
+    assert widened > 5e-3
+    for first in range(0, len(walk.stamps), 40):
+        part = slice(first, first + 40)
+        filter_.run(walk.stamps[part], walk.rates[part], walk.accelerations[part][:, [1, 2, 0]])
+        if state['contradicts']:
+            break
+    wide_prior, turn_on = state['wide_prior'], filter_.parameters.bias_turn_on_deviation
+    variance = wide_prior['covariance'][BIAS, BIAS] + wide_prior['pending_process_noise']
+    assert state['contradicts']
+    assert variance >= turn_on**2 + widened
 
 
 def test_the_benchmark_of_contradictions_fails_where_a_bias_is_found(monkeypatch, capsys):

@@ -120,6 +120,7 @@ def _contradicts(state: Bias) -> bool:
     if square > LARGEST_INNOVATION_SQUARE:
         state['contradicts'] = True
         start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
+        wide_prior['pending_process_noise'] = state['process_noise']
         lose_direction(wide_prior)
     elif wide_prior['moving_seconds'] >= LEAST_MOTION and square < USUAL_INNOVATION_SQUARE:
         state['contradicts'] = False
