@@ -27,6 +27,7 @@ from benchmark.without_rest import (
     SAMPLE_RATE,
     SECONDS,
     errors_across,
+    errors_of,
     started_in_motion,
 )
 from gyro_drift_filter.core import Filter, Parameters
@@ -63,6 +64,18 @@ def test_gravity_shows_the_bias_of_who_never_rests(vehicle):
 def test_who_never_rests_and_has_no_bias_is_not_given_one(vehicle):
     errors = errors_across(started_in_motion(vehicle, 3, 0.0), True)
     assert errors[LATER].mean() < 3.0
+
+
+@pytest.mark.parametrize('vehicle', VEHICLES)
+def test_what_gravity_does_not_show_stays_uncertain(vehicle):
+    """The bias about the vertical was up to ten of its published deviations off."""
+    for seed in range(4):
+        of = started_in_motion(vehicle, seed, 2.0 * DEGREE)
+        filter_ = Filter()
+        errors_of(of, filter_)
+        assert filter_.state['bias']['corrected'] > 0
+        error = filter_.state['bias']['bias'] - of.bias[-1]
+        assert np.all(np.abs(error) < 3.0 * filter_.bias_deviation)
 
 
 def run(of, filter_, seconds=SECONDS):

@@ -102,11 +102,13 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     sine, cosine = math.sin(angle), math.cos(angle)
     changed = _correct_along(state, _combine(cosine, first, sine, second), bias_max)
     changed = _correct_along(state, _combine(-sine, first, cosine, second), bias_max) or changed
+    unseen = up
     if length < LEANING:
         changed = _correct_along(state, up, bias_max) or changed
+        unseen = (0.0, 0.0, 0.0)
     if changed:
         state['corrected'] += 1
-        _start_anew(state)
+        _start_anew(state, unseen)
 
 
 @kernel
@@ -212,11 +214,15 @@ def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
 
 
 @kernel
-def _start_anew(state: Bias) -> None:
-    """Follow the bias in motion from the corrected one, and by the direction that led to it."""
+def _start_anew(state: Bias, unseen: Vector) -> None:
+    """Follow the bias in motion from the corrected one, and by the direction that led to it.
+
+    About the direction `unseen`, of length one or zero, it is as uncertain as before.
+    """
     motion, wide_prior = state['motion'], state['wide_prior']
     for axis in range(3):
         variance = _error_variance(wide_prior, wide_prior['covariance'][BIAS + axis, BIAS + axis])
+        variance += unseen[axis] * unseen[axis] * state['variance'][axis]
         state['variance'][axis] = min(state['variance'][axis], variance)
     start_motion_bias(motion, state['bias'], state['variance'])
     motion['speed_deviation'] = SPEED
