@@ -219,6 +219,19 @@ def test_slow_turns_that_are_faster_each_time_are_no_warm_up(turns, random):
     assert np.abs(results['bias'][ends, 2]).max() < 0.1 * DEGREE
 
 
+@pytest.mark.parametrize(
+    ('speed', 'seconds', 'stop'), [(4.0, 8.0, 2.0), (2.0, 10.0, 1.8), (3.0, 30.0, 2.5)]
+)
+def test_a_turn_that_stops_again_and_again_is_no_bias(speed, seconds, stop, random):
+    """As of an indexing table: its turns were summed up, and taken for the bias after 90 s."""
+    parts = [at_rest(random, 20)]
+    for _ in range(round(200 / seconds)):
+        parts += [at_rest(random, seconds, (0.0, 0.0, speed * DEGREE)), at_rest(random, stop)]
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias']).max() < 0.1 * DEGREE
+
+
 @pytest.mark.parametrize('speed', [1.0, 3.0, 9.0])
 def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, random):
     """After a minute and a half nothing tells the one from the other; the end of it does."""

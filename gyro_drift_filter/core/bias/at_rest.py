@@ -43,9 +43,11 @@ from gyro_drift_filter.core.bias.shared import learn_at_rest, start_motion_bias,
 from gyro_drift_filter.core.bias.shift import limit_shift
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
+    end_stopped_turn,
     forget_slow_turn,
     interrupt_slow_turn,
     note_fast_turn,
+    note_stop,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.gate import is_beyond_gate
@@ -199,9 +201,11 @@ def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None
     hand_on_block(rest, other['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
+    note_stop(state, lengths)
     stood = _note_hinted_stand(state, lengths)
     found = close_block(rest, lengths)
     rest['hinted_motion'] = False
+    end_stopped_turn(state['turn'], rest['run'])
     if finds_other_segment(rest, other, lengths):
         confirm_other_noise(rest, other, lengths, may_be_bias(state, other['rest']))
     take_standing(state, lengths['block_seconds'], settings['bias_max'])

@@ -54,6 +54,9 @@ FASTEST_WARM_UP = 5.8e-4
 # be a turn about the vertical: no vehicle without wings leans by 30 degrees and keeps leaning.
 LEAST_ANGLE = 0.06  # rad
 LEAST_SHARE_ACROSS = 0.5
+# A turn that stops has the bias that is known, in so many still blocks in a row at least, which are
+# half a second. Such a stop is too short for a segment of rest.
+STOP_BLOCKS = 4
 # The bias that was given up is back where the rate is so near it, as a share of the way from there.
 BACK_SHARE = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.
@@ -77,6 +80,7 @@ class SlowTurn(TypedDict):
     moves: bool  # it has moved on meanwhile
     turned: float  # rad, by which the body has turned since, at rates that no bias has
     returns: int  # how often it has stood again with this rate after such a turn
+    blocks_at_bias: int  # in a row, up to now, in which the rate was the bias that is known
     # the stillness under way, for as long as it has had this rate and gravity has stood
     standing_seconds: float
     angle: PerAxis  # rad, by which the body would have turned
@@ -104,6 +108,7 @@ def forget_slow_turn(turn: SlowTurn) -> None:
     turn['moves'] = False
     turn['turned'] = 0.0
     turn['returns'] = 0
+    turn['blocks_at_bias'] = 0
     interrupt_slow_turn(turn)
 
 
@@ -130,6 +135,32 @@ def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: f
         differs = differs or is_beyond_gate(mean - turn['rate'][axis], SAME_TURN_GATE, scatter)
     if rate > bias_max and differs:
         turn['turned'] += rate * lengths['block_seconds']
+
+
+@kernel
+def note_stop(state: 'Bias', lengths: RestLengths) -> None:
+    """Note whether the full block has the bias that is known, in the midst of a slow turn."""
+    turn, rest = state['turn'], state['rest']
+    if turn['seconds'] == 0.0 or not is_block_filled(rest, lengths):
+        turn['blocks_at_bias'] = 0
+        return
+    at_bias, differs = True, False
+    for axis in range(3):
+        mean, scatter = block_mean(rest, axis), rest['signals'][axis]['scatter']
+        spread = largest_bias_variance(state, axis) + scatter
+        at_bias = at_bias and not is_beyond_gate(mean - state['bias'][axis], GATE, spread)
+        differs = differs or is_beyond_gate(mean - turn['rate'][axis], SAME_TURN_GATE, spread)
+    turn['blocks_at_bias'] = turn['blocks_at_bias'] + 1 if at_bias and differs else 0
+
+
+@kernel
+def end_stopped_turn(turn: SlowTurn, still_blocks: int) -> None:
+    """Forget the turn if the body has stopped, as a bias that has jumped does not come back.
+
+    So many `still_blocks` there are in a row by now.
+    """
+    if min(turn['blocks_at_bias'], still_blocks) >= STOP_BLOCKS:
+        forget_slow_turn(turn)
 
 
 @kernel
