@@ -245,7 +245,8 @@ class Parameters:
         'A sample is held back where its innovation is beyond both outlier.threshold and what the '
         'body could reach in one sample period with this angular acceleration; below 50 Hz more, '
         'as less of a motion is foreseen. While the sensor stands still, a smaller limit takes the '
-        'place of this one. What no body does is held back anyway. For adaptive.',
+        'place of this one. What no body does is held back anyway. For adaptive; with the other '
+        'methods it tells which of the samples that they flag show the bias in motion.',
         unit='rad/s^2',
         low=0.0,
         high=1.0e6,

@@ -252,6 +252,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
         limit_prior(bias['motion'])
     if not has_bias(bias):
         doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
+        bias['contradicts'] = False
 
 
 @kernel
@@ -458,21 +459,24 @@ def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
 def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
     """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
 
-    A rate that a method has flagged for its own lag was measured all the same.
+    A rate that a method has flagged for its own lag was measured all the same, if a body can have
+    come to it since the sample before.
     """
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
         return  # there is no accelerometer
+    seconds = state['clock']['period'] * (1 + missing)
+    largest_change = filter_['settings']['outlier_acceleration'] * seconds
     workspace['sound'], flags_motion = True, methods.flags_motion(filter_)
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
-        if result['outlier'][axis] > 0.0 and not (flags_motion and is_usable(rate)):
+        follows = abs(rate - state['taken'][axis]) <= largest_change  # False for NaN
+        if result['outlier'][axis] > 0.0 and not (flags_motion and follows):
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
     _note_missed_turn(missing, in_gap, state, workspace)
-    seconds = state['clock']['period'] * (1 + missing)
     _follow(bias['motion'], sample, seconds, filter_)
     if not has_bias(bias):
         if has_fault(state['checks']):

@@ -87,8 +87,15 @@ class Examined:
 
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
-    'degrees': {'noise in degrees', 'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
-    'noise in degrees': {'beyond bias.max', 'rests', 'clipped', _INVENTED_RATE},
+    'degrees': {
+        *('noise in degrees', 'beyond bias.max', 'rests', 'clipped', 'contradicts gravity'),
+        _INVENTED_RATE,
+    },
+    'noise in degrees': {
+        *('beyond bias.max', 'rests', 'clipped', 'contradicts gravity'),
+        _INVENTED_RATE,
+    },
+    'axes': {'contradicts gravity'},
     'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},

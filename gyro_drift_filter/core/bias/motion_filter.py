@@ -72,9 +72,8 @@ NONLINEARITY = 0.002
 LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one, with a wide prior
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
 # speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s, and so are the innovations
-# over INNOVATION_MEMORY s. A body that walks and turns
-# has an acceleration that is constant in its own axes, like an accelerometer's bias: the deviation
-# in m/s^2, of 0.7 m/s at 0.7 rad/s.
+# over INNOVATION_MEMORY s. A body that walks and turns has an acceleration that is constant in its
+# own axes, like an accelerometer's bias: the deviation in m/s^2, of 0.7 m/s at 0.7 rad/s.
 WIDE_SPEED_MEMORY, INNOVATION_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 10.0, 0.5
 
 

@@ -55,8 +55,8 @@ FASTEST_WARM_UP = 5.8e-4
 LEAST_ANGLE = 0.06  # rad
 LEAST_SHARE_ACROSS = 0.5
 # A turn that stops has the bias that is known, in so many still blocks in a row at least, which are
-# half a second. Such a stop is too short for a segment of rest.
-STOP_BLOCKS = 4
+# a second: half of a segment of rest. A smooth motion may have that rate for half a second.
+STOP_BLOCKS = 8
 # The bias that was given up is back where the rate is so near it, as a share of the way from there.
 BACK_SHARE = 0.1
 # A rate lies where the bias can be within so many deviations; the part across it lies beyond.

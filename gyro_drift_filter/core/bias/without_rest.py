@@ -58,9 +58,10 @@ LASTING_TILT = 0.05
 # the bias about the vertical, too.
 VERTICAL_MEMORY, LEANING = 120.0, 0.9
 # The mean normalised innovation squared above which rates and accelerations contradict each other,
-# that is two deviations, and below which they do no more. A velocity lasts, so that those of one
-# motion stay below 1: the simulated vehicles and the real hands reach 0.8.
-LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 4.0, 1.0
+# which is an error of three deviations, and below which they do no more. A velocity lasts, so that
+# those of one motion are below 1: the simulated vehicles and the real hands reach 0.8, and 4 where
+# the bias is so large that it takes minutes to be found.
+LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 9.0, 1.0
 
 Vector = tuple[float, float, float]
 
@@ -75,14 +76,14 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     # Once for each block of motion, as it has ended.
     if not wide_prior['moving'] or wide_prior['samples'] > 0 or wide_prior['block_seconds'] > 0.0:
         return
-    if _contradicts(state):
-        _take_back(state)
-        return
     seconds = min(wide_prior['moving_seconds'], VERTICAL_MEMORY)
     share = MOTION_BLOCK_SECONDS / max(seconds, MOTION_BLOCK_SECONDS)
     for axis in range(3):
         step = wide_prior['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
+    if _contradicts(state):
+        _take_back(state)
+        return
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
     length = vector_length(x, y, z)
     if wide_prior['moving_seconds'] < LEAST_MOTION or length == 0.0:
@@ -115,30 +116,33 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
 def _contradicts(state: Bias) -> bool:
     """Return whether rates and accelerations can't be those of one body's motion.
 
-    What was learned of them is forgotten then, as it would go on to contradict sound ones.
+    What was learned of them is forgotten then, as it would go on to contradict sound ones. Nothing
+    is said before a large bias has been found, as it contradicts them, too.
     """
     wide_prior = state['wide_prior']
     square = wide_prior['innovation_square']
+    if wide_prior['moving_seconds'] < LEAST_MOTION:
+        return state['contradicts']
     if square > LARGEST_INNOVATION_SQUARE:
         state['contradicts'] = True
         start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
         wide_prior['pending_process_noise'] = state['process_noise']
         lose_direction(wide_prior)
-    elif wide_prior['moving_seconds'] >= LEAST_MOTION and square < USUAL_INNOVATION_SQUARE:
+    elif square < USUAL_INNOVATION_SQUARE:
         state['contradicts'] = False
     return state['contradicts']
 
 
 @kernel
 def _take_back(state: Bias) -> None:
-    """Undo what motion has shown, if it has."""
-    if state['corrected'] == 0:
-        return
-    state['corrected'] = 0
+    """Undo what motion has shown."""
+    motion, state['corrected'] = state['motion'], 0
     for axis in range(3):
         state['bias'][axis] = state['assumed_bias'][axis]
         state['variance'][axis] = state['assumed_variance'][axis]
-    start_motion_bias(state['motion'], state['bias'], state['variance'])
+    start_motion_bias(motion, state['bias'], state['variance'])
+    motion['pending_process_noise'] = state['process_noise']
+    lose_direction(motion)
 
 
 @kernel
@@ -217,7 +221,8 @@ def _correct_along(state: Bias, direction: Vector, bias_max: float) -> bool:
 def _start_anew(state: Bias, unseen: Vector) -> None:
     """Follow the bias in motion from the corrected one, and by the direction that led to it.
 
-    About the direction `unseen`, of length one or zero, it is as uncertain as before.
+    About the direction `unseen`, of length one or zero, it is as uncertain as before: each axis by
+    its share of that direction, as the variances are those of axes.
     """
     motion, wide_prior = state['motion'], state['wide_prior']
     for axis in range(3):

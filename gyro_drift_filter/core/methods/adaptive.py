@@ -484,7 +484,7 @@ def _learn(
     if not is_held and not workspace['hangs']:
         note_rate_change(doubt, change, coefficients['limits'])
     taken = decision == Decision.ACCEPT or decision == Decision.START_ANEW
-    if taken:
+    if taken and not workspace['hangs']:
         note_prediction(state['bridge'], prediction - accepted_before, change)
     if circumstances['may_follow_gap'] and not circumstances['noise_alone']:
         # The differences between samples of which some in between are missing are those of no
@@ -590,8 +590,10 @@ def estimate(
     elif not circumstances['still'] and (not measured or decision == Decision.HOLD):
         # A vibration turns back within some samples, so that each further step of an extrapolation
         # comes true by that share alone.
-        origin, steps = state['last_accepted'], 1.0 * state['doubt']['held']
-        rate = origin + predictable(state['bridge']) ** steps * (rate - origin)
+        steps = 1.0 * state['doubt']['held']
+        left_out = (1.0 - predictable(state['bridge']) ** steps) * (rate - state['last_accepted'])
+        rate -= left_out
+        variance += left_out * left_out
     if own['hangs']:
         variance = max(variance, unmeasured_variance(state['doubt']))
     if measured and not circumstances['dropout']:
