@@ -322,7 +322,6 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     circumstances['dropout'] = dropout and filter_['settings']['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']
-    circumstances['polled'] = polling['not_measured'] > 0
 
 
 @kernel

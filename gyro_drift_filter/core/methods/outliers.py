@@ -98,7 +98,6 @@ class Circumstances(TypedDict):
     may_follow_gap: bool  # samples were missing before, and may be again before this one
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before
-    polled: bool  # samples are repeated now and then
     still: bool  # some blocks of samples before it have been still,
     noise_alone: bool  # and so many that a whole block of noise lies within them
     jolted: bool  # the accelerometer has just been shaken,
