@@ -85,16 +85,11 @@ class Examined:
     not_cut: bool
 
 
+_OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _INVENTED_RATE}
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
-    'degrees': {
-        *('noise in degrees', 'beyond bias.max', 'rests', 'clipped', 'contradicts gravity'),
-        _INVENTED_RATE,
-    },
-    'noise in degrees': {
-        *('beyond bias.max', 'rests', 'clipped', 'contradicts gravity'),
-        _INVENTED_RATE,
-    },
+    'degrees': {'noise in degrees', *_OF_DEGREES},
+    'noise in degrees': _OF_DEGREES,
     'axes': {'contradicts gravity'},
     'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
