@@ -197,7 +197,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['stamp'] = clock['stamp']
     out['stuck'] = checks['stuck']
     out['accelerometer_hangs'] = checks['accelerometer_hangs']
-    # After a rest nobody asks.
+    # It is looked at before the first bias is known alone, and then stays as it was.
     out['contradicts_gravity'] = bias['contradicts'] and not has_bias(bias)
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0

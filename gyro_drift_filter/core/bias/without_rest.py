@@ -57,10 +57,10 @@ LASTING_TILT = 0.05
 # than one where the body leans to all sides: by 26 degrees on the mean, about which gravity shows
 # the bias about the vertical, too.
 VERTICAL_MEMORY, LEANING = 120.0, 0.9
-# The mean normalised innovation squared above which rates and accelerations contradict each other,
-# which is an error of three deviations, and below which they do no more. A velocity lasts, so that
-# those of one motion are below 1: the simulated vehicles and the real hands reach 0.8, and 4 where
-# the bias is so large that it takes minutes to be found.
+# Rates and accelerations contradict each other once the mean normalised innovation squared is above
+# the first one, that of three deviations, until it is below the second one. A velocity lasts, so
+# that it is below 1 for one body's motion: the simulated vehicles and real hands reach 0.8, and 4
+# where the bias is so large that it takes minutes to be found.
 LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 9.0, 1.0
 
 Vector = tuple[float, float, float]

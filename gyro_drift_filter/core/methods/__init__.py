@@ -40,8 +40,8 @@ for what is counted per sample, `start_over`, `learned_noise`, `noise_block_seco
 `is_noise_known` for noise that is learned (`is_noise_known` is asked after `update`, but is about
 the innovation variance that was predicted before), `divergences` for a method that starts anew
 where it has diverged, `reason`, `innovation_limits` and `is_undecided` for one that judges samples
-by several rules, `flags_motion` for one that does not, `change_model` for what parameters replace,
-and `take_over` for a start at the rate of another method.
+by several rules, `flags_motion` for one that flags samples as it lags behind motion, `change_model`
+for what parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of the seven listed first, also where it
