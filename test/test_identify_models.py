@@ -25,6 +25,7 @@ from gyro_drift_filter.identify.models import (
     fit_arma,
     fit_drift_and_white,
     fit_filter_noise,
+    is_stable,
     paper_noise,
 )
 
@@ -35,6 +36,23 @@ def arma(n, phi, theta, seed, deviation=1.0):
     driving = deviation * np.random.default_rng([seed, 17]).standard_normal(n + 500)
     numerator, denominator = np.r_[1.0, -np.array(theta)], np.r_[1.0, -np.array(phi)]
     return signal.lfilter(numerator, denominator, driving)[500:]
+
+
+@pytest.mark.parametrize('order', range(1, 6))
+def test_what_is_stable_has_all_roots_within_the_unit_circle(order, random):
+    stable = 0
+    for _ in range(500):
+        roots = random.uniform(-1.1, 1.1, order).astype(complex)
+        if order >= 2 and random.random() < 0.5:
+            roots[1] = roots[0] * np.exp(1j * random.uniform(0.0, np.pi))
+            roots[0] = roots[1].conjugate()
+        coefficients = -np.poly(roots)[1:].real
+        within = bool((np.abs(np.roots(np.r_[1.0, -coefficients])) < 1.0).all())
+        assert is_stable(coefficients) == within
+        stable += within
+    assert 100 < stable < 500
+    assert is_stable(coefficients[:0])
+    assert not is_stable(np.append(coefficients, np.nan))
 
 
 @pytest.mark.parametrize(

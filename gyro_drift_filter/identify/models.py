@@ -136,7 +136,7 @@ def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
     """
     p, q = order
     phi, theta = parameters[:p], parameters[p : p + q]
-    if not (_is_stable(phi) and _is_stable(theta)):
+    if not (is_stable(phi) and is_stable(theta)):
         return np.full(len(delays), np.nan)
     denominator = 1.0 - delays[:, :p] @ phi
     numerator = 1.0 - delays[:, :q] @ theta
@@ -144,10 +144,19 @@ def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
     return np.asarray(variance * np.abs(numerator) ** 2 / np.abs(denominator) ** 2)
 
 
-def _is_stable(coefficients: Array) -> bool:
-    if len(coefficients) < 2:
-        return bool((np.abs(coefficients) < 1.0).all())
-    return bool((np.abs(np.roots(np.concatenate([[1.0], -coefficients]))) < 1.0).all())
+def is_stable(coefficients: Array) -> bool:
+    """Return whether the roots of 1 - c[0] z^-1 - c[1] z^-2 - ... lie within the unit circle.
+
+    They do if all partial autocorrelations are less than one, which Levinson's recursion, run
+    backward, gives one by one: many times as fast as the roots, for the likelihood's thousands.
+    """
+    while len(coefficients):
+        partial = float(coefficients[-1])
+        if not abs(partial) < 1.0:
+            return False
+        others = coefficients[:-1]
+        coefficients = (others + partial * others[::-1]) / (1.0 - partial * partial)
+    return True
 
 
 def _fit_one(sample: Array, data: Spectrum, order: Order, scale: float) -> ArmaFit:
@@ -187,7 +196,7 @@ def _start(sample: Array, order: Order) -> Array:
         phi, theta = np.asarray(guess.ar_params), -np.asarray(guess.ma_params)
     except (ValueError, np.linalg.LinAlgError):
         phi, theta = np.zeros(p), np.zeros(q)
-    if not (_is_stable(phi) and _is_stable(theta)):
+    if not (is_stable(phi) and is_stable(theta)):
         phi, theta = np.full(p, 0.1 / max(p, 1)), np.zeros(q)
     return np.concatenate([phi, theta])
 

@@ -200,7 +200,11 @@ def likelihood_interval(
 
     def shortfall(value: float) -> float:
         """Return how far the profile has fallen, less what ends the interval."""
-        profile = climb(data, lambda v: density(np.insert(v, index, value)), others)
+        profile = climb(
+            data,
+            lambda v: density(np.concatenate([v[:index], [value], v[index:]])),
+            others,
+        )
         # Of the root, which is nearly a straight line, and finite for those who interpolate.
         fallen = min(best.log_likelihood - profile.log_likelihood, 1e6)
         return math.sqrt(max(fallen, 0.0)) - _FALL_95
