@@ -28,15 +28,15 @@ Floats = NDArray[np.float64]
 
 def multiply(left: Floats, right: Floats) -> Floats:
     """Return the rotations `left` after `right`; their shapes are broadcast."""
-    ax, ay, az, aw = np.moveaxis(left, -1, 0)
-    bx, by, bz, bw = np.moveaxis(right, -1, 0)
-    parts = (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-    return np.stack(parts, axis=-1)
+    ax, ay, az, aw = left[..., 0], left[..., 1], left[..., 2], left[..., 3]
+    bx, by, bz, bw = right[..., 0], right[..., 1], right[..., 2], right[..., 3]
+    x = aw * bx + ax * bw + ay * bz - az * by
+    out = np.empty((*x.shape, 4))
+    out[..., 0] = x
+    out[..., 1] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 2] = aw * bz + ax * by - ay * bx + az * bw
+    out[..., 3] = aw * bw - ax * bx - ay * by - az * bz
+    return out
 
 
 def inverse(rotations: Floats) -> Floats:
