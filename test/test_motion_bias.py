@@ -52,6 +52,7 @@ from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_varianc
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.rotations import from_vectors, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START
 from support.paths import FLIGHTS
@@ -161,11 +162,8 @@ def test_what_is_no_gravity_at_rest_tilts_nothing(at_rest_too, random):
 
 def _tilt(rates, rate):
     """Return the largest tilt in rad of what turns at rates (n, 3) in rad/s."""
-    attitude, largest = Rotation.identity(), 0.0
-    for turn in Rotation.from_rotvec(rates / rate):
-        attitude = attitude * turn
-        largest = max(largest, np.arccos(attitude.as_matrix()[2, 2]))
-    return largest
+    attitudes = Rotation.from_quat(running_products(from_vectors(rates / rate)))
+    return np.arccos(attitudes.as_matrix()[:, 2, 2]).max()
 
 
 def test_a_landing_brings_the_bias_at_rest_back(random):
@@ -614,15 +612,14 @@ def test_the_heading_holds_on_flights_and_walks(sensor, mean, worst):
         rates = results['angular_velocity']
         first = int(np.searchsorted(stamps, times[0]))
         step = np.minimum(np.diff(stamps[first:]) * 1e-9, 0.1)[:, None]
-        turns = Rotation.from_rotvec(0.5 * (rates[first:-1] + rates[first + 1 :]) * step)
-        whole = [Rotation.from_quat(data['q'][0].astype(float), scalar_first=True)]
-        for turn in turns:
-            whole.append(whole[-1] * turn)
+        turns = from_vectors(0.5 * (rates[first:-1] + rates[first + 1 :]) * step)
+        begin = Rotation.from_quat(data['q'][0].astype(float), scalar_first=True).as_quat()
+        whole = Rotation.from_quat(running_products(np.vstack([begin, turns])))
         after = np.clip(np.searchsorted(stamps, times), first + 1, len(stamps) - 1)
         at = after - (times - stamps[after - 1] < stamps[after] - times)
         near = np.abs(stamps[at] - times) <= 3_000_000
         truth = Rotation.from_quat(data['q'].astype(float)[near], scalar_first=True)
-        turned = Rotation.concatenate([whole[k] for k in at[near] - first]) * truth.inv()
+        turned = whole[at[near] - first] * truth.inv()
         errors.append(np.degrees(np.sqrt(np.mean(turned.magnitude() ** 2))))
     assert np.mean(errors) <= mean
     assert max(errors) <= worst
