@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias
+from gyro_drift_filter.core.bias.contradiction import note_contradiction
 from gyro_drift_filter.core.bias.in_motion import (
     KNOWN_TURN_SECONDS,
     lose_direction,
@@ -252,7 +253,8 @@ def doubt_sensor(filter_: FilterRecord) -> None:
         limit_prior(bias['motion'])
     if not has_bias(bias):
         doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
-        bias['contradicts'] = False
+    bias['contradicts'] = False
+    bias['motion']['contradictions'] = 0
 
 
 @kernel
@@ -421,7 +423,7 @@ def _subtract_bias(
     _note_turn(missing, jumped, filter_)
     if settings['bias_in_motion']:
         _track_motion(sample, missing, in_gap, filter_)
-    in_motion = settings['bias_in_motion'] and not at_rest
+    in_motion = settings['bias_in_motion'] and not at_rest and not bias['contradicts']
     refused = result['status'] == SampleStatus.REFUSED
     for axis in range(3):
         result['bias'][axis] = 0.0
@@ -478,7 +480,9 @@ def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterReco
         workspace['rate'][axis] = rate
     _note_missed_turn(missing, in_gap, state, workspace)
     _follow(bias['motion'], sample, seconds, filter_)
-    if not has_bias(bias):
+    if has_bias(bias):
+        note_contradiction(bias)
+    else:
         if has_fault(state['checks']):
             lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
         _follow(bias['wide_prior'], sample, seconds, filter_)

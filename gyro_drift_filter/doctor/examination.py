@@ -98,6 +98,7 @@ _FOLLOWS = {
     'vibration': {'low-pass', _INVENTED_RATE},
     'resolution': {_INVENTED_RATE},
     'bursts': {'gaps'},
+    'zero stamps': {'contradicts gravity'},  # so that nobody knows for how long it turned
 }
 
 

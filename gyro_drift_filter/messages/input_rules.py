@@ -284,8 +284,8 @@ INPUT_RULES = (
         'contradicts gravity',
         lambda span: span.now.telemetry.contradicts_gravity,
         'rates and accelerations are not those of one motion: are the axes of both sensors the '
-        'same, with the same signs, and does neither come late? Let it stand still for some '
-        'seconds; until then no bias is found',
+        'same, with the same signs, and does neither come late? So gravity shows no bias in '
+        'motion: it is found only where the sensor stands still for some seconds',
     ),
     Rule(
         'clipped',

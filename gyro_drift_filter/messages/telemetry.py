@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
-from gyro_drift_filter.core.bias.records import bias_variance, has_bias, has_provisional
+from gyro_drift_filter.core.bias.records import bias_variance, has_provisional
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.quantisation import known_count, variance_of_rounding
 from gyro_drift_filter.core.rest.noise import deviation_of_values
@@ -197,8 +197,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['stamp'] = clock['stamp']
     out['stuck'] = checks['stuck']
     out['accelerometer_hangs'] = checks['accelerometer_hangs']
-    # It is looked at before the first bias is known alone, and then stays as it was.
-    out['contradicts_gravity'] = bias['contradicts'] and not has_bias(bias)
+    out['contradicts_gravity'] = bias['contradicts']
     out['bias_known'] = bias['known']
     out['bias_corrected'] = bias['corrected'] > 0
     # A zero that the first seconds confirm is the initial bias still.

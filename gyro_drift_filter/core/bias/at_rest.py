@@ -108,6 +108,7 @@ def start_bias(
         state['assumed_variance'][axis] = state['variance'][axis]
         state['provisional_variance'][axis] = 0.0
     state['contradicts'] = False
+    state['motion']['contradictions'] = 0
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = 1.0

@@ -66,6 +66,7 @@ from gyro_drift_filter.core.bias.motion_state import (
     VELOCITY,
     MotionBias,
     PerState,
+    tracks_scale,
 )
 from gyro_drift_filter.core.bias.shared import limit_prior
 from gyro_drift_filter.core.bias.shift import widen_shift
@@ -90,6 +91,8 @@ START_DIRECTION, REST_DIRECTION, START_SPEED, ACCELERATION_BIAS = 0.3, 0.003, 1.
 # With a wide prior the first direction is that of the mean acceleration over so many s; that of a
 # rest has a wider deviation, and goes with nothing.
 WIDE_DIRECTION_SECONDS, WIDE_REST_DIRECTION = 1.0, 0.03
+# A velocity beyond that of all robots is forgotten after so many s of motion without another one.
+CONTRADICTION_SECONDS = 300.0
 # At rest the direction follows the accelerometer with this time constant, in s.
 REST_SECONDS = 1.0
 
@@ -251,8 +254,13 @@ def _end_block(
         expect_length(state, workspace)
         return
     normalise_direction(state, workspace)
+    state['sound_seconds'] += state['block_seconds']
+    if state['sound_seconds'] > CONTRADICTION_SECONDS:
+        state['contradictions'] = 0
     if state['speed_deviation'] > LARGEST_SPEED:
         state['speed_deviation'] = SPEED
+        state['contradictions'] += tracks_scale(state)  # else a bias explains it
+        state['sound_seconds'] = 0.0
         lose_direction(state)
 
 

@@ -76,6 +76,9 @@ class MotionBias(TypedDict):
     # mean of the last normalised innovations squared, of a wide prior: 1 and less where rates and
     # accelerations are of one motion
     innovation_square: float
+    # times that a velocity was beyond that of all robots, and s of motion since the last one
+    contradictions: int
+    sound_seconds: float
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
     missed_turn: float  # rad, that the rates may not have shown since they were last sound

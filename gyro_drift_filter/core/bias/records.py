@@ -68,7 +68,7 @@ class Bias(TypedDict):
     # those that the wide prior began with, in rad/s and (rad/s)^2
     assumed_bias: PerAxis
     assumed_variance: PerAxis
-    contradicts: bool  # rates and accelerations are not of one motion, before any rest
+    contradicts: bool  # rates and accelerations are not of one motion
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
     walk: float  # share of the random walk's variance that the bias takes
     process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment

@@ -23,29 +23,31 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 - after so much motion that accelerations have come and gone;
 - where it is far enough from what is subtracted: by more, the faster the body is, and the more it
   turns one way;
-- while rates and accelerations are those of one motion. An accelerometer with other axes, or one
-  that is late, contradicts the gyroscope, and what explains that best is no bias.
+- while rates and accelerations are those of one motion (`contradiction.py`).
 """
 
 import math
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.contradiction import (
+    LEAST_MOTION,
+    note_contradiction_without_bias,
+)
 from gyro_drift_filter.core.bias.in_motion import (
     LARGEST_GRAVITY_SHARE,
     LEAST_GRAVITY_SHARE,
     MOTION_BLOCK_SECONDS,
-    lose_direction,
 )
 from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
 from gyro_drift_filter.core.bias.records import Bias
-from gyro_drift_filter.core.bias.shared import start_motion_bias, start_wide_prior
+from gyro_drift_filter.core.bias.shared import start_motion_bias
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
-# Motion in s until anything counts, and the gates in standard deviations: the second one once a
-# first correction has shown that the assumed bias is wrong.
-LEAST_MOTION, FIRST_GATE, NEXT_GATE = 25.0, 3.0, 1.0
+# The gates in standard deviations: the second one once a first correction has shown that the
+# assumed bias is wrong.
+FIRST_GATE, NEXT_GATE = 3.0, 1.0
 # The error is so many of the filter's own standard deviations where the velocity has been `SPEED`,
 # and in proportion to the velocity down to the least one, in m/s. In simulation three of these are
 # the largest errors of the first minutes, from hands and robots on legs to drones at 5 m/s.
@@ -57,12 +59,6 @@ LASTING_TILT = 0.05
 # than one where the body leans to all sides: by 26 degrees on the mean, about which gravity shows
 # the bias about the vertical, too.
 VERTICAL_MEMORY, LEANING = 120.0, 0.9
-# Rates and accelerations contradict each other once the mean normalised innovation squared is above
-# the first one, that of three deviations, until it is below the second one. A velocity lasts, so
-# that it is below 1 for one body's motion: the simulated vehicles and real hands reach 0.8, and 4
-# where the bias is so large that it takes minutes to be found.
-LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 9.0, 1.0
-
 Vector = tuple[float, float, float]
 
 
@@ -81,8 +77,8 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     for axis in range(3):
         step = wide_prior['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
-    if _contradicts(state):
-        _take_back(state)
+    note_contradiction_without_bias(state)
+    if state['contradicts']:
         return
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
     length = vector_length(x, y, z)
@@ -110,39 +106,6 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     if changed:
         state['corrected'] += 1
         _start_anew(state, unseen)
-
-
-@kernel
-def _contradicts(state: Bias) -> bool:
-    """Return whether rates and accelerations can't be those of one body's motion.
-
-    What was learned of them is forgotten then, as it would go on to contradict sound ones. Nothing
-    is said before a large bias has been found, as it contradicts them, too.
-    """
-    wide_prior = state['wide_prior']
-    square = wide_prior['innovation_square']
-    if wide_prior['moving_seconds'] < LEAST_MOTION:
-        return state['contradicts']
-    if square > LARGEST_INNOVATION_SQUARE:
-        state['contradicts'] = True
-        start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
-        wide_prior['pending_process_noise'] = state['process_noise']
-        lose_direction(wide_prior)
-    elif square < USUAL_INNOVATION_SQUARE:
-        state['contradicts'] = False
-    return state['contradicts']
-
-
-@kernel
-def _take_back(state: Bias) -> None:
-    """Undo what motion has shown."""
-    motion, state['corrected'] = state['motion'], 0
-    for axis in range(3):
-        state['bias'][axis] = state['assumed_bias'][axis]
-        state['variance'][axis] = state['assumed_variance'][axis]
-    start_motion_bias(motion, state['bias'], state['variance'])
-    motion['pending_process_noise'] = state['process_noise']
-    lose_direction(motion)
 
 
 @kernel

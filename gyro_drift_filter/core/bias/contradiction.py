@@ -1,0 +1,88 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whether rates and accelerations are those of one motion.
+
+An accelerometer with other axes than the gyroscope, or one that is late, contradicts it, and what
+explains that best is a bias. So gravity shows no bias then, and a warning of `/diagnostics` says
+why. Where nothing is known of the bias the normalised innovations of the wide prior tell. Where it
+is known, `in_motion.py` adapts to any velocity, and one that no robot has tells.
+"""
+
+from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.in_motion import lose_direction
+from gyro_drift_filter.core.bias.records import Bias
+from gyro_drift_filter.core.bias.shared import start_motion_bias, start_wide_prior
+from gyro_drift_filter.core.bias.shift import replace_shift
+
+# Without a bias: motion in s until anything counts, as a large bias contradicts sound accelerations
+# until it has been found.
+LEAST_MOTION = 25.0
+# They contradict each other once the mean normalised innovation squared is above the first one,
+# that of three deviations, until it is below the second one. A velocity lasts, so that it is below
+# 1 for one body's motion: the simulated vehicles and real hands reach 0.8, and 4 where the bias is
+# so large that it takes minutes to be found.
+LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 9.0, 1.0
+# With a bias: once may come of rates that were garbage for a while. So many times are counted in
+# motion, and forgotten as `in_motion.py` says.
+LEAST_CONTRADICTIONS = 2
+
+
+@kernel
+def note_contradiction(state: Bias) -> None:
+    """Note whether rates contradict accelerations, beside a bias that is known.
+
+    What gravity has shown of it in motion is taken back where that begins, and where it ends.
+    """
+    motion = state['motion']
+    contradicts = motion['contradictions'] >= LEAST_CONTRADICTIONS
+    if contradicts == state['contradicts']:
+        return
+    state['contradicts'] = contradicts
+    for axis in range(3):
+        replace_shift(motion, axis, 0.0, motion['rectified'][axis])
+    _start_motion_bias_anew(state)
+
+
+@kernel
+def note_contradiction_without_bias(state: Bias) -> None:
+    """Note whether rates contradict accelerations, where nothing but motion shows the bias.
+
+    What was learned of them is forgotten then, as it would go on to contradict sound ones, and what
+    motion has shown is taken back.
+    """
+    wide_prior = state['wide_prior']
+    square, enough = wide_prior['innovation_square'], wide_prior['moving_seconds'] >= LEAST_MOTION
+    if enough and square > LARGEST_INNOVATION_SQUARE:
+        state['contradicts'] = True
+        start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
+        wide_prior['pending_process_noise'] = state['process_noise']
+        lose_direction(wide_prior)
+    elif enough and square < USUAL_INNOVATION_SQUARE:
+        state['contradicts'] = False
+    if state['contradicts']:
+        state['corrected'] = 0
+        for axis in range(3):
+            state['bias'][axis] = state['assumed_bias'][axis]
+            state['variance'][axis] = state['assumed_variance'][axis]
+        _start_motion_bias_anew(state)
+
+
+@kernel
+def _start_motion_bias_anew(state: Bias) -> None:
+    """Begin to follow the bias in motion from that at rest."""
+    motion = state['motion']
+    start_motion_bias(motion, state['bias'], state['variance'])
+    motion['pending_process_noise'] = state['process_noise']
+    lose_direction(motion)

@@ -1,0 +1,122 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rates and accelerations that are not of one motion, beside a bias that is known."""
+
+import numpy as np
+import pytest
+
+from benchmark.contradictions import ACCELEROMETERS
+from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.simulation.vehicles import VEHICLES, ride, train
+from support.paths import FLIGHTS
+from support.sensor import DEGREE
+
+RATE = 200.0  # Hz
+OTHER_AXES_NAMES = ('axes y, z, x', 'axes y, x, z', 'axes -x, y, z')
+OTHER_AXES = ACCELEROMETERS['axes y, z, x']
+
+
+def told(filter_, stamps, rates, accelerations):
+    """Return for each second whether a contradiction is told at its end."""
+    out = []
+    for first in range(0, len(stamps), round(RATE)):
+        part = slice(first, first + round(RATE))
+        filter_.run(stamps[part], rates[part], accelerations[part])
+        out.append(bool(filter_.state['bias']['contradicts']))
+    return np.array(out)
+
+
+@pytest.fixture(scope='module')
+def walk():
+    """A hand, after a rest."""
+    return ride(VEHICLES['hand'], 1, 700.0, RATE, 0.0)
+
+
+@pytest.mark.parametrize('name', OTHER_AXES_NAMES)
+def test_other_axes_are_told_within_a_minute_in_a_hand(name, walk):
+    part, filter_ = slice(0, round(120 * RATE)), Filter()
+    accelerations = ACCELEROMETERS[name](walk.accelerations)
+    seconds = told(filter_, walk.stamps[part], walk.rates[part], accelerations[part])
+    assert seconds[60:].all()
+    assert filter_.state['bias']['known']
+
+
+@pytest.mark.parametrize('vehicle', [*VEHICLES.values(), train])
+def test_the_motion_of_one_body_is_no_contradiction(vehicle):
+    of = ride(vehicle, 1, 300.0, RATE, 0.0)
+    filter_ = Filter()
+    assert not told(filter_, of.stamps, of.rates, of.accelerations).any()
+    assert filter_.state['bias']['motion']['contradictions'] == 0
+
+
+@pytest.mark.slow
+def test_on_real_flights_other_axes_are_told_within_90_s_and_sound_ones_are_not():
+    """Nor are those of walks."""
+    files = sorted(FLIGHTS.glob('*.npz'))
+    if not files:
+        pytest.skip('the recordings with a known orientation are not beside this clone')
+    for file in files:
+        data = np.load(file)
+        stamps, rates, forces = data['t'], data['rate'].astype(float), data['acc'].astype(float)
+        assert not told(Filter(), stamps, rates, forces).any()
+        for name in OTHER_AXES_NAMES if file.name.startswith('euroc') else ():
+            assert told(Filter(), stamps, rates, ACCELEROMETERS[name](forces))[:90].any()
+
+
+def test_then_the_bias_is_that_at_rest(walk):
+    """A car with such an accelerometer lost 0.18 deg/s to what gravity seemed to show."""
+    of = ride(VEHICLES['car'], 1, 300.0, RATE, 0.0, 0.5 * DEGREE)
+    on, off = Filter(), Filter(Parameters(bias_in_motion=False))
+    biases = [
+        filter_.run(of.stamps, of.rates, OTHER_AXES(of.accelerations))['bias'][-round(60 * RATE) :]
+        for filter_ in (on, off)
+    ]
+    assert on.state['bias']['contradicts']
+    np.testing.assert_array_equal(*biases)
+    np.testing.assert_array_equal(on.bias_deviation, off.bias_deviation)
+
+
+def test_once_they_are_sound_again_it_is_told_no_more(walk):
+    change, filter_ = round(100 * RATE), Filter()
+    accelerations = walk.accelerations.copy()
+    accelerations[:change] = OTHER_AXES(accelerations[:change])
+    seconds = told(filter_, walk.stamps, walk.rates, accelerations)
+    assert seconds[60:100].all()
+    assert not seconds[500:].any()
+    error = filter_.run(walk.stamps[-1:] + 5_000_000, walk.rates[-1:], accelerations[-1:])['bias']
+    assert np.linalg.norm(error - walk.bias[-1]) < 0.1 * DEGREE
+
+
+def test_garbage_for_a_while_is_no_contradiction(walk):
+    """It may have a velocity beyond all robots once."""
+    accelerations = walk.accelerations.copy()
+    accelerations[round(60 * RATE) : round(66 * RATE)] = OTHER_AXES(
+        accelerations[round(60 * RATE) : round(66 * RATE)]
+    )
+    assert not told(Filter(), walk.stamps, walk.rates, accelerations).any()
+
+
+def test_it_is_forgotten_with_the_sensor(walk):
+    part, filter_ = slice(0, round(100 * RATE)), Filter()
+    accelerations = OTHER_AXES(walk.accelerations[part])
+    assert told(filter_, walk.stamps[part], walk.rates[part], accelerations)[-1]
+    kept = filter_.snapshot()
+    doubt_sensor(filter_.record[0])
+    assert not filter_.state['bias']['contradicts']
+    filter_.restore(kept)
+    assert filter_.state['bias']['contradicts']
+    filter_.set_bias((0.0, 0.0, 0.0))
+    assert not filter_.state['bias']['contradicts']
