@@ -76,7 +76,7 @@ def test_on_real_flights_other_axes_are_told_within_90_s_and_sound_ones_are_not(
             assert told(Filter(), stamps, rates, ACCELEROMETERS[name](forces))[:90].any()
 
 
-def test_then_the_bias_is_that_at_rest(walk):
+def test_then_the_bias_is_that_at_rest():
     """A car with such an accelerometer lost 0.18 deg/s to what gravity seemed to show."""
     of = ride(VEHICLES['car'], 1, 300.0, RATE, 0.0, 0.5 * DEGREE)
     on, off = Filter(), Filter(Parameters(bias_in_motion=False))
@@ -87,6 +87,7 @@ def test_then_the_bias_is_that_at_rest(walk):
     assert on.state['bias']['contradicts']
     np.testing.assert_array_equal(*biases)
     np.testing.assert_array_equal(on.bias_deviation, off.bias_deviation)
+    np.testing.assert_array_equal(on.bias_shift.shift, 0.0)  # for the next run
 
 
 def test_once_they_are_sound_again_it_is_told_no_more(walk):
@@ -120,3 +121,25 @@ def test_it_is_forgotten_with_the_sensor(walk):
     assert filter_.state['bias']['contradicts']
     filter_.set_bias((0.0, 0.0, 0.0))
     assert not filter_.state['bias']['contradicts']
+
+
+def test_without_gravity_to_show_a_bias_nothing_is_told(walk):
+    """Where `bias.in_motion` is switched off, or the accelerometer falls silent."""
+    part, later = slice(0, round(100 * RATE)), slice(round(100 * RATE), round(102 * RATE))
+    other_axes = OTHER_AXES(walk.accelerations)
+    filter_ = Filter()
+    assert told(filter_, walk.stamps[part], walk.rates[part], other_axes[part])[-1]
+    kept = filter_.snapshot()
+    filter_.configure(Parameters(bias_in_motion=False))
+    assert not told(filter_, walk.stamps[later], walk.rates[later], other_axes[later]).any()
+    filter_ = Filter()
+    filter_.restore(kept)
+    silent = np.full_like(other_axes[later], np.nan)
+    assert not told(filter_, walk.stamps[later], walk.rates[later], silent)[-1]
+
+
+def test_beside_a_dead_axis_nothing_is_told(walk):
+    """Nobody knows how the body turns about it, and a warning says that it is dead."""
+    rates = walk.rates * [0.0, 1.0, 1.0]
+    part = slice(0, round(200 * RATE))
+    assert not told(Filter(), walk.stamps[part], rates[part], walk.accelerations[part]).any()

@@ -23,7 +23,11 @@ from gyro_drift_filter.accelerate import entry_kernel, kernel
 from gyro_drift_filter.core import methods, out_of_sequence
 from gyro_drift_filter.core.bias.at_rest import calibrate_bias, leave_rest, start_bias, warm_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import has_learned_bias, widen
+from gyro_drift_filter.core.bias.records import (
+    forget_contradiction,
+    has_learned_bias,
+    widen,
+)
 from gyro_drift_filter.core.bias.shift import set_shift, shift_of, shift_variance
 from gyro_drift_filter.core.clock.envelope import give_rate, start_clock
 from gyro_drift_filter.core.polling import start_polling
@@ -61,6 +65,8 @@ def prepare_for_settings(filter_: NDArray[np.void], settings: NDArray[np.void]) 
         methods.change_period(filter_[0], state['clock']['period'] / period)
     methods.change_model(filter_[0], after)
     bias = state['bias']
+    if not after['bias_in_motion']:
+        forget_contradiction(bias)
     if after['bias_in_motion'] and not before['bias_in_motion']:
         # Nobody knows how the body has turned meanwhile.
         lose_direction(bias['motion'])
@@ -142,10 +148,16 @@ def set_bias(
 def read_shift(
     filter_: NDArray[np.void], shift: NDArray[np.float64], variance: NDArray[np.float64]
 ) -> None:
-    """Write the shift of the bias in motion, (3,) in rad/s, and its variance."""
-    motion = filter_[0]['state']['bias']['motion']
+    """Write the shift of the bias in motion, (3,) in rad/s, and its variance.
+
+    What contradictory accelerations show of it is none.
+    """
+    bias = filter_[0]['state']['bias']
+    motion = bias['motion']
     for axis in range(3):
         shift[axis], variance[axis] = shift_of(motion, axis), shift_variance(motion, axis)
+        if bias['contradicts']:
+            shift[axis], variance[axis] = 0.0, motion['rectified'][axis]
 
 
 @entry_kernel(FILTER, float)

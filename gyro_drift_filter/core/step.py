@@ -31,6 +31,7 @@ from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
 from gyro_drift_filter.core.bias.records import (
     bias_variance,
+    forget_contradiction,
     has_bias,
     has_learned_bias,
     has_provisional,
@@ -253,8 +254,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
         limit_prior(bias['motion'])
     if not has_bias(bias):
         doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
-    bias['contradicts'] = False
-    bias['motion']['contradictions'] = 0
+    forget_contradiction(bias)
 
 
 @kernel
@@ -481,6 +481,8 @@ def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterReco
     _note_missed_turn(missing, in_gap, state, workspace)
     _follow(bias['motion'], sample, seconds, filter_)
     if has_bias(bias):
+        if has_fault(state['checks']):
+            forget_contradiction(bias)  # nobody knows how the body turns about that axis
         note_contradiction(bias)
     else:
         if has_fault(state['checks']):

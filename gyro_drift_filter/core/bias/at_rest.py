@@ -32,7 +32,13 @@ from gyro_drift_filter.core.bias.provisional import (
     take_provisional,
     take_standing,
 )
-from gyro_drift_filter.core.bias.records import Bias, Hint, bias_variance, widen
+from gyro_drift_filter.core.bias.records import (
+    Bias,
+    Hint,
+    bias_variance,
+    forget_contradiction,
+    widen,
+)
 from gyro_drift_filter.core.bias.shaken_stand import (
     forget_stand,
     note_stand,
@@ -107,8 +113,7 @@ def start_bias(
         state['assumed_bias'][axis] = state['bias'][axis]
         state['assumed_variance'][axis] = state['variance'][axis]
         state['provisional_variance'][axis] = 0.0
-    state['contradicts'] = False
-    state['motion']['contradictions'] = 0
+    forget_contradiction(state)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = 1.0

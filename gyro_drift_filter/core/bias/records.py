@@ -125,6 +125,13 @@ def has_learned_bias(state: Bias) -> bool:
 
 
 @kernel
+def forget_contradiction(state: Bias) -> None:
+    """Forget that rates have contradicted accelerations: those have come of another cause."""
+    state['contradicts'] = False
+    state['motion']['contradictions'] = 0
+
+
+@kernel
 def widen(state: Bias, variance: float) -> None:
     """Take a step of the bias into account, by its variance in (rad/s)^2."""
     state['process_noise'] += variance
