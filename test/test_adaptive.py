@@ -744,6 +744,24 @@ def test_a_simulated_body_without_noise_is_followed_when_it_is_shaken(seed):
     assert np.abs(results['angular_velocity'] - rates)[500:].max() < 0.05
 
 
+@pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
+def test_a_vibration_near_half_the_sample_rate_hides_no_slow_motion(rate, random):
+    """It alternates from sample to sample, and was taken for noise that wanders as slowly."""
+    n = round(60 * rate)
+    time = np.arange(n) / rate
+    hand = motion_below(2.0, random, n, rate)
+    truth = hand / hand.std() * np.clip(time - 20.0, 0.0, 1.0)[:, None]
+    tone = np.outer(0.05 * np.sin(2 * np.pi * 0.49 * rate * time + 1.0), [1.0, -0.7, 0.5])
+    z = truth + tone + 0.004 * random.standard_normal((n, 3))
+    results = at_rate(rate, z, still_accelerations(random, n))
+    sections = signal.butter(3, 8.0, fs=rate, output='sos')
+    errors = signal.sosfiltfilt(sections, results['angular_velocity'] - truth, axis=0)
+    assert np.sqrt(np.mean(errors[round(25 * rate) :] ** 2)) < 0.015
+    deviation = np.sqrt(results['angular_velocity_variance'][round(25 * rate) :])
+    inside = np.abs(results['angular_velocity'] - truth)[round(25 * rate) :] < 2.0 * deviation
+    assert inside.mean() > 0.92
+
+
 def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
     """It sends zeros where no axis turns by 0.3 deg/s, which noise exceeds now and then."""
     rates = 0.002 * random.standard_normal((6000, 3))

@@ -80,6 +80,10 @@ LARGEST_UNALTERED = 0.72
 LEAST_ROUGHNESS = 0.003
 # Autocorrelation and roughness are means over ten blocks at the most: this is the weight of one.
 LEAST_WEIGHT = 0.1
+# White noise has no mean autocorrelation of ten blocks below minus this by chance, as that is six
+# standard deviations. What has alternates from sample to sample, as a vibration near half the
+# sample rate does: as if it did not, it would be noise of all frequencies, slow ones among them.
+CHANCE = 0.2
 # In one of 10,000 blocks of 50 samples third differences show less of the noise than a part of it
 # by this factor.
 LEAST_SHOWN = 4.0
@@ -410,6 +414,8 @@ def autoregression(first: float, second: float) -> tuple[float, float]:
 def _derive_prediction(noise: Noise) -> None:
     """Write how the noise of a sample follows from the two before, as far as that is used."""
     first, second = noise['correlation'], noise['autocorrelation'][1]
+    if noise['blocks'] * LEAST_WEIGHT >= 1.0 and noise['autocorrelation'][0] < -CHANCE:
+        first = noise['autocorrelation'][0]
     a, b = autoregression(first, second)
     predicted = a * first + b * (a * first + b)
     if predicted > LARGEST_UNALTERED:
@@ -420,7 +426,8 @@ def _derive_prediction(noise: Noise) -> None:
         predicted = a * first + b * (a * first + b)
     noise['coefficients'][0], noise['coefficients'][1] = a, b
     noise['predicted'] = predicted
-    noise['coefficient_alone'] = min(first, math.sqrt(LARGEST_UNALTERED))
+    largest = math.sqrt(LARGEST_UNALTERED)
+    noise['coefficient_alone'] = min(max(first, -largest), largest)
 
 
 @kernel
