@@ -230,6 +230,39 @@ def test_short_stops_keep_a_bias_that_warms_up(stop, random):
     assert np.abs(error.sum(axis=0) / 100).max() < 40.0 * DEGREE  # 240 without the stops
 
 
+@pytest.mark.parametrize('at', [0.05, 0.2, 2.1, 2.15])
+def test_a_gap_beside_a_short_stop_hides_it_not(at, random):
+    """The motion before the gap has ended, or the one behind it has begun, as suddenly."""
+    spells = [(6, False)] + 20 * [(15, True), (2.2, False)]
+    rates, accelerations = moving_and_resting(random, spells, lambda time: np.zeros(3))
+    seconds = np.arange(len(rates)) / 100
+    truth = np.outer(1.0 - np.exp(-seconds / 120), (0.2, -0.3, 1.0)) * DEGREE
+    begin = 6.0 + 15.0 + at
+    since = (seconds - begin) % 17.2
+    measured = (since >= 0.1) | (seconds < begin)
+    stamps = START + np.round(seconds * 1e9).astype(np.int64)
+    results = Filter().run(stamps[measured], (rates + truth)[measured], accelerations[measured])
+    error = results['bias'] - truth[measured]
+    assert np.abs(error[-1]).max() < 0.06 * DEGREE
+
+
+@pytest.mark.parametrize(('moving', 'still'), [(200.0, 12.5), (100.0, 10.0)])
+def test_the_stands_of_a_sensor_that_lowers_its_rate_there_are_found(moving, still, random):
+    """As phones do, a second after they were moved: the blocks that follow have few samples."""
+    filter_, stamp = Filter(), START
+    run(filter_, *at_rest(random, 10, rate=moving), rate=moving)
+    stamp += 10 * 10**9
+    before = int(filter_.state['bias']['segments'])
+    for seconds, rate, moves in 6 * [(40, moving, True), (1, moving, False), (10, still, False)]:
+        rates, accelerations = at_rest(random, seconds, rate=rate)
+        if moves:
+            turn, push = by_hand(random, seconds, rate)
+            rates, accelerations = rates + turn, accelerations + push
+        run(filter_, rates, accelerations, rate, stamp)
+        stamp += round(seconds * 1e9)
+    assert filter_.state['bias']['segments'] >= before + 5
+
+
 def test_one_signal_that_vibrates_shows_where_a_short_stop_begins(random):
     """The rates do, by little more than noise; the accelerations change smoothly at its ends."""
     seconds = np.arange(33_600) / 100

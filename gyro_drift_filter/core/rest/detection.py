@@ -151,13 +151,13 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         What it brought. Where a segment is ready, `segment_mean` can be read, and `next_segment`
         has to be called.
     """
-    obstacle_before, still = rest['obstacle'], _is_still(rest, lengths)
+    sudden_before, still = rest['sudden'], _is_still(rest, lengths)
     rest['restless'] += 1
     if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
     if still:
         return _take_still_block(rest, lengths)
-    ended = _ended_rest(rest, obstacle_before)
+    ended = _ended_rest(rest, sudden_before)
     if ended != BlockOutcome.NOTHING and not holds_together(rest, lengths):
         ended = BlockOutcome.NOTHING
     rest['at_rest'] = False
@@ -223,10 +223,10 @@ def _close_segment(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 
 
 @kernel
-def _ended_rest(rest: Rest, obstacle_before: int) -> BlockOutcome:
+def _ended_rest(rest: Rest, sudden_before: bool) -> BlockOutcome:
     """Return what the segment is that a motion has ended: it may be long enough to count as rest.
 
-    `obstacle_before` showed the motion before the segment.
+    `sudden_before` where the motion before the segment showed in a single block.
     """
     blocks = rest['blocks']
     if not rest['known']:
@@ -235,14 +235,8 @@ def _ended_rest(rest: Rest, obstacle_before: int) -> BlockOutcome:
         return BlockOutcome.END_OF_REST if blocks >= LEAST_SEGMENT else BlockOutcome.NOTHING
     if rest['halves'] != Halves.WHOLE:
         return BlockOutcome.END_OF_REST if blocks >= HALF + LEAST_SEGMENT else BlockOutcome.NOTHING
-    sudden = _is_sudden(obstacle_before) and _is_sudden(rest['obstacle'])
+    sudden = sudden_before and rest['sudden']
     return BlockOutcome.STOP if sudden and blocks >= SHORTEST_STOP else BlockOutcome.NOTHING
-
-
-@kernel
-def _is_sudden(obstacle: int) -> bool:
-    """Return whether an obstacle is that of a motion that shows in a single block."""
-    return obstacle in (Obstacle.VARIES, Obstacle.HINTED_MOTION)
 
 
 @kernel
@@ -254,6 +248,7 @@ def next_segment(rest: Rest, ended_rest: bool) -> None:
         learn_variance_ratio(rest)
         rest['at_rest'] = True
         rest['obstacle'] = Obstacle.NONE
+        rest['sudden'] = False
         for i in range(SIGNALS):
             rest['signals'][i]['before'] = segment_mean(rest, i)
             rest['signals'][i]['before_blocks'] = rest['blocks']

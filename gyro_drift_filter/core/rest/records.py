@@ -132,6 +132,7 @@ class Rest(TypedDict):
     standing_blocks: int  # for which it has stood, rest or not
     hinted_motion: bool  # a hint of the robot has said so in the block under way
     at_rest: bool
+    sudden: bool  # the last motion showed in a single block
     obstacle: int  # a member of Obstacle
     obstacle_signal: int  # of which signal, where it is that of one
     samples: int  # since the start of the value, missing ones among them

@@ -110,7 +110,12 @@ def holds_together(rest: Rest, lengths: RestLengths) -> bool:
 
 @kernel
 def note_obstacle(rest: Rest, obstacle: Obstacle, signal: int) -> None:
-    """Note why a block or a segment is no rest."""
+    """Note why a block or a segment is no rest.
+
+    Where samples are missing, the last motion is the one before them.
+    """
+    if obstacle != Obstacle.FEW_SAMPLES:
+        rest['sudden'] = obstacle == Obstacle.VARIES or obstacle == Obstacle.HINTED_MOTION
     rest['obstacle'] = obstacle
     rest['obstacle_signal'] = signal
 
