@@ -26,6 +26,7 @@ from gyro_drift_filter.core.range_end import RangeEnd, note_rate
 from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
+from gyro_drift_filter.core.zeros import LivingRates, note_living_rates
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
 RANGE = 35.0
@@ -78,6 +79,7 @@ class SensorChecks(TypedDict):
     rates: Stays
     accelerations: Stays
     gives_zeros: bool  # all rates have been zero for long: the driver takes slow ones for none
+    living_rates: LivingRates
     # all rates have come before for `STUCK_SECONDS`, which a living sensor does not give
     stuck: bool
     equal_accelerations: int  # how often all accelerations have come before in a row
@@ -305,6 +307,8 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
         living = checks['living']
         if is_zero(rate) and lasts and living[0] and living[1] and living[2]:
             checks['gives_zeros'] = True
+    else:
+        note_living_rates(checks['living_rates'], rate)
     for axis in range(3):
         if rate[axis] == measured[axis]:
             equal[axis] += 1

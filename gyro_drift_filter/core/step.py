@@ -38,6 +38,7 @@ from gyro_drift_filter.core.bias.records import (
     widen,
 )
 from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
+from gyro_drift_filter.core.bias.shift import let_shift_vary
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.clock.envelope import (
     advance_clock,
@@ -88,6 +89,7 @@ from gyro_drift_filter.core.sensor_checks import (
     note_values,
 )
 from gyro_drift_filter.core.settings import Settings
+from gyro_drift_filter.core.zeros import has_failed_to_read
 
 # The most that one sample adds to the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
@@ -414,6 +416,7 @@ def _subtract_bias(
     if jumped:
         leave_rest(bias)
     trusted = result['status'] == SampleStatus.FILTERED and not may_hang(state['checks'])
+    trusted = trusted and not has_failed_to_read(filter_)
     for axis in range(3):
         if result['outlier'][axis] > 0.0:
             trusted = False
@@ -438,7 +441,11 @@ def _subtract_bias(
             if not at_rest:
                 # At rest the rates themselves are rounded as their mean was.
                 noise = result['measurement_noise']
-                variance += variance_of_rounding(state['quantisation'], axis, noise)
+                rounding = variance_of_rounding(state['quantisation'], axis, noise)
+                variance += rounding
+                # By as much the bias of a rest is off that in motion, which gravity can show.
+                if bias['known'] and rounding > bias['motion']['rectified'][axis]:
+                    let_shift_vary(bias['motion'], axis, rounding)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
 
@@ -467,7 +474,8 @@ def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterReco
     state, workspace = filter_['state'], filter_['workspace']['motion']
     bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
     if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
-        return  # there is no accelerometer
+        forget_contradiction(bias)  # there is no accelerometer
+        return
     seconds = state['clock']['period'] * (1 + missing)
     largest_change = filter_['settings']['outlier_acceleration'] * seconds
     workspace['sound'], flags_motion = True, methods.flags_motion(filter_)

@@ -84,7 +84,8 @@ class MotionBias(TypedDict):
     missed_turn: float  # rad, that the rates may not have shown since they were last sound
     unmeasured_seconds: float  # s, for which they were not measured since then
     vibration: Vibration
-    rectified: PerAxis  # (rad/s)^2, variance of the shift by vibration so far, or by memory
+    # (rad/s)^2, variance of the shift by vibration or rounding so far, or by memory
+    rectified: PerAxis
     # the value under way
     samples: int
     seconds: float

@@ -121,9 +121,15 @@ def widen_shift(state: MotionBias) -> None:
     calmest = state['vibration']['calmest']
     shaken = ACCELERATION_RECTIFICATION * (calmest[3] + calmest[4] + calmest[5])
     for axis in range(3):
-        deviation = min(RATE_RECTIFICATION * calmest[axis], shaken, LARGEST_PRIOR)
-        variance = deviation * deviation
-        more = variance - max(state['rectified'][axis], shift_variance(state, axis))
-        if more > 0.0:
-            state['covariance'][BIAS + axis, BIAS + axis] += more
-        state['rectified'][axis] = max(state['rectified'][axis], variance)
+        deviation = min(RATE_RECTIFICATION * calmest[axis], shaken)
+        let_shift_vary(state, axis, deviation * deviation)
+
+
+@kernel
+def let_shift_vary(state: MotionBias, axis: int, variance: float) -> None:
+    """Let the shift of an axis have a variance of up to so much, in (rad/s)^2."""
+    variance = min(variance, LARGEST_PRIOR * LARGEST_PRIOR)
+    more = variance - max(state['rectified'][axis], shift_variance(state, axis))
+    if more > 0.0:
+        state['covariance'][BIAS + axis, BIAS + axis] += more
+    state['rectified'][axis] = max(state['rectified'][axis], variance)

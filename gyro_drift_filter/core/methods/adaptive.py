@@ -102,6 +102,7 @@ from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
 from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
+from gyro_drift_filter.core.zeros import has_failed_to_read
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.records import FilterRecord
@@ -304,7 +305,7 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
     state, workspace = filter_['state'], filter_['workspace']['methods']['adaptive']
     axes, checks, polling = state['methods']['adaptive'], state['checks'], state['polling']
     rate, circumstances = sample['angular_velocity'], workspace['circumstances']
-    surprised = turned = fast = False
+    surprised = turned = fast = living = False
     turn_compensation(axes, state['clock']['period'])
     for axis in range(3):
         axis_state, own = axes[axis], workspace['axes'][axis]
@@ -314,11 +315,16 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
             continue
         if is_usable(rate[axis]) and _surprises(axis_state, own, rate[axis]):
             surprised = True
+        if axis_state['last_accepted'] != 0.0:
+            living = True
         if abs(axis_state['last_accepted']) > LARGEST_DEAD_ZONE:
             fast = True
         if polling['bridged'] and _has_turned(axis_state, own, rate[axis]):
             turned = True
     dropout = fast and surprised and _may_have_failed(checks, sample['linear_acceleration'])
+    rests = circumstances['still'] or not state['bias']['rest']['known']
+    # Zeros that go on are passed on at last.
+    dropout = dropout or (living and rests and has_failed_to_read(filter_))
     circumstances['dropout'] = dropout and filter_['settings']['outlier_enabled']
     repeated = polling['bridged'] and turned and not circumstances['still']
     circumstances['repeated'] = repeated and not circumstances['dropout']

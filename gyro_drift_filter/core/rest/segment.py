@@ -63,8 +63,8 @@ def start_block(rest: Rest) -> None:
 
 @kernel
 def is_block_filled(rest: Rest, lengths: RestLengths) -> bool:
-    """Return whether half of the values of a full block, or more, were measured."""
-    return bool(2 * rest['count'] >= lengths['block'])
+    """Return whether half of the values of a full block were measured, or one less if it is odd."""
+    return bool(rest['count'] >= lengths['block'] // 2)
 
 
 @kernel
