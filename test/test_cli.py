@@ -15,6 +15,7 @@
 """The command as a person meets it: what it prints, and how it ends."""
 
 import io
+import json
 import os
 import re
 import signal
@@ -262,6 +263,32 @@ def test_an_output_that_takes_nothing_is_no_traceback(redirection, status, told,
     assert done.stderr.startswith(told)
     assert done.stderr.count('\n') == bool(told)
     assert (bag.parent / 'out' / 'metadata.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['replay', 'in', '-o', 'out'],
+        ['replay', 'in', '-o', 'out', '--quiet'],
+        pytest.param(['report', 'in', '-o', 'out'], marks=pytest.mark.slow),
+        pytest.param(['tune', 'in', '-o', 'out', '--seconds', '0.001'], marks=pytest.mark.slow),
+        ['doctor', 'in'],
+        ['explain', 'in'],
+    ],
+)
+def test_results_for_programs_take_the_place_of_the_text(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(3000)})
+    status = main([*arguments, '--json', '-'])
+    printed = capsys.readouterr().out
+    assert json.loads(printed)
+    assert not Path('-').exists()
+    if Path('out').exists():
+        Path('out').rename('before')
+    assert main([*arguments, '--json', 'file']) == status
+    written = json.loads(Path('file').read_text())
+    assert written.keys() == json.loads(printed).keys()
+    assert not capsys.readouterr().out.startswith('{')
 
 
 def test_simulate_is_reproducible(tmp_path):

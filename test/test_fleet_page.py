@@ -69,6 +69,14 @@ def made(fleet, folder):
     return page, json.loads((folder / 'health.json').read_text())['sensors']
 
 
+def test_the_figures_are_printed_for_programs(fleet, tmp_path, capsys):
+    _, sensors = made(fleet, tmp_path)
+    capsys.readouterr()
+    assert main(['fleet-report', str(fleet), '-o', str(tmp_path / 'b'), '--json', '-']) == 0
+    assert json.loads(capsys.readouterr().out)['sensors'] == sensors
+    assert (tmp_path / 'b').exists()
+
+
 def test_the_page_and_the_figures(fleet, tmp_path, capsys):
     page, sensors = made(fleet, tmp_path)
     assert [sensor['robot'] for sensor in sensors] == [EVIL, 'a', 'c']

@@ -114,6 +114,34 @@ def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):
     assert main(['replay', str(source), '-o', str(tmp_path / 'out'), *arguments]) == 0
 
 
+def test_results_for_programs_take_the_place_of_the_text(tmp_path, capsys):
+    source = bag(tmp_path / 'in', 30)
+    assert identify(tmp_path, source, '--json', '-') == 0
+    assert json.loads(capsys.readouterr().out)['axes']
+
+
+def test_a_reader_that_has_left_loses_no_file(tmp_path):
+    bag(tmp_path / 'in', 30)
+    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'identify', 'in', '-o', 'model']
+    options = ['--json', '-', '--kalibr', 'kalibr', '--plot', 'figures']
+    read, written = os.pipe()
+    os.close(read)
+    with os.fdopen(written, 'w') as output:
+        done = subprocess.run(
+            [*command, *options],
+            cwd=tmp_path,
+            stdout=output,
+            stderr=subprocess.PIPE,
+            check=False,
+            timeout=300,
+        )
+    assert done.returncode == 1
+    assert b'Traceback' not in done.stderr
+    assert read_parameters(tmp_path / 'model').bias_initial != (0.0, 0.0, 0.0)
+    assert yaml.safe_load((tmp_path / 'kalibr').read_text())['imu0']
+    assert len(list((tmp_path / 'figures').glob('*.png'))) > 1
+
+
 def test_more_orders_on_request(tmp_path, capsys):
     assert identify(tmp_path, bag(tmp_path / 'in', 30), '--order', '5,3', '--order', '0,2') == 0
     printed = capsys.readouterr().out

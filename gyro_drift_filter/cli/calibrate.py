@@ -24,7 +24,12 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_targets,
+    saying,
+    write_json,
+)
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError
 from gyro_drift_filter.errors import printable, yaml_reason
@@ -66,7 +71,7 @@ def add_parser(subcommands: Any) -> None:
         'written as a parameter file',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
-    command.add_argument('--json', type=Path, help='write all results, for programs')
+    add_json_option(command, 'all results')
     command.add_argument(
         '--plot', type=Path, metavar='FOLDER', help='draw rates, rests and closures as PNG files'
     )
@@ -108,13 +113,11 @@ def run(options: argparse.Namespace) -> int:
     distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
-    with saying(report(result)) as written:
+    with saying(report(result), options.json, result) as written:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
         written.append(options.output)
-        if options.json:
-            write_json(options.json, result)
-            written.append(options.json)
+        written += write_json(options.json, result)
         if options.kalibr:
             beside = (
                 None if found is None else found.matrix

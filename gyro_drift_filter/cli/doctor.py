@@ -17,15 +17,13 @@
 import argparse
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.phrases import counted
@@ -50,7 +48,7 @@ def add_parser(subcommands: Any) -> None:
     )
     add_bag_argument(command)
     add_topic_option(command)
-    command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
+    add_json_option(command, 'all lines')
     add_time_options(command)
     command.set_defaults(run=run)
 
@@ -71,10 +69,9 @@ def run(options: argparse.Namespace) -> int:
         topic, examined = read_recording(options.bag, options.topic, when, progress)
     findings = examine(examined)
     sound = is_sound(findings)
-    if options.json:
-        plain = {'bag': str(options.bag), 'topic': topic, 'sound': sound, 'findings': findings}
-        write_json(options.json, plain)
-    say(page(f'{options.bag.absolute().name}, topic {topic}', findings))
+    text = page(f'{options.bag.absolute().name}, topic {topic}', findings)
+    plain = {'bag': str(options.bag), 'topic': topic, 'sound': sound, 'findings': findings}
+    give_results(text, options.json, plain)
     return 0 if sound else FOUND
 
 

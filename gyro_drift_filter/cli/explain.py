@@ -18,7 +18,6 @@ import argparse
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
@@ -29,9 +28,8 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
-from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES
@@ -61,7 +59,7 @@ def add_parser(subcommands: Any) -> None:
     add_params_option(command)
     add_method_option(command)
     add_hint_option(command)
-    command.add_argument('--json', type=Path, metavar='FILE', help='write all lines, for programs')
+    add_json_option(command, 'all lines')
     add_time_options(command)
     command.set_defaults(run=run)
 
@@ -108,19 +106,18 @@ def run(options: argparse.Namespace) -> None:
     ]
     unflagged = logs[0].unflagged(summary.start, start, end)
     named = _named(sequences, unflagged, parameters)
-    if options.json:
-        plain = {
-            'bag': str(options.bag),
-            'topic': summary.topic,
-            'method': parameters.method,
-            'start': summary.start,
-            'parameters': named,
-            'flagged': sequences,
-            'unflagged': unflagged,
-        }
-        write_json(options.json, plain)
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
-    say(page(source, sequences, summary.start, named, unflagged))
+    text = page(source, sequences, summary.start, named, unflagged)
+    plain = {
+        'bag': str(options.bag),
+        'topic': summary.topic,
+        'method': parameters.method,
+        'start': summary.start,
+        'parameters': named,
+        'flagged': sequences,
+        'unflagged': unflagged,
+    }
+    give_results(text, options.json, plain)
 
 
 def page(

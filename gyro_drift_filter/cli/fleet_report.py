@@ -22,8 +22,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from gyro_drift_filter.cli.fleet import NEEDED, TABLE
-from gyro_drift_filter.cli.printing import say
-from gyro_drift_filter.cli.result_files import as_plain, check_targets, write_json
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    as_plain,
+    check_targets,
+    give_results,
+)
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 from gyro_drift_filter.whole_file import write_whole
@@ -43,9 +47,7 @@ def add_parser(subcommands: Any) -> None:
     )
     command.add_argument('fleet', type=Path, help='folder that `gyro_drift fleet` has made')
     command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
-    command.add_argument(
-        '--json', type=Path, metavar='FILE', help='write sensors and changes, for programs'
-    )
+    add_json_option(command, 'sensors and changes')
     command.set_defaults(run=run)
 
 
@@ -72,10 +74,9 @@ def run(options: argparse.Namespace) -> None:
         path = report_path(reports, bag['content'])
         return quote(os.path.relpath(path.absolute(), page_folder)) if path.exists() else ''
 
-    if options.json:
-        write_json(options.json, {'sensors': [_plain(sensor) for sensor in sensors]})
     write_whole(options.output, fleet_page(sensors, failures, link))
-    say(f'{ranking_text(sensors)}\n\nwrote {options.output}')
+    text = f'{ranking_text(sensors)}\n\nwrote {options.output}'
+    give_results(text, options.json, {'sensors': [_plain(sensor) for sensor in sensors]})
 
 
 def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:

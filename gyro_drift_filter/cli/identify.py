@@ -24,7 +24,12 @@ from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import check_targets, saying, write_json
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_targets,
+    saying,
+    write_json,
+)
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
@@ -43,7 +48,7 @@ def add_parser(subcommands: Any) -> None:
     )
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
-    command.add_argument('--json', type=Path, help='write all results, for programs')
+    add_json_option(command, 'all results')
     command.add_argument(
         '--plot',
         type=Path,
@@ -130,12 +135,10 @@ def run(options: argparse.Namespace) -> None:
         paper=options.noise == 'paper',
     )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    with saying(report(result)) as written:
+    with saying(report(result), options.json, result) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
         written.append(options.output)
-        if options.json:
-            write_json(options.json, result)
-            written.append(options.json)
+        written += write_json(options.json, result)
         if options.kalibr:
             write_whole(options.kalibr, to_kalibr(noise_of(result), samples.topic))
             written.append(options.kalibr)

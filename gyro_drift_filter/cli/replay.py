@@ -27,12 +27,16 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
-from gyro_drift_filter.cli.printing import in_colour, say, tell
+from gyro_drift_filter.cli.printing import in_colour, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_targets,
+    give_results,
+    verdicts_of,
+)
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
@@ -83,9 +87,7 @@ def add_parser(subcommands: Any) -> None:
         help='start with the bias that the recording before has left in this file, as a node does '
         'with its own, and write it for the next one',
     )
-    command.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the figures of the verdict, for programs'
-    )
+    add_json_option(command, 'the figures of the verdict')
     command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
     command.add_argument(
         '--quiet', action='store_true', help='no progress and no verdict, but warnings'
@@ -153,11 +155,10 @@ def run(options: argparse.Namespace) -> None:
     if not is_shown:
         return
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
-    if options.json:
-        write_verdicts(options.json, [(options.bag, verdicts)])
+    text = ''
     if not options.quiet:
-        pages = [describe(verdict) for verdict in verdicts]
-        say('\n\n'.join(pages) + f'\nwrote {options.output}')
+        text = '\n\n'.join(map(describe, verdicts)) + f'\nwrote {options.output}'
+    give_results(text, options.json, verdicts_of([(options.bag, verdicts)]))
 
 
 def describe(verdict: 'Verdict') -> str:

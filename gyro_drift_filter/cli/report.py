@@ -24,11 +24,16 @@ from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.printing import in_colour, say
+from gyro_drift_filter.cli.printing import in_colour
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_no_pictures, check_targets
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_no_pictures,
+    check_targets,
+    give_results,
+    verdicts_of,
+)
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.cli.verdict_file import write_verdicts
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.whole_file import write_whole
 
@@ -67,9 +72,7 @@ def add_parser(subcommands: Any) -> None:
     )
     add_topic_option(command)
     add_time_options(command)
-    command.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the figures of the verdicts, for programs'
-    )
+    add_json_option(command, 'the figures of the verdicts')
     command.add_argument(
         '--png', type=Path, metavar='FOLDER', help='write the figures as PNG files, too'
     )
@@ -109,17 +112,17 @@ def run(options: argparse.Namespace) -> None:
         all_parameters = [parameters.with_names({'method': method}) for method in methods]
         recordings.append(_recording(bag, name, all_parameters, selection, options))
     verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
-    if options.json:
-        bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
-        write_verdicts(options.json, bags)
     write_whole(options.output, page(recordings))
+    text = ''
     if not options.quiet:
         texts = [
             f'{name}, {verdict.method}\n\n{as_text(verdict, in_colour)}'
             for name, of_methods in verdicts.items()
             for verdict in of_methods
         ]
-        say('\n\n'.join(texts) + f'\n\nwrote {options.output}')
+        text = '\n\n'.join(texts) + f'\n\nwrote {options.output}'
+    bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
+    give_results(text, options.json, verdicts_of(bags))
 
 
 def shortest_names(bags: list[Path]) -> list[str]:

@@ -14,15 +14,16 @@
 
 """Files that results are written to: looked at before the work."""
 
+import argparse
 import dataclasses
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,10 +31,25 @@ from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.whole_file import write_whole
 
+if TYPE_CHECKING:
+    from gyro_drift_filter.report.verdict import Verdict
+
 _PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
 # Arrays as long as the recording are left out of the JSON.
 _LONG = ('residuals', 'cleaned')
 _NONE: Mapping[str, Path | None] = MappingProxyType({})
+# What `--json` takes for the standard output.
+_STANDARD_OUTPUT = Path('-')
+
+
+def add_json_option(command: argparse.ArgumentParser, what: str) -> None:
+    """Add the option `--json`, by which programs get the results."""
+    command.add_argument(
+        '--json',
+        type=Path,
+        metavar='FILE',
+        help=f'write {what}, for programs; - for the standard output, in place of the text',
+    )
 
 
 def check_targets(
@@ -51,6 +67,8 @@ def check_targets(
     Raises:
         GyroDriftFilterError: It can't, or two of the options name the same path.
     """
+    if files.get('--json') == _STANDARD_OUTPUT:
+        files = {**files, '--json': None}
     named: dict[str, str] = {}
     for option, path in (*files.items(), *pictures.items(), *others.items()):
         if path is None:
@@ -109,27 +127,70 @@ def _check_writable(folder: Path) -> None:
 
 
 @contextmanager
-def saying(report: str) -> Iterator[list[Path]]:
-    """Say a report at the end, and the files that were written, which go into the list yielded.
+def saying(report: str, json_file: Path | None, value: Any) -> Iterator[list[Path]]:
+    """Say results at the end, and the files that were written, which go into the list yielded.
 
-    Where one could not be written, as the disk is full, the report is said all the same, as it took
-    long to find.
+    Where one could not be written, as the disk is full, the results are said all the same, as they
+    took long to find.
+
+    Args:
+        report: The results as text.
+        json_file: What `--json` names: `-` has the value said in place of the text.
+        value: The results for programs.
     """
     written: list[Path] = []
     try:
         yield written
         report += '\n\nwrote ' + '\n      '.join(map(str, written))
     finally:
-        say(report)
+        _say_one(report, json_file, value)
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write what `as_plain` makes of a value; what is not known is null.
+def give_results(text: str, json_file: Path | None, value: Any) -> None:
+    """Write results for programs, where `--json` wants them, and say the text; see `saying`.
+
+    The standard output comes last, as its reader may have left: all else has to be written before.
+
+    Raises:
+        GyroDriftFilterError: They can't be written.
+    """
+    write_json(json_file, value)
+    _say_one(text, json_file, value)
+
+
+def _say_one(text: str, json_file: Path | None, value: Any) -> None:
+    if json_file == _STANDARD_OUTPUT:
+        say(_as_json(value))
+    elif text:
+        say(text)
+
+
+def write_json(json_file: Path | None, value: Any) -> list[Path]:
+    """Write results into the file that `--json` names, if it does.
+
+    Returns:
+        The file, if one was written.
 
     Raises:
         GyroDriftFilterError: It can't be written.
     """
-    write_whole(path, json.dumps(as_plain(value), indent=1, allow_nan=False) + '\n')
+    if json_file is None or json_file == _STANDARD_OUTPUT:
+        return []
+    write_whole(json_file, f'{_as_json(value)}\n')
+    return [json_file]
+
+
+def _as_json(value: Any) -> str:
+    """Return what `as_plain` makes of a value as JSON; what is not known is null."""
+    return json.dumps(as_plain(value), indent=1, allow_nan=False)
+
+
+def verdicts_of(bags: Iterable[tuple[Path, Iterable['Verdict']]]) -> dict[str, Any]:
+    """Return verdicts on bags for programs, in SI units; `Verdict` says what each figure is."""
+    plain = [
+        {'bag': str(bag), **as_plain(verdict)} for bag, verdicts in bags for verdict in verdicts
+    ]
+    return {'verdicts': plain}
 
 
 def as_plain(value: Any) -> Any:

@@ -25,9 +25,9 @@ from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import chosen_parameters
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import today
-from gyro_drift_filter.cli.printing import say, tell
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets, write_json
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
@@ -50,7 +50,7 @@ def add_parser(subcommands: Any) -> None:
     )
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
-    command.add_argument('--json', type=Path, help='write all results, for programs')
+    add_json_option(command, 'all results')
     command.add_argument(
         '--params', type=Path, help='ROS 2 parameter file to start from; what is not tuned stays'
     )
@@ -111,10 +111,10 @@ def run(options: argparse.Namespace) -> None:
         )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
     write_whole(options.output, parameter_file(tuning, source))
-    if options.json:
-        write_json(options.json, tuning)
+    text = ''
     if not options.quiet:
-        say(report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}')
+        text = report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}'
+    give_results(text, options.json, tuning)
 
 
 def _truth(
