@@ -22,7 +22,6 @@ counts, as other work on the machine only ever adds. Ends with status 1 where a 
 """
 
 import argparse
-import json
 import os
 import random
 import resource
@@ -33,15 +32,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 
 from distributed import Client
 
+from benchmark.figures import Figure, tell_figures
 from benchmark.fleet_tables import FAULTS, GETTING_WORSE, WORLDS, World, draw_fleet
-from benchmark.speed import Figure
 from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.fleet.cluster import local_cluster
 from gyro_drift_filter.fleet.columns import read_table
@@ -324,26 +321,7 @@ def main() -> int:
         }.get(part, [()]):
             with tempfile.TemporaryDirectory() as folder:
                 figures += globals()[part](Path(folder), *arguments)
-    rows = [['figure', 'ours', 'other', 'against', 'ratio', 'bar', '']]
-    for figure in figures:
-        sign = '>=' if figure.at_least else '<='
-        bar = f'{sign} {figure.bar:g}'
-        held = 'holds' if figure.holds else 'DOES NOT HOLD'
-        rows.append(
-            [
-                figure.name,
-                figure.value,
-                figure.other,
-                figure.against,
-                f'{figure.ratio:.3g}',
-                bar,
-                held,
-            ]
-        )
-    print(table(rows))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(figure) for figure in figures], indent=1))
-    return 0 if all(figure.holds for figure in figures) else 1
+    return tell_figures(figures, options.json)
 
 
 if __name__ == '__main__':

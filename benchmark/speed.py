@@ -22,7 +22,6 @@ only illustrate. --quick takes fewer messages and repetitions.
 
 import argparse
 import compileall
-import json
 import os
 import shutil
 import statistics
@@ -31,51 +30,22 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmark import live
+from benchmark.figures import Figure, tell_figures
 from benchmark.measure import ROOT, cost_of, median_costs
 from benchmark.tiled import short_one, write_tiled
 from gyro_drift_filter.accelerate.kernels import is_extension
 from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.simulation.experiments import autoregressive
 
 PIECE = 4096  # samples that go through the core at once
 _AGAIN = 'GYRO_DRIFT_FILTER_BENCHMARK_AGAIN'
 REPLAY = str(Path(sys.executable).parent / 'gyro_drift')
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A measured figure.
-
-    Attributes:
-        name: What was measured.
-        value: Of ours.
-        other: Of what it is compared with.
-        against: What that is.
-        ratio: What is judged.
-        bar: Its limit.
-        at_least: Whether the limit is the least instead of the largest.
-    """
-
-    name: str
-    value: str
-    other: str
-    against: str
-    ratio: float
-    bar: float
-    at_least: bool = False
-
-    @property
-    def holds(self) -> bool:
-        """Whether the bar holds."""
-        return self.ratio >= self.bar if self.at_least else self.ratio <= self.bar
 
 
 def core(repetitions: int) -> Iterator[Figure]:
@@ -329,17 +299,7 @@ def main() -> int:
             for figure in measured[name]:
                 tell(f'  {figure.name}: {figure.value}')
                 figures.append(figure)
-    rows = [['figure', 'ours', 'other', 'against', 'ratio', 'bar', '']]
-    for figure in figures:
-        limit = f'{">=" if figure.at_least else "<="} {figure.bar:g}'
-        verdict = 'holds' if figure.holds else 'FALLS SHORT'
-        texts = [figure.name, figure.value, figure.other, figure.against]
-        rows.append([*texts, f'{figure.ratio:.3g}', limit, verdict])
-    print(table(rows))
-    if options.json:
-        figures_ = [asdict(figure) | {'holds': figure.holds} for figure in figures]
-        options.json.write_text(json.dumps(figures_, indent=1) + '\n')
-    return int(not all(figure.holds for figure in figures))
+    return tell_figures(figures, options.json)
 
 
 if __name__ == '__main__':

@@ -23,6 +23,7 @@ from scipy.signal import lfilter
 pytest.importorskip('filterpy', reason="the benchmark's other filters are not installed")
 
 from benchmark import drivers, quality, speed, thresholds
+from benchmark.figures import Figure
 from benchmark.limits import Trial, left_by_best
 from gyro_drift_filter.core.methods import jolts, outliers
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -32,7 +33,7 @@ from support.paths import REPOSITORY
 @pytest.mark.parametrize(('ratio', 'status'), [(0.9, 0), (1.1, 1)])
 def test_a_speed_that_falls_short_is_a_failure(ratio, status, monkeypatch, capsys):
     monkeypatch.setattr(speed, '_be_warm', lambda: None)
-    figure = speed.Figure('a figure', '1 s', '2 s', 'another', ratio, 1.0)
+    figure = Figure('a figure', '1 s', '2 s', 'another', ratio, 1.0)
     monkeypatch.setattr(speed, 'core', lambda repetitions: iter([figure]))
     monkeypatch.setattr('sys.argv', ['speed', '--only', 'core'])
     assert speed.main() == status

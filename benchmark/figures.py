@@ -1,0 +1,65 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures that are held against a bar, and the table of them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from gyro_drift_filter.cli.table import table
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured figure.
+
+    Attributes:
+        name: What was measured.
+        value: Of ours.
+        other: Of what it is compared with.
+        against: What that is.
+        ratio: What is judged.
+        bar: Its limit.
+        at_least: Whether the limit is the least instead of the largest.
+    """
+
+    name: str
+    value: str
+    other: str
+    against: str
+    ratio: float
+    bar: float
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar holds."""
+        return self.ratio >= self.bar if self.at_least else self.ratio <= self.bar
+
+
+def tell_figures(figures: Sequence[Figure], json_file: Path | None) -> int:
+    """Print the table of figures and write them as JSON; return 1 where one falls short."""
+    rows = [['figure', 'ours', 'other', 'against', 'ratio', 'bar', '']]
+    for figure in figures:
+        limit = f'{">=" if figure.at_least else "<="} {figure.bar:g}'
+        verdict = 'holds' if figure.holds else 'FALLS SHORT'
+        texts = [figure.name, figure.value, figure.other, figure.against]
+        rows.append([*texts, f'{figure.ratio:.3g}', limit, verdict])
+    print(table(rows))
+    if json_file:
+        plain = [asdict(figure) | {'holds': figure.holds} for figure in figures]
+        json_file.write_text(json.dumps(plain, indent=1) + '\n')
+    return int(not all(figure.holds for figure in figures))
