@@ -23,6 +23,7 @@ Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of 
 import argparse
 from collections.abc import Callable
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ def _biases(
 
 
 def slow_turn(
-    random: np.random.Generator, speed: float, rate: float, upright: bool, silent: bool
+    random: np.random.Generator, speed: float, upright: bool, silent: bool, rate: float
 ) -> tuple[float, float]:
     """Return the bias of the axis before and at the end of a turn of `speed` deg/s, in deg/s.
 
@@ -325,9 +326,13 @@ def main() -> None:
     options = parser.parse_args()
     seeds = range(options.seeds)
 
+    def of_seeds(world: Callable[..., Any], *arguments: float) -> Array:
+        """Return what a world gives for each seed; where it gives several figures, as columns."""
+        results = [world(np.random.default_rng(k), *arguments, options.rate) for k in seeds]
+        return np.array(results)
+
     def lost_in(world: Callable[..., float], *arguments: float) -> str:
-        lost = [world(np.random.default_rng(k), *arguments, options.rate) for k in seeds]
-        return _median_and_worst(np.array(lost))
+        return _median_and_worst(of_seeds(world, *arguments))
 
     rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
     error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
@@ -335,12 +340,7 @@ def main() -> None:
         tell(f'turning at {speed:g} deg/s ...')
         row, error_row = [f'{speed:g}'], [f'{speed:g}']
         for upright, silent in TURNS.values():
-            biases = np.array(
-                [
-                    slow_turn(np.random.default_rng(seed), speed, options.rate, upright, silent)
-                    for seed in seeds
-                ]
-            )
+            biases = of_seeds(slow_turn, speed, upright, silent)
             shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
             row.append(_median_and_worst(shares, 3))
             before, after = np.sqrt(np.mean(np.square(biases), axis=0))
@@ -358,10 +358,7 @@ def main() -> None:
     rows = [['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)']]
     for speed, period in product(SWINGS, PERIODS):
         tell(f'turning to and fro at {speed:g} deg/s within {period} s ...')
-        of_seeds = [
-            to_and_fro(np.random.default_rng(seed), speed, period, options.rate) for seed in seeds
-        ]
-        moved, lost = np.transpose(of_seeds)
+        moved, lost = of_seeds(to_and_fro, speed, period).T
         columns = _median_and_worst(moved, 3), _median_and_worst(lost)
         rows.append([f'{speed:g}', f'{period}', *columns])
     print(table(rows), end='\n\n')
@@ -372,7 +369,7 @@ def main() -> None:
     rows = [['deg/s', 'median (s)', 'known in']]
     for size in JUMPS:
         tell(f'jumping by {size:g} deg/s ...')
-        after = np.array([jump(np.random.default_rng(seed), size, options.rate) for seed in seeds])
+        after = of_seeds(jump, size)
         known = np.mean(np.isfinite(after))
         rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
     print(table(rows), end='\n\n')
@@ -422,10 +419,7 @@ def main() -> None:
     rows = [['deg/s per g', 'bias (deg/s)', 'angle (deg)']]
     for sensitivity in SENSITIVITIES:
         tell(f'laid down on other sides, with {sensitivity:g} deg/s per g ...')
-        of_seeds = [
-            on_other_sides(np.random.default_rng(seed), sensitivity, options.rate) for seed in seeds
-        ]
-        error, lost = np.transpose(of_seeds)
+        error, lost = of_seeds(on_other_sides, sensitivity).T
         columns = _median_and_worst(error, 3), _median_and_worst(lost)
         rows.append([f'{sensitivity:g}', *columns])
     print(table(rows), end='\n\n')
@@ -434,17 +428,16 @@ def main() -> None:
         f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
     )
     tell('warming up ...')
-    runs = [
-        (
-            warm_up(np.random.default_rng(seed), options.rate),
-            *warm_up_standing(np.random.default_rng(seed), options.rate),
-        )
-        for seed in seeds
-    ]
+    before, moving = zip(
+        *(warm_up_standing(np.random.default_rng(k), options.rate) for k in seeds), strict=True
+    )
     rows = [['error (deg/s)', 'rms', 'worst']]
-    for name, errors in zip(
-        ('after a rest', 'steady', 'standing'), zip(*runs, strict=True), strict=True
-    ):
+    of_warm_up: dict[str, Any] = {
+        'after a rest': of_seeds(warm_up),
+        'steady': before,
+        'standing': moving,
+    }
+    for name, errors in of_warm_up.items():
         rms, worst = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
         rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
     print(table(rows))
