@@ -29,11 +29,6 @@ from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
 
 
-def _resolved(path: Path) -> Path:
-    """Return a path without symbolic links, but for those that lead back to themselves."""
-    return Path(os.path.realpath(path))
-
-
 @contextmanager
 def _reporting_memory(source: Path) -> Iterator[None]:
     """Turn a lack of memory, as a file that lies may bring it about, into one line."""
@@ -105,7 +100,8 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     Raises:
         BagError: It can't; the text says whether `force` would help.
     """
-    read, written = _resolved(source), _resolved(destination)
+    # Without symbolic links, but for those that lead back to themselves.
+    read, written = (Path(os.path.realpath(path)) for path in (source, destination))
     is_source = written in (read, *read.parents)
     if force and is_source:
         raise BagError(f'{destination} is the bag to be read: choose another name')
