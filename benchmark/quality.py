@@ -267,7 +267,7 @@ def bars_at(rate: float) -> dict[str, Bar]:
     return BARS | _BARS_AT_50_HZ if rate <= 50.0 else BARS
 
 
-def falls_short(figures: dict[str, list[float]], bars: Mapping[str, Bar] = BARS) -> Iterator[str]:
+def falls_short(figures: dict[str, list[float]], bars: Mapping[str, Bar]) -> Iterator[str]:
     """Yield a line for each bar that does not hold."""
     for name, (median_bar, worst_bar) in bars.items():
         median_, worst_ = float(np.median(figures[name])), worst(name, figures[name])

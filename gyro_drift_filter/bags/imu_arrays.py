@@ -73,8 +73,8 @@ class ImuArrays:
 
 def imu_parts(
     bag: Path,
-    topic: str | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    topic: str | None,
+    progress: Callable[[int, int], None],
     *,
     between: tuple[float, float] = (0.0, math.inf),
 ) -> Iterator[ImuPart]:

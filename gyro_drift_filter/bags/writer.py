@@ -15,7 +15,7 @@
 """Write a bag: a rosbag2 folder, by rosbags, with an MCAP file of our own in it."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -203,13 +203,14 @@ class BagWriter:
         self._copies[kind(copy)] = copy
         return copy
 
-    def add_connection(
-        self, topic: str, message_type: str, qos: Sequence[Qos] = (RELIABLE,)
-    ) -> Connection:
+    def add_connection(self, topic: str, message_type: str) -> Connection:
         """Add a topic of a type that Jazzy knows."""
         with self._reporting():
             return self._writer.add_connection(
-                topic, message_type, typestore=types_with(message_type), offered_qos_profiles=qos
+                topic,
+                message_type,
+                typestore=types_with(message_type),
+                offered_qos_profiles=[RELIABLE],
             )
 
     def write(self, connection: Connection, log_time: int, data: bytes) -> None:

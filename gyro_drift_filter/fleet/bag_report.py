@@ -19,9 +19,8 @@ from pathlib import Path
 from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.report.figures import Drawer
-from gyro_drift_filter.report.page import Recording, page, when_recorded
+from gyro_drift_filter.report.page import Recording, when_recorded
 from gyro_drift_filter.report.signals import Signals
-from gyro_drift_filter.whole_file import write_whole
 
 # Of all traces of one topic: a page is then some two thirds larger than the library on it.
 _POINTS = 60_000
@@ -38,12 +37,3 @@ def shown_topic(name: str, signals: Signals, summary: Summary, parameters: Param
     drawer = Drawer({method: signals}, summary.start, _POINTS)
     facts = [('topic', summary.topic), when_recorded(summary)]
     return Recording.drawn(name, drawer, {method: summary}, parameters, facts, [])
-
-
-def write_report(path: Path, topics: list[Recording]) -> None:
-    """Write the page, whole or not at all.
-
-    Raises:
-        GyroDriftFilterError: It can't be written.
-    """
-    write_whole(path, page(topics))

@@ -39,15 +39,16 @@ from gyro_drift_filter.doctor.examination import Examined, examine
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.addresses import shown
-from gyro_drift_filter.fleet.bag_report import report_path, shown_topic, write_report
+from gyro_drift_filter.fleet.bag_report import report_path, shown_topic
 from gyro_drift_filter.fleet.noise import identify_noise
 from gyro_drift_filter.fleet.sources import Bag
 from gyro_drift_filter.fleet.streamed import StreamedPath, content_hash
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.recordings.examined import Reading
-from gyro_drift_filter.report.page import Recording
+from gyro_drift_filter.report.page import Recording, page
 from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.report.verdict import BiasSource, RunWatch, Verdict
+from gyro_drift_filter.whole_file import write_whole
 
 Row = dict[str, Any]
 
@@ -112,7 +113,7 @@ def measure(bag: Bag, job: Job) -> Result:
         try:
             content = content_hash(path.contents)
             if measured.topics and job.reports is not None:
-                write_report(report_path(job.reports, content), measured.topics)
+                write_whole(report_path(job.reports, content), page(measured.topics))
         except (GyroDriftFilterError, OSError) as failure:
             error, lasting = str(failure), False
         for failed in (file.failure for file in path.contents.values() if file.failure):
