@@ -29,7 +29,7 @@ from gyro_drift_filter.bags.recording import messages
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
 from gyro_drift_filter.messages.imu import IMU_TYPE, read_message
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 RECORDING = Path(__file__).parents[2] / 'shared' / 'bags' / 'static_adis16405'
@@ -44,9 +44,8 @@ def short_one() -> tuple[str, list[tuple[int, bytes]]]:
             rows = [(time, data) for c, time, data in messages(reader) if c.msgtype == IMU_TYPE]
         return RECORDING.name, rows
     data = simulate(SimulationSettings(static_seconds=1000.0, dynamic_seconds=0.0))
-    stamps = data.stamps.tolist()
-    samples = zip(stamps, data.angular_velocity, data.linear_acceleration, strict=True)
-    return 'simulated', [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
+    samples = imu_messages(data.stamps, data.angular_velocity, data.linear_acceleration)
+    return 'simulated', list(samples)
 
 
 def write_tiled(rows: list[tuple[int, bytes]], count: int, destination: Path) -> Path:

@@ -28,7 +28,7 @@ from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 from support.bags import write
 
@@ -36,8 +36,8 @@ MATRIX = np.array([[1.02, 0.01, -0.03], [0.004, 0.99, 0.02], [-0.02, 0.03, 1.015
 
 
 def bag(path, turns):
-    rows = zip(turns.stamps.tolist(), turns.rates, turns.accelerations, strict=True)
-    return write(path, {(TOPIC, IMU_TYPE): [(t, imu_message(t, w, a)) for t, w, a in rows]})
+    messages = imu_messages(turns.stamps, turns.rates, turns.accelerations)
+    return write(path, {(TOPIC, IMU_TYPE): messages})
 
 
 def calibrate(tmp_path, *arguments):

@@ -36,9 +36,9 @@ from gyro_drift_filter.cli import command, printing, progress
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import simulated, write
-from support.messages import TEXT, imu_fields, text
+from support.messages import START, TEXT, imu_fields, text
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
 
@@ -106,9 +106,7 @@ def resting(random, seconds, bias, moving=0.0):
     rates = np.array(bias) + 0.002 * random.standard_normal((n, 3))
     rates[: round(100 * moving)] += np.sin(0.05 * np.arange(round(100 * moving)))[:, None]
     forces = [0.0, 0.0, 9.8] + 0.01 * random.standard_normal((n, 3))
-    stamps = [10**18 + 10**7 * k for k in range(n)]
-    samples = zip(stamps, rates, forces, strict=True)
-    return [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
+    return list(imu_messages(START + 10**7 * np.arange(n), rates, forces))
 
 
 def test_the_table_counts_from_the_bias_on(tmp_path, random, capsys):

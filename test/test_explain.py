@@ -30,7 +30,7 @@ from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import write
 from support.messages import START
 from support.sensor import at_rest
@@ -53,11 +53,8 @@ def rates_and_forces(random):
 
 @pytest.fixture
 def bag(tmp_path, rates_and_forces):
-    rows = [
-        (START + 10_000_000 * k, imu_message(START + 10_000_000 * k, *of_sample))
-        for k, of_sample in enumerate(zip(*rates_and_forces, strict=True))
-    ]
-    return write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): rows})
+    stamps = START + 10_000_000 * np.arange(len(rates_and_forces[0]))
+    return write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): imu_messages(stamps, *rates_and_forces)})
 
 
 def explained(bag, tmp_path, *options):
@@ -180,9 +177,7 @@ def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):
 
 def explained_page(tmp_path, capsys, stamps, rates, forces):
     """Return what the command prints of a recording with stamps in ns since START."""
-    times = (START + np.asarray(stamps)).tolist()
-    of_samples = zip(times, rates, forces, strict=True)
-    rows = [(time, imu_message(time, rate, force)) for time, rate, force in of_samples]
+    rows = imu_messages(START + np.asarray(stamps), rates, forces)
     assert main(['explain', str(write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): rows}))]) == 0
     return capsys.readouterr().out
 
@@ -276,8 +271,8 @@ def test_a_bridged_repeat_ends_no_outliers_in_a_row(tmp_path, capsys, random):
     for repeat in (*range(100, 1400, 50), 1501):
         rates[repeat], forces[repeat] = rates[repeat - 1], forces[repeat - 1]
     stamps, filter_ = 10_000_000 * np.arange(len(rates)), MessageFilter(Parameters())
-    for row in zip((START + stamps).tolist(), rates, forces, strict=True):
-        filter_.take(imu_message(*row))
+    for _, message in imu_messages(START + stamps, rates, forces):
+        filter_.take(message)
     _, of_filter = Health().judge(filter_.report(), 1.0)
     page = explained_page(tmp_path, capsys, stamps, rates, forces)
     assert [reason for reason, _ in told_of_each(page)] == 3 * [REASONS[Reason.BEYOND_BODY]]

@@ -33,7 +33,7 @@ from gyro_drift_filter.cli import identification_report
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
 
@@ -58,17 +58,7 @@ def bag(path, seconds=90.0, change=None, gap=0.0, burst=1, polled=1):
     if polled > 1:
         rates, accelerations = (np.repeat(v, polled, axis=0) for v in (rates, accelerations))
         stamps = stamps[0] + 10_000_000 // polled * np.arange(len(rates))
-    return write(
-        path,
-        {
-            (TOPIC, IMU_TYPE): [
-                (stamp, imu_message(stamp, rate, acceleration))
-                for stamp, rate, acceleration in zip(
-                    stamps.tolist(), rates, accelerations, strict=True
-                )
-            ]
-        },
-    )
+    return write(path, {(TOPIC, IMU_TYPE): imu_messages(stamps, rates, accelerations)})
 
 
 def identify(tmp_path, source, *options):

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.memory_file import file_of, recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
-from gyro_drift_filter.simulation.bag import FRAME, imu_message
+from gyro_drift_filter.simulation.bag import FRAME, imu_messages
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import START, doubles_of, imu_fields
 from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
@@ -122,8 +122,8 @@ def test_the_bias_of_another_frame_is_not_kept_as_that_of_this_one(home, random)
         before = file_of(NODE, FRAME).read_text()
         rates, accelerations = at_rest(random, 10, (-0.05, 0.05, 0.05))
         stamps = START + 10_000_000 * (1100 + np.arange(len(rates)))
-        other = zip(stamps.tolist(), rates, accelerations, strict=True)
-        live.play([imu_message(*row, frame='other_imu') for row in other])
+        other = imu_messages(stamps, rates, accelerations, frame='other_imu')
+        live.play([message for _, message in other])
     assert file_of(NODE, FRAME).read_text() == before
     assert len(list(file_of(NODE, FRAME).parent.iterdir())) == 1
 

@@ -20,7 +20,7 @@ import pytest
 from benchmark.scenarios import stamps
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.bag import imu_messages
 from support.sensor import fast_turn
 
 RATE = 100.0  # Hz, of the sensor
@@ -209,8 +209,8 @@ def test_the_rate_of_messages_is_told_beside_that_of_the_sensor(random):
     rates, accelerations = measured(random)
     filter_ = MessageFilter(Parameters())
     given = polled(rates, 5), polled(accelerations, 5)
-    for message in zip(stamps(5 * N, 5 * RATE).tolist(), *given, strict=True):
-        filter_.take(imu_message(*message))
+    for _, message in imu_messages(stamps(5 * N, 5 * RATE), *given):
+        filter_.take(message)
     telemetry = filter_.report().telemetry
     assert telemetry.period == pytest.approx(1.0 / RATE, rel=0.002)
     assert telemetry.samples_per_message == pytest.approx(0.2, rel=0.02)

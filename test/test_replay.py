@@ -40,7 +40,7 @@ from gyro_drift_filter.mcap.writer import McapWriter as OurWriter
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import OTHER_QOS, read, simulated, write
 from support.messages import STORE, TEXT, imu_fields, offset_of_doubles, text
@@ -301,11 +301,11 @@ def test_a_type_without_definition_passes(tmp_path):
 
 def test_the_summary_tells_of_the_whole_bag(tmp_path):
     """Degrees for a minute, then a rest: the end of the bag is not all of it."""
-    stamps = [10**18 + k * 10**7 for k in range(1000)]
+    stamps = 10**18 + 10**7 * np.arange(1000)
     rates = [(90.0 + k % 7 if k < 800 else 0.0, 0, k % 3 * 1e-3) for k in range(1000)]
-    imu = [(t, imu_message(t, rate, (0, 0, 9.8))) for t, rate in zip(stamps, rates, strict=True)]
+    imu = list(imu_messages(stamps, rates, (0, 0, 9.8)))
     imu[3] = (imu[3][0], b'junk')
-    words = [(stamps[-1] + k * 10**9, text('late')) for k in range(1, 5)]
+    words = [(imu[-1][0] + k * 10**9, text('late')) for k in range(1, 5)]
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})
     status = run(source, tmp_path / 'out').status[0]
     assert 'messages refused, the last because 4 bytes are too few' in status.message
@@ -320,7 +320,7 @@ def test_an_imu_that_comes_late_or_ends_early_loses_no_messages(tmp_path, random
     stamps = 10**18 + 10**7 * np.arange(800)
     rates = 0.005 * random.standard_normal((800, 3))
     gravity = 9.8 / 3.0**0.5  # on each axis
-    imu = [(t, imu_message(t, r, r + gravity)) for t, r in zip(stamps.tolist(), rates, strict=True)]
+    imu = list(imu_messages(stamps, rates, rates + gravity))
     for name, begin in (('late', -12), ('early', 0)):
         words = [(10**18 + k * 10**9, text('word')) for k in range(begin, begin + 20)]
         source = write(tmp_path / name, {(TOPIC, IMU_TYPE): imu, ('/words', TEXT): words})

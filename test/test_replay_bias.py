@@ -30,17 +30,14 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.memory_file import MemoryFileError, recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
-from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_messages
 from support.bags import read, write
 from support.messages import START, STORE
 from support.sensor import DEGREE, at_rest, by_hand, taking_off
 
 
 def imus(rates, accelerations):
-    return [
-        (START + 10_000_000 * k, imu_message(START + 10_000_000 * k, rate, acceleration))
-        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
-    ]
+    return list(imu_messages(START + 10_000_000 * np.arange(len(rates)), rates, accelerations))
 
 
 def header(stamp):
@@ -217,17 +214,9 @@ def test_a_bias_that_a_later_recording_has_left_is_told(tmp_path, random, caplog
 
 def test_the_bias_of_another_frame_is_not_kept(tmp_path, random, caplog):
     first = imus(*at_rest(random, 10, (0.01, 0.02, 0.03)))
-    rates, accelerations = at_rest(random, 10, (-0.05, 0.05, 0.05))
-    later = [
-        (time, imu_message(time, rate, acceleration, frame='other_imu'))
-        for time, rate, acceleration in zip(
-            (START + 10_000_000 * (1100 + np.arange(1000))).tolist(),
-            rates,
-            accelerations,
-            strict=True,
-        )
-    ]
-    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): first + later})
+    stamps = START + 10_000_000 * (1100 + np.arange(1000))
+    later = imu_messages(stamps, *at_rest(random, 10, (-0.05, 0.05, 0.05)), frame='other_imu')
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): [*first, *later]})
     replay(bag, tmp_path / 'out', parameters=Parameters(), memory=tmp_path / 'bias.json')
     assert not (tmp_path / 'bias.json').exists()
     assert f'frame_id is no longer {FRAME}' in caplog.text

@@ -36,7 +36,7 @@ from gyro_drift_filter.report.figures import autocorrelation, reduced
 from gyro_drift_filter.report.page import LARGEST_PAGE, points_for
 from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
 from gyro_drift_filter.report.signals import Signals
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message, write_simulation
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
 from support.browser import check_quiet, opened, wait_for
@@ -129,10 +129,9 @@ def test_the_page_asks_for_nothing_beside_itself(source, tmp_path):
 
 
 def evil_bag(path):
-    stamps = [10**18 + 10**7 * k for k in range(700)]
+    stamps = 10**18 + 10**7 * np.arange(700)
     rates = [(0.1, k % 7 * 1e-3, 0.0) for k in range(700)]
-    samples = zip(stamps, rates, strict=True)
-    imu = [(stamp, imu_message(stamp, rate, (0, 0, 9.8), EVIL)) for stamp, rate in samples]
+    imu = imu_messages(stamps, rates, (0, 0, 9.8), frame=EVIL)
     return write(path, {(f'/imu/{EVIL}', IMU_TYPE): imu})
 
 
@@ -230,10 +229,8 @@ def test_angles_are_the_integral_by_the_stamps(random):
     stamps[400:] += 10**11
     rates = 0.1 + 0.01 * random.standard_normal((n, 3))
     rates[300, 0] = np.nan
-    messages = [
-        imu_message(t, r, (0.0, 0.0, 9.8)) for t, r in zip(stamps.tolist(), rates, strict=True)
-    ]
-    imus = imus_of(piece_of(messages))
+    messages = imu_messages(stamps, rates, (0.0, 0.0, 9.8))
+    imus = imus_of(piece_of([message for _, message in messages]))
     filter_ = Filter()
     imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
     signals = Signals(filter_)
@@ -300,9 +297,8 @@ def shown(page, name):
 def test_an_outlier_counts_once_in_the_table_of_methods(tmp_path, random):
     rates = 0.002 * random.standard_normal((3000, 3))
     rates[(1500, 2000), :] += 2.0
-    stamps = [10**18 + 10**7 * k for k in range(len(rates))]
-    samples = zip(stamps, rates, strict=True)
-    imu = [(stamp, imu_message(stamp, rate, (0, 0, 9.8))) for stamp, rate in samples]
+    stamps = 10**18 + 10**7 * np.arange(len(rates))
+    imu = imu_messages(stamps, rates, (0, 0, 9.8))
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
     text, (verdict, _) = report(source, tmp_path, '--methods', 'adaptive', 'kalman')
     assert verdict['outliers']['axes'] == [2, 2, 2]

@@ -30,7 +30,12 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message, read_truth, write_simulation
+from gyro_drift_filter.simulation.bag import (
+    TOPIC,
+    imu_messages,
+    read_truth,
+    write_simulation,
+)
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.tune import tuning
 from gyro_drift_filter.tune.objective import Material, Objective
@@ -306,20 +311,10 @@ def test_the_file_holds_what_it_started_from(bag, tmp_path):
 
 def test_truth_on_a_topic(tmp_path, capsys):
     simulation = handled()
-    true = zip(simulation.stamps.tolist(), simulation.truth, strict=True)
-    raw = zip(
-        simulation.stamps.tolist(),
-        simulation.angular_velocity,
-        simulation.linear_acceleration,
-        strict=True,
-    )
-    bag = write(
-        tmp_path / 'bag',
-        {
-            ('/true', IMU_TYPE): [(t, imu_message(t, v, (0, 0, 9.8))) for t, v in [*true][100:]],
-            (TOPIC, IMU_TYPE): [(t, imu_message(t, v, a)) for t, v, a in raw],
-        },
-    )
+    stamps, forces = simulation.stamps, simulation.linear_acceleration
+    true = imu_messages(stamps[100:], simulation.truth[100:], (0, 0, 9.8))
+    raw = imu_messages(stamps, simulation.angular_velocity, forces)
+    bag = write(tmp_path / 'bag', {('/true', IMU_TYPE): true, (TOPIC, IMU_TYPE): raw})
     options = ['--topic', TOPIC, '--truth', '/true', '--seconds', '0.001']
     assert main(['tune', str(bag), '-o', str(tmp_path / 'out.yaml'), *options]) == 0
     assert 'The time limit has cut it short' in capsys.readouterr().out

@@ -32,7 +32,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
 from gyro_drift_filter.report.wording import as_text, headline
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
@@ -48,9 +48,7 @@ def bag(path, rates, accelerations, stamps=None):
     """Write a bag of Imu messages at 100 Hz."""
     if stamps is None:
         stamps = START + 10**7 * np.arange(len(rates))
-    samples = zip(stamps.tolist(), rates, accelerations, strict=True)
-    imu = [(stamp, imu_message(stamp, *sample)) for stamp, *sample in samples]
-    return write(path, {(TOPIC, IMU_TYPE): imu})
+    return write(path, {(TOPIC, IMU_TYPE): imu_messages(stamps, rates, accelerations)})
 
 
 def judged(source, folder, parameters=None, memory=None):
@@ -154,8 +152,8 @@ def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batc
 def filtered(rates, accelerations):
     """Return the stamps of samples at 100 Hz, and their messages with the filter's results."""
     stamps = START + 10**7 * np.arange(len(rates))
-    samples = zip(stamps.tolist(), rates, accelerations, strict=True)
-    imus = imus_of(piece_of([imu_message(*sample) for sample in samples]))
+    messages = imu_messages(stamps, rates, accelerations)
+    imus = imus_of(piece_of([message for _, message in messages]))
     imus['result'] = Filter().run(stamps, rates, accelerations)
     return stamps, imus
 

@@ -14,6 +14,7 @@
 
 """Write simulated data as a bag, with its truth beside it."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,22 @@ def imu_message(
     return serialize(message, IMU_TYPE)
 
 
+def imu_messages(
+    stamps: NDArray[np.int64], rates: Any, accelerations: Any, **options: Any
+) -> Iterator[tuple[int, bytes]]:
+    """Yield the stamp of each sample in ns, and its message.
+
+    Args:
+        stamps: (n,) in ns.
+        rates: (n, 3) in rad/s.
+        accelerations: (n, 3), or (3,) for all, in m/s^2.
+        options: Others of `imu_message`.
+    """
+    forces = np.broadcast_to(accelerations, np.shape(rates))
+    for stamp, rate, force in zip(stamps.tolist(), rates, forces, strict=True):
+        yield stamp, imu_message(stamp, rate, force, **options)
+
+
 def truth_path(bag: Path) -> Path:
     """Return where the truth of a simulated bag stands: beside it."""
     return bag.with_name(f'{bag.name}_truth.npz')
@@ -88,16 +105,16 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
     archive = truth_path(bag)
     if archive.exists():
         raise BagError(f'{archive} exists already: remove it or choose another name')
-    covariances = _covariances(simulation)
+    covariance, acceleration_covariance = _covariances(simulation)
     with BagWriter(bag) as writer:
         connection = writer.add_connection(TOPIC, IMU_TYPE)
-        for stamp, rate, acceleration in zip(
-            simulation.stamps.tolist(),
+        for stamp, message in imu_messages(
+            simulation.stamps,
             simulation.angular_velocity,
             simulation.linear_acceleration,
-            strict=True,
+            covariance=covariance,
+            acceleration_covariance=acceleration_covariance,
         ):
-            message = imu_message(stamp, rate, acceleration, FRAME, *covariances)
             writer.write(connection, stamp, message)
     try:
         np.savez_compressed(

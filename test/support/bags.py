@@ -14,7 +14,7 @@
 
 """Bags, made on the spot by other projects' writers, and read by their readers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,7 +33,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, imu_fields, text
 from support.messages import simulated as simulated_messages
 
@@ -60,7 +60,7 @@ def simulated(n: int = 300) -> Messages:
 
 def write(
     path: Path,
-    topics: Mapping[tuple[str, str], Messages],
+    topics: Mapping[tuple[str, str], Iterable[tuple[int, bytes]]],
     plugin: StoragePlugin = StoragePlugin.MCAP,
     mode: CompressionMode | None = None,
     version: Literal[8, 9] = 9,
@@ -154,7 +154,6 @@ def simulated_folder(folder: Path) -> Path:
     write_simulation(folder / 'motionless', simulate(settings))
     random = np.random.default_rng(0)
     turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
-    rows = zip(turns.stamps.tolist(), turns.rates, turns.accelerations, strict=True)
-    messages = [(row[0], imu_message(*row)) for row in rows]
+    messages = imu_messages(turns.stamps, turns.rates, turns.accelerations)
     write(folder / 'turns', {(TOPIC, IMU_TYPE): messages})
     return folder

@@ -21,7 +21,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.bag import imu_message, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 START = 10**18
@@ -91,12 +91,8 @@ def text(value: str) -> bytes:
 def simulated(n: int = 600) -> list[bytes]:
     """Return n Imu messages of both experiments of the paper, half of them at rest."""
     data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
-    return [
-        imu_message(stamp, rate, acceleration)
-        for stamp, rate, acceleration in zip(
-            data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
-        )
-    ]
+    samples = imu_messages(data.stamps, data.angular_velocity, data.linear_acceleration)
+    return [message for _, message in samples]
 
 
 def quiet(
