@@ -14,15 +14,14 @@
 
 """What docs/architecture.md says on adding something is done as it is written there."""
 
-import os
 import re
 import shutil
-import subprocess
 import sys
 
 import pytest
 
 from support.paths import REPOSITORY, TESTS
+from support.processes import run_command
 
 PAGE = (REPOSITORY / 'docs' / 'architecture.md').read_text()
 AVERAGE = """
@@ -129,29 +128,15 @@ def test_what_the_page_adds_works(title, files, code, tmp_path):
             (tmp_path / path).write_text(text)
             touched.add(path)
         else:
-            applied = subprocess.run(
-                ['git', 'apply', '-'],
-                input=text,
-                text=True,
-                cwd=tmp_path,
-                capture_output=True,
-                check=False,
-            )
+            applied = run_command('git', 'apply', '-', input=text, cwd=tmp_path)
             assert applied.returncode == 0, (
                 f'the code has changed: make the change of docs/architecture.md, "{title}", anew, '
                 f'and put in what `git diff -U1` shows\n{applied.stderr}'
             )
             touched |= set(re.findall(r'^\+\+\+ b/(.*)$', text, re.MULTILINE))
     assert len(touched) == files
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env=os.environ | {'PYTHONPATH': str(tmp_path), 'NUMBA_DISABLE_JIT': '1'},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    environment = {'PYTHONPATH': str(tmp_path), 'NUMBA_DISABLE_JIT': '1'}
+    done = run_command(sys.executable, '-c', code, environment=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 

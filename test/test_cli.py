@@ -16,7 +16,6 @@
 
 import io
 import json
-import os
 import re
 import signal
 import subprocess
@@ -39,19 +38,13 @@ from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import simulated, write
 from support.messages import START, TEXT, imu_fields, text
+from support.processes import run_command
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
 
 
 def run(*arguments, **environment):
-    return subprocess.run(
-        [COMMAND, *map(str, arguments)],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    return run_command(COMMAND, *arguments, environment=environment, timeout=300)
 
 
 @pytest.mark.slow
@@ -84,7 +77,8 @@ def test_replay_loads_only_what_it_needs(tmp_path):
         f'import sys; from gyro_drift_filter.cli.main import main; assert main({arguments}) == 0; '
         'print(*sys.modules)'
     )
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    done = run_command(sys.executable, '-c', code, timeout=300)
+    assert done.returncode == 0, done.stderr
     loaded = done.stdout.split()
     assert 'rosbags.highlevel' in loaded
     assert 'gyro_drift_filter.cli.identify' not in loaded
@@ -207,7 +201,7 @@ with signals.raising(), signals.ending_at_once():
     ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal({int(number)}))()
     print('went on')
 """
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    done = run_command(sys.executable, '-c', code, timeout=60)
     assert done.returncode == 128 + number
     why = 'interrupted' if number == signal.SIGINT else 'ended by SIGTERM'
     assert done.stderr == f'gyro_drift: {why}, nothing written\n'
@@ -248,15 +242,8 @@ def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch, capsys):
 )
 def test_an_output_that_takes_nothing_is_no_traceback(redirection, status, told, tmp_path):
     bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
-    done = subprocess.run(
-        f'{sys.executable} -m gyro_drift_filter.cli.main replay in -o out {redirection}',
-        shell=True,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    command = f'{sys.executable} -m gyro_drift_filter.cli.main replay in -o out {redirection}'
+    done = run_command('sh', '-c', command, cwd=tmp_path, timeout=300)
     assert done.returncode == status
     assert done.stderr.startswith(told)
     assert done.stderr.count('\n') == bool(told)
@@ -419,13 +406,7 @@ sys.exit(main(sys.argv[2:]))
 
 def run_without(modules, *arguments):
     """Run the command where modules, joined by commas, can't be imported."""
-    return subprocess.run(
-        [sys.executable, '-c', WITHOUT, modules, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    return run_command(sys.executable, '-c', WITHOUT, modules, *arguments)
 
 
 @pytest.mark.parametrize(

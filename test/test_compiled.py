@@ -22,7 +22,6 @@ import ast
 import os
 import re
 import shutil
-import subprocess
 import sys
 import time
 
@@ -32,6 +31,7 @@ import pytest
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.kernels import is_compiled
 from support.paths import REPOSITORY, TESTS
+from support.processes import run_command
 
 pytestmark = pytest.mark.slow
 
@@ -39,15 +39,8 @@ COMPILE = 'import sys; from gyro_drift_filter.cli.compile import run; run(None)'
 
 
 def run(code, cwd=None, **environment):
-    return subprocess.run(
-        [sys.executable, '-c', code],
-        env=os.environ | environment,
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
+    command = sys.executable, '-c', code
+    return run_command(*command, environment=environment, cwd=cwd, timeout=600)
 
 
 def output(code, cwd=None, **environment):

@@ -17,7 +17,6 @@
 import ast
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 import zipfile
@@ -31,6 +30,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from support.paths import NOT_COPIED, REPOSITORY
+from support.processes import run_command
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib', 'distributed': 'dask'}
@@ -73,14 +73,7 @@ def source(tmp_path_factory):
     """Make the source distribution of a copy of this repository."""
     copy = tmp_path_factory.mktemp('source') / 'copy'
     shutil.copytree(REPOSITORY, copy, ignore=NOT_COPIED)
-    done = subprocess.run(
-        [sys.executable, 'setup.py', '--quiet', 'sdist'],
-        cwd=copy,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_command(sys.executable, 'setup.py', '--quiet', 'sdist', cwd=copy)
     assert done.returncode == 0, done.stderr
     assert 'warning' not in done.stdout + done.stderr
     (path,) = (copy / 'dist').glob('*.tar.gz')
@@ -101,13 +94,8 @@ def test_the_source_distribution_holds_what_the_tests_need(source):
 @pytest.mark.slow
 def test_the_wheel_is_pure_and_whole(source, tmp_path):
     """It is built of the source distribution, by pip with what it needs for that."""
-    done = subprocess.run(
-        [sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '-w', tmp_path, source],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    pip = sys.executable, '-m', 'pip'
+    done = run_command(*pip, 'wheel', '--quiet', '--no-deps', '-w', tmp_path, source, timeout=300)
     assert done.returncode == 0, done.stderr
     (path,) = tmp_path.glob('*.whl')
     assert path.name == f'gyro_drift_filter-{version("gyro_drift_filter")}-py3-none-any.whl'
@@ -167,9 +155,7 @@ def test_the_workflow_runs_what_there_is():
 def test_the_workflow_is_valid():
     if shutil.which('actionlint') is None:
         pytest.skip('actionlint is not installed: go install github.com/rhysd/actionlint/cmd/...')
-    done = subprocess.run(
-        ['actionlint', WORKFLOW], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_command('actionlint', WORKFLOW, timeout=60)
     assert done.returncode == 0, done.stdout
 
 
@@ -198,8 +184,6 @@ sys.modules['rclpy'] = None
 from gyro_drift_filter.ros.command import main
 sys.exit(main())
 """
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_command(sys.executable, '-c', code, timeout=60)
     assert done.returncode == 1
     assert re.fullmatch(r'gyro_drift_filter_node: the node needs ROS 2 .*rclpy.*\n', done.stderr)

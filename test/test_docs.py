@@ -16,7 +16,6 @@
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +24,7 @@ import pytest
 
 from support.bags import simulated_folder
 from support.paths import REPOSITORY
+from support.processes import run_command
 
 PAGES = [REPOSITORY / 'README.md', *sorted((REPOSITORY / 'docs').glob('*.md'))]
 SHELL = ('bash', 'sh', 'shell', 'console')
@@ -66,22 +66,13 @@ def to_run(page):
 def run(block, folder):
     """Run a block as its reader would: line by line, from a shell that stops at the first error."""
     command = [sys.executable, '-'] if block.language == 'python' else ['bash', '-eu', '-s']
-    return subprocess.run(
-        command,
-        input=block.text,
-        text=True,
-        capture_output=True,
-        cwd=folder,
-        env=os.environ
-        | {
-            'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
-            'PYTHONPATH': str(REPOSITORY),
-            'HOME': str(folder),
-            'XDG_CACHE_HOME': os.environ.get('XDG_CACHE_HOME', str(Path.home() / '.cache')),
-        },
-        check=False,
-        timeout=120,
-    )
+    environment = {
+        'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
+        'PYTHONPATH': str(REPOSITORY),
+        'HOME': str(folder),
+        'XDG_CACHE_HOME': os.environ.get('XDG_CACHE_HOME', str(Path.home() / '.cache')),
+    }
+    return run_command(*command, environment=environment, input=block.text, cwd=folder)
 
 
 @pytest.fixture(scope='session')
@@ -209,14 +200,8 @@ def test_topics_are_those_of_the_node():
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path):
     pytest.importorskip('mkdocs', reason='mkdocs is not installed: make installs it')
-    done = subprocess.run(
-        [sys.executable, '-m', 'mkdocs', 'build', '--strict', '--site-dir', str(tmp_path / 'site')],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    build = '-m', 'mkdocs', 'build', '--strict', '--site-dir', tmp_path / 'site'
+    done = run_command(sys.executable, *build, cwd=REPOSITORY)
     assert done.returncode == 0, done.stderr
     # What a browser would load when a page is opened; links that a reader follows may lead away.
     for page in sorted((tmp_path / 'site').rglob('*.html')):

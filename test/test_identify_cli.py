@@ -36,6 +36,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
+from support.processes import run_command
 
 pytestmark = pytest.mark.slow
 
@@ -371,12 +372,8 @@ def test_an_ascii_terminal_does_not_end_it(tmp_path):
     source = bag(tmp_path / 'in', 25)
     output = tmp_path / 'model.yaml'
     environment = {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONIOENCODING': 'ascii'}
-    done = subprocess.run(
-        [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'identify', source, '-o', output],
-        env={**os.environ, **environment},
-        capture_output=True,
-        check=False,
-    )
+    command = sys.executable, '-m', 'gyro_drift_filter.cli.main', 'identify', source, '-o', output
+    done = run_command(*command, environment=environment)
     assert done.returncode == 0, done.stderr
     read_parameters(output)
 

@@ -15,10 +15,10 @@
 """What may import what: layers go one way, the core needs no ROS and no files."""
 
 import ast
-import subprocess
 import sys
 
 from support.paths import REPOSITORY, TESTS
+from support.processes import run_command
 
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 # Modules that stand below all layers.
@@ -103,9 +103,7 @@ for name in ('numba', 'rclpy', 'rosbags', 'mcap', 'yaml', 'matplotlib'):
 from gyro_drift_filter.core import Filter
 print(Filter().step(1, (1.0, 2.0, 3.0), (0.0, 0.0, 9.8))['angular_velocity'])
 """
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_command(sys.executable, '-c', code, timeout=60)
     assert done.stdout.strip() == '[1. 2. 3.]', done.stderr
 
 
@@ -121,9 +119,7 @@ from gyro_drift_filter.accelerate.cache import kernel_modules
 for name in kernel_modules():
     importlib.import_module(name)
 """
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_command(sys.executable, '-c', code, timeout=60)
     assert done.returncode == 0, done.stderr
 
 

@@ -14,7 +14,6 @@
 
 """The rules of ROS 2's linters, by these where they are installed, else by what they call."""
 
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -22,6 +21,7 @@ from pathlib import Path
 import pytest
 
 from support.paths import REPOSITORY
+from support.processes import run_command
 
 INSTALLED = ('gyro_drift_filter', 'launch', 'examples')
 GENERATED = ('build', 'install', 'log', 'site')
@@ -29,14 +29,7 @@ GENERATED = ('build', 'install', 'log', 'site')
 
 def lint(*command):
     """Run a linter as a module of this Python; return its status and what it printed."""
-    done = subprocess.run(
-        [sys.executable, '-m', *command],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_command(sys.executable, '-m', *command, cwd=REPOSITORY)
     return done.returncode, done.stdout + done.stderr
 
 

@@ -50,6 +50,7 @@ from harness.live_node import EXECUTABLE, LOSSLESS, LiveNode, environment, own_d
 from support.messages import imu_fields, simulated
 from support.node import call, diagnostics, get_parameter, offline, set_parameters, values
 from support.paths import REPOSITORY
+from support.processes import run_command
 
 pytestmark = pytest.mark.node
 
@@ -394,7 +395,7 @@ def test_a_parameter_file_that_is_no_yaml_ends_the_node(content, message, tmp_pa
 
 def test_help_and_options_that_do_not_exist():
     def run(*arguments):
-        done = subprocess.run([EXECUTABLE, *arguments], capture_output=True, text=True, check=False)
+        done = run_command(EXECUTABLE, *arguments)
         return done.returncode, done.stdout, done.stderr
 
     status, out, _ = run('--help', '--ros-args', '-p', 'method:=kalman')

@@ -32,6 +32,7 @@ from gyro_drift_filter.messages.message_filter import MessageFilter
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import simulated
 from support.paths import NOT_COPIED, REPOSITORY
+from support.processes import run_command
 
 BIN = Path(sys.executable).parent
 MAIN = 'gyro_drift_filter.launch.py'
@@ -199,14 +200,8 @@ def test_the_built_node_filters_from_a_cold_start_on(workspace, monkeypatch, tmp
 
 @pytest.mark.node
 def test_the_demo(tmp_path):
-    done = subprocess.run(
-        [sys.executable, '-m', 'demo.main', str(tmp_path / 'output')],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    demo = sys.executable, '-m', 'demo.main', tmp_path / 'output'
+    done = run_command(*demo, cwd=REPOSITORY, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'It helped: at rest the rates are' in done.stdout
     off = {
