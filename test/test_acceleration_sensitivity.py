@@ -32,12 +32,12 @@ SENSITIVITY = 1e-4 * np.array([[0.1, 0.5, 0.9], [-2.0, 0.04, 1.4], [-1.0, -1.2, 
 NAME = 'calibration.acceleration_sensitivity'
 
 
-def parameters(method='adaptive', sensitivity=SENSITIVITY):
-    return Parameters.from_names({'method': method, NAME: sensitivity.ravel().tolist()})
+def parameters(method='adaptive'):
+    return Parameters.from_names({'method': method, NAME: SENSITIVITY.ravel().tolist()})
 
 
-def sensitive(data, sensitivity=SENSITIVITY):
-    return data.angular_velocity + data.linear_acceleration @ sensitivity.T
+def sensitive(data):
+    return data.angular_velocity + data.linear_acceleration @ SENSITIVITY.T
 
 
 @pytest.mark.parametrize('method', METHOD_NAMES)

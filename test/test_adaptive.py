@@ -808,9 +808,9 @@ def test_a_hand_is_followed_at_a_low_rate(rate, deviation, random):
     assert np.sqrt(np.mean(error**2)) < 1.1 * deviation
 
 
-def hand_without_rest(random, rate, seconds=60):
+def hand_without_rest(random, rate):
     """Return rates (n, 3) of a hand that moves at up to some 8 Hz from power-on, faster or not."""
-    n = round(300 * seconds)
+    n = 300 * 60
     sections = signal.butter(2, [0.3, 8.0], 'bandpass', fs=300.0, output='sos')
     hand = signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0)
     pace = 0.3 + np.sin(np.arange(n) / 300.0 / 7.0) ** 2
@@ -916,8 +916,9 @@ def test_at_a_low_rate_large_spikes_in_motion_are_held(rate, size, random):
     assert results['outlier'][1000::50, 0].mean() > 0.9
 
 
-def moved_about(random, n=3000):
+def moved_about(random):
     """Return rates and accelerations (n, 3) at 100 Hz of a body that is turned about all axes."""
+    n = 3000
     time = np.arange(n)[:, None] / 100.0
     rates = np.sin(2 * np.pi * time * [1.0, 0.7, 1.3] + [0.0, 1.0, 2.0])
     return rates + 0.002 * random.standard_normal((n, 3)), still_accelerations(random, n)

@@ -246,13 +246,14 @@ def test_other_faults_than_scale_are_no_calibration(change, message, random):
         calibrate([samples(turns, change)])
 
 
+def burst(stamps, rates, accelerations):
+    """Have the driver stamp five samples as they arrive together."""
+    stamps[:] = stamps[np.minimum(np.arange(len(stamps)) // 5 * 5 + 4, len(stamps) - 1)]
+    stamps += 1000 * np.arange(len(stamps))
+
+
 def test_stamps_of_arrival_are_not_taken_for_the_time_of_samples(random):
     faults, turns = laid_down(random)
-
-    def burst(stamps, rates, accelerations):
-        stamps[:] = stamps[np.minimum(np.arange(len(stamps)) // 5 * 5 + 4, len(stamps) - 1)]
-        stamps += 1000 * np.arange(len(stamps))
-
     found = calibrate([samples(turns, burst)])
     assert 'the stamps are those of arrival: samples are taken as evenly spaced' in found.warnings
     assert np.abs(found.matrix - faults.matrix).max() < 2e-3
@@ -272,11 +273,6 @@ def test_samples_without_a_rate_do_not_make_even_stamps_uneven(random):
 def test_a_warning_does_not_stand_for_the_error(random):
     """Of one rest with stamps of arrival it said only how these are taken."""
     turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)
-
-    def burst(stamps, rates, accelerations):
-        stamps[:] = stamps[np.minimum(np.arange(len(stamps)) // 5 * 5 + 4, len(stamps) - 1)]
-        stamps += 1000 * np.arange(len(stamps))
-
     with pytest.raises(CalibrationError, match='the sensor was not turned') as error:
         calibrate([samples(turns, burst)])
     assert 'arrival' not in str(error.value)

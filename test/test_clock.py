@@ -209,9 +209,9 @@ def test_the_bias_becomes_uncertain_whether_stamps_tell_the_time_or_not(stamp_of
     np.testing.assert_allclose(other, even, rtol=0.03)
 
 
-def bursts(n, size, period=10 * MS):
+def bursts(n, size):
     """Return samples taken evenly, handed over `size` at a time in steps of 0.2 periods."""
-    block = np.arange(n) // size
+    block, period = np.arange(n) // size, 10 * MS
     return START + block * size * period + (np.arange(n) % size) * (period // 5)
 
 

@@ -103,9 +103,9 @@ def test_the_bias_of_real_sensors_with_a_reference(random):
     assert np.mean(before + after) <= MOST
 
 
-def first_deviation(filter_, rate=0.1):
+def first_deviation(filter_):
     """Return what the first message claims, in rad/s."""
-    result = filter_.step(START, [rate, 0.0, 0.0], [0.0, 0.0, 9.81])
+    result = filter_.step(START, [0.1, 0.0, 0.0], [0.0, 0.0, 9.81])
     return float(np.sqrt(result['angular_velocity_variance'][0]))
 
 

@@ -402,8 +402,9 @@ def test_a_method_works_on_its_own_state_alone(method, random):
         assert not states[name].tobytes().strip(b'\0'), f'{method.name} changes the state of {name}'
 
 
-def at_rest_with(deviation, rate, begin, random, n=2000):
+def at_rest_with(deviation, rate, begin, random):
     """Return (stamps, rates, accelerations) of a rest at 100 Hz, from the sample `begin` on."""
+    n = 2000
     rates = rate + deviation * random.standard_normal((n, 3))
     accelerations = [0.0, 0.0, 9.8] + 0.02 * random.standard_normal((n, 3))
     return 10**18 + 10_000_000 * np.arange(begin, begin + n), rates, accelerations

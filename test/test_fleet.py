@@ -431,7 +431,7 @@ def test_a_few_sensors_of_a_worse_kind_are_no_finding(random):
     assert judged_fleets(lambda: kinds * random.standard_normal((60, 6)), fleets=20) == 0
 
 
-def rows_of_fleet(random, robots=5, bags=10):
+def rows_of_fleet(random, robots=5):
     """Return the rows of a fleet that does well."""
     return [
         {
@@ -441,7 +441,7 @@ def rows_of_fleet(random, robots=5, bags=10):
             'noise_samples': 3000, 'bias': 1e-3 * random.standard_normal(),
             'bias_deviation': 1e-4, 'outlier_share': 0.0,
         }
-        for robot in range(robots) for day in range(bags) for axis in 'xyz'
+        for robot in range(robots) for day in range(10) for axis in 'xyz'
     ]  # fmt: skip
 
 

@@ -65,10 +65,10 @@ def test_correlated_noise_is_no_motion(phi, seed):
     assert share(spans, len(rates)) > 0.9
 
 
-def low_passed(random, seconds, rate, share, noise=0.006, times=2):
-    """Return noise (n, 3) behind first-order lags, as a sensor's own filter makes it."""
+def low_passed(random, seconds, rate, share, noise=0.006):
+    """Return noise (n, 3) behind two first-order lags, as a sensor's own filter makes it."""
     out = noise * random.standard_normal((round(seconds * rate) + 1000, 3))
-    for _ in range(times):
+    for _ in range(2):
         out = lfilter([share], [1.0, share - 1.0], out, axis=0)
     return out[1000:]
 

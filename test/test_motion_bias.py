@@ -536,7 +536,7 @@ def test_a_rest_undoes_what_misled_in_motion(random):
     np.testing.assert_allclose(after, bias, atol=6e-5)
 
 
-def rolled(random, scale, rate=0.5, noise=2e-3):
+def rolled(random, scale, rate=0.5):
     """Return rates and accelerations of a body that rolls one way, between two rests of 10 s.
 
     `scale` (3, 3) are the errors of the gyroscope's scale and alignment.
@@ -546,7 +546,7 @@ def rolled(random, scale, rate=0.5, noise=2e-3):
     angle = np.cumsum(rate * turning) / 100.0
     attitude = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0]))
     rates = np.outer(rate * turning, (np.eye(3) + scale)[:, 0])
-    rates += noise * random.standard_normal(rates.shape)
+    rates += 2e-3 * random.standard_normal(rates.shape)
     force = attitude.inv().apply([0.0, 0.0, 9.81])
     return rates, force + 0.03 * random.standard_normal(force.shape)
 

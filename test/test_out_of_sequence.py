@@ -31,9 +31,9 @@ START = 10**18
 BIAS = np.array([0.5, -0.4, 0.3]) * DEGREE
 
 
-def drive(random, seconds, rate=100.0, jitter=0.0, bias=BIAS):
+def drive(random, seconds, rate=100.0, jitter=0.0):
     """Return stamps (n,), rates and accelerations (n, 3) of rests and fast motions by turns."""
-    rates, accelerations = at_rest(random, seconds, bias, rate)
+    rates, accelerations = at_rest(random, seconds, BIAS, rate)
     time = np.arange(len(rates)) / rate
     for first in np.arange(8.0, seconds - 4.0, 12.0):
         part = (time >= first) & (time < first + 4.0)

@@ -46,8 +46,8 @@ from support.bags import OTHER_QOS, read, simulated, write
 from support.messages import STORE, TEXT, imu_fields, offset_of_doubles, text
 
 
-def expected(messages, parameters=None):
-    filter_ = MessageFilter(parameters or Parameters())
+def expected(messages):
+    filter_ = MessageFilter(Parameters())
     filtered = [(time, filter_.take(data)) for time, data in messages]
     return [(time, data) for time, data in filtered if data is not None]
 

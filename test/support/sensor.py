@@ -74,15 +74,12 @@ def fast_turn(n: int, rate: float) -> Array:
 
 
 def idling(
-    random: np.random.Generator,
-    seconds: float,
-    bias: Sequence[float] | Array,
-    vibration: float = 0.02,
+    random: np.random.Generator, seconds: float, bias: Sequence[float] | Array
 ) -> tuple[Array, Array]:
     """Return rates and accelerations of a body that its motors shake, faster than it could move."""
     rates, accelerations = at_rest(random, seconds, bias)
     shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
-    return rates + vibration * shake, accelerations + 0.5 * shake
+    return rates + 0.02 * shake, accelerations + 0.5 * shake
 
 
 def taking_off(
