@@ -43,10 +43,10 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.noise import largest_variance
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
+from support.messages import START
 from support.paths import FLIGHTS
 from support.sensor import by_hand, motion_below
 
-START = 10**18
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
 
 

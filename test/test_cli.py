@@ -37,7 +37,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import simulated, write
-from support.messages import START, TEXT, imu_fields, text
+from support.messages import NOT_REPORTED, START, TEXT, imu_fields, text
 from support.processes import run_command
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
@@ -138,8 +138,7 @@ def test_the_table_has_words_for_axes_without_figures(tmp_path, random, capsys):
     lines = table_of(dead, tmp_path, capsys)
     assert re.match(r'x +dead, always 28\.6479 +- +-', lines[-4])
     missing = [
-        (t, imu_message(t, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0]))
-        for t, _ in messages
+        (t, imu_message(t, (1, 2, 3), (0, 0, 9.8), covariance=NOT_REPORTED)) for t, _ in messages
     ]
     lines = table_of(missing, tmp_path / 'missing', capsys)
     assert '1000 written (1000 of them unfiltered)' in lines[0]

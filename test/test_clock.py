@@ -28,11 +28,11 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.clock.periodogram import keep_stamp, period_of_stamps
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
+from support.messages import START
 from support.paths import RECORDINGS
 from support.sensor import GRAVITY, NOISE, at_rest, by_hand, fast_turn
 
 MS = 1_000_000
-START = 10**18
 ZERO = (0.0, 0.0, 0.0)
 
 

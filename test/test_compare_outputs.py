@@ -18,13 +18,12 @@ import numpy as np
 import pytest
 
 from benchmark.compare_outputs import compare_bags, is_same_text, main
+from gyro_drift_filter.bags.output import DIAGNOSTICS_TYPE
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import simulated, write
 from support.messages import START, STORE, TEXT, text
 from support.paths import REPOSITORY
-
-DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
 def imu(k, rate=0.5):
@@ -39,8 +38,8 @@ def diagnostics(value):
         level=1, name='filter', message='3 of 100 samples', hardware_id='', values=[pair]
     )
     header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), '')
-    message = types[DIAGNOSTICS](header, [status])
-    return START, bytes(STORE.serialize_cdr(message, DIAGNOSTICS))
+    message = types[DIAGNOSTICS_TYPE](header, [status])
+    return START, bytes(STORE.serialize_cdr(message, DIAGNOSTICS_TYPE))
 
 
 @pytest.fixture
@@ -54,7 +53,7 @@ def bag(tmp_path):
         topics = {
             (TOPIC, IMU_TYPE): imus,
             ('/words', TEXT): [(START, text(word))],
-            ('/diagnostics', DIAGNOSTICS): [diagnostics(value)],
+            ('/diagnostics', DIAGNOSTICS_TYPE): [diagnostics(value)],
         }
         return write(path, topics)
 

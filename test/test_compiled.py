@@ -30,7 +30,7 @@ import pytest
 
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.accelerate.kernels import is_compiled
-from support.paths import REPOSITORY, TESTS
+from support.paths import PACKAGE, REPOSITORY, TESTS
 from support.processes import run_command
 
 pytestmark = pytest.mark.slow
@@ -219,7 +219,7 @@ def counted(text):
 def built(tmp_path_factory):
     """Make the small package, with its kernels compiled."""
     root = tmp_path_factory.mktemp('small')
-    package, small = REPOSITORY / 'gyro_drift_filter', root / 'gyro_drift_filter'
+    package, small = PACKAGE, root / 'gyro_drift_filter'
     shutil.copytree(package / 'accelerate', small / 'accelerate')
     for name in ('', 'core/', 'cli/'):
         (small / name).mkdir(exist_ok=True)

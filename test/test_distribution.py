@@ -29,10 +29,9 @@ from packaging.metadata import Metadata
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from support.paths import NOT_COPIED, REPOSITORY
+from support.paths import NOT_COPIED, PACKAGE, REPOSITORY
 from support.processes import run_command
 
-PACKAGE = REPOSITORY / 'gyro_drift_filter'
 DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib', 'distributed': 'dask'}
 # rosbags brings lz4 and the Zstandard of the standard library to come.
 WITH_ROSBAGS = {'lz4', 'backports', 'compression'}

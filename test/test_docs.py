@@ -23,7 +23,7 @@ from typing import NamedTuple
 import pytest
 
 from support.bags import simulated_folder
-from support.paths import REPOSITORY
+from support.paths import PACKAGE, REPOSITORY
 from support.processes import run_command
 
 PAGES = [REPOSITORY / 'README.md', *sorted((REPOSITORY / 'docs').glob('*.md'))]
@@ -145,7 +145,7 @@ def test_code_that_a_page_names_exists(page):
         named = re.findall(r'`([\w./]+)`', item)
         paths = [name for name in named if name.endswith(('.py', '/'))]
         code = ''
-        for path in (REPOSITORY / 'gyro_drift_filter' / name for name in paths):
+        for path in (PACKAGE / name for name in paths):
             files = path.glob('*.py') if path.is_dir() else [path]
             code += '\n'.join(file.read_text() for file in files)
         for name in set(named) - set(paths):

@@ -24,8 +24,8 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.fleet.columns import read_table, write_table
 from gyro_drift_filter.fleet.health import judge_fleet
 from support.browser import check_quiet, opened, wait_for
+from support.messages import EVIL
 
-EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
 DAY = 86_400 * 10**9
 
 

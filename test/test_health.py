@@ -41,10 +41,9 @@ from gyro_drift_filter.messages.telemetry import (
 )
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.drive import simulate_drive
-from support.messages import imu_fields, quiet, simulated
+from support.messages import NOT_REPORTED, imu_fields, quiet, simulated
 from support.sensor import at_rest, by_hand
 
-NOT_REPORTED = [-1.0] + 8 * [0.0]
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
 
 # Of each rule: what in the present report makes it apply, what does not, and some of its text.

@@ -36,11 +36,10 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
+from support.messages import START
 from support.processes import run_command
 
 pytestmark = pytest.mark.slow
-
-START = 10**18
 
 
 def bag(path, seconds=90.0, change=None, gap=0.0, burst=1, polled=1):

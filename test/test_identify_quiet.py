@@ -23,9 +23,9 @@ from gyro_drift_filter.identify.identification import identify
 from gyro_drift_filter.identify.quiet import Span, find_quiet
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.simulation.experiments import autoregressive
+from support.messages import START
 
 PERIOD = 0.01
-START = 10**18
 NOISE = 0.005
 
 

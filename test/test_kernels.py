@@ -22,9 +22,8 @@ import ast
 from functools import cache
 
 from gyro_drift_filter.accelerate.cache import covered_files, kernel_modules
-from support.paths import REPOSITORY
+from support.paths import PACKAGE, REPOSITORY
 
-PACKAGE = REPOSITORY / 'gyro_drift_filter'
 INNER_KERNELS = 'kernel', 'inlined_kernel'
 KERNELS = *INNER_KERNELS, 'entry_kernel'
 

@@ -17,10 +17,9 @@
 import ast
 import sys
 
-from support.paths import REPOSITORY, TESTS
+from support.paths import PACKAGE, TESTS
 from support.processes import run_command
 
-PACKAGE = REPOSITORY / 'gyro_drift_filter'
 # Modules that stand below all layers.
 BELOW = {'errors', 'gravity', 'phrases', 'rotations', 'whole_file'}
 # What each layer may import of the others.

@@ -25,7 +25,7 @@ from std_msgs.msg import Bool
 
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
-from support.paths import REPOSITORY
+from support.paths import PACKAGE, REPOSITORY
 
 LAYOUTS = REPOSITORY / 'config' / 'layouts'
 INPUT = '/imu/data_raw'
@@ -120,7 +120,7 @@ def test_rqt_plot():
 
 def test_the_topics_are_those_of_the_node():
     """By its source, as the tests of the node listen on them by the same names."""
-    source = (REPOSITORY / 'gyro_drift_filter' / 'ros' / 'node.py').read_text()
+    source = (PACKAGE / 'ros' / 'node.py').read_text()
     for name in ("'imu/data_raw'", "'imu/data_filtered'", "f'~/{name}'", "'~/at_rest'"):
         assert name in source
     assert f"'{DIAGNOSTICS}'" in source

@@ -22,9 +22,7 @@ from gyro_drift_filter.messages.imu import ImuKind, is_published, patch_imu
 from gyro_drift_filter.messages.message_filter import LONGEST_FRAME_ID, NOTE, MessageFilter
 from gyro_drift_filter.simulation.bag import imu_message
 from support.chunks import imus_of, piece_of
-from support.messages import imu_fields, offset_of_doubles, quiet, simulated
-
-NOT_REPORTED = [-1.0] + 8 * [0.0]
+from support.messages import NOT_REPORTED, imu_fields, offset_of_doubles, quiet, simulated
 
 
 def mixed():

@@ -47,20 +47,18 @@ from gyro_drift_filter.ros import command, neighbours
 from gyro_drift_filter.ros.parameters import LiveParameters
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, LiveNode, environment, own_domain
-from support.messages import imu_fields, simulated
+from support.messages import NOT_REPORTED, imu_fields, simulated
 from support.node import call, diagnostics, get_parameter, offline, set_parameters, values
-from support.paths import REPOSITORY
+from support.paths import PARAMETER_FILE
 from support.processes import run_command
 
 pytestmark = pytest.mark.node
-
-SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
 
 @pytest.fixture(scope='module')
 def live():
     """Start a node with the shipped parameters; tests set it back to its start by `fresh`."""
-    with LiveNode(['--params-file', str(SHIPPED), *LOSSLESS]) as node:
+    with LiveNode(['--params-file', str(PARAMETER_FILE), *LOSSLESS]) as node:
         yield node
 
 
@@ -160,7 +158,7 @@ def test_bad_messages_do_no_harm(fresh):
     bad = [
         data[200][:50],
         imu_message(stamp, (np.nan, 0.1, np.inf), (0, 0, 9.8)),
-        imu_message(stamp + 1000, (1.0, 2.0, 3.0), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0]),
+        imu_message(stamp + 1000, (1.0, 2.0, 3.0), (0, 0, 9.8), covariance=NOT_REPORTED),
     ]
     sequence = data[:200] + bad + data[201:]
     expected = [out for out in offline(sequence) if out is not None]
@@ -497,7 +495,7 @@ def test_wrong_type_on_the_topic_is_reported():
 def test_two_instances_side_by_side(tmp_path):
     """As the launch file starts them: one shipped file, each in its namespace, in one domain."""
     domain = own_domain()
-    arguments = ['--params-file', str(SHIPPED), '-r', '__node:=gyro', '-r', '__ns:=/robot1']
+    arguments = ['--params-file', str(PARAMETER_FILE), '-r', '__node:=gyro', '-r', '__ns:=/robot1']
     environment_ = environment(domain) | {'ROS_HOME': str(tmp_path)}
     with subprocess.Popen(
         [EXECUTABLE, '--ros-args', *arguments], env=environment_, stderr=subprocess.PIPE, text=True

@@ -25,9 +25,9 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.records import KEPT_SAMPLES
 from gyro_drift_filter.core.sample import SampleStatus
+from support.messages import START
 from support.sensor import DEGREE, NOISE, at_rest, by_hand, fast_turn
 
-START = 10**18
 BIAS = np.array([0.5, -0.4, 0.3]) * DEGREE
 
 

@@ -31,7 +31,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from harness.live_node import LOSSLESS, LiveNode
 from support.messages import simulated
-from support.paths import NOT_COPIED, REPOSITORY
+from support.paths import NOT_COPIED, PACKAGE, PARAMETER_FILE, REPOSITORY
 from support.processes import run_command
 
 BIN = Path(sys.executable).parent
@@ -49,7 +49,7 @@ def test_package_xml_names_what_is_imported():
     package = ElementTree.parse(REPOSITORY / 'package.xml').getroot()
     declared = {element.text for element in package.findall('exec_depend')}
     imported = set()
-    for path in (REPOSITORY / 'gyro_drift_filter' / 'ros').glob('*.py'):
+    for path in (PACKAGE / 'ros').glob('*.py'):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
                 imported.add(str(node.module).split('.')[0])
@@ -85,7 +85,7 @@ def test_the_launch_file_hands_each_argument_to_the_node():
         assert f"('{topic}', LaunchConfiguration('{argument}'))" in given['remappings']
         (call,) = [c for c in calls if c.args and ast.unparse(c.args[0]) == f"'{argument}'"][:1]
         assert f"default_value='{topic}'" in ast.unparse(call)
-    assert (REPOSITORY / 'config' / 'gyro_drift_filter.yaml').exists()
+    assert PARAMETER_FILE.exists()
 
 
 def test_the_launch_file_loads_where_launch_is_installed():

@@ -23,11 +23,9 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS
 from gyro_drift_filter.messages.parameter_sections import is_section_of
-from support.paths import REPOSITORY
+from support.paths import PARAMETER_FILE
 from tools import write_parameter_files
 from tools.write_parameter_files import parameter_files
-
-SHIPPED = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 
 
 def write(tmp_path, text):
@@ -43,7 +41,7 @@ def section(**parameters):
 def test_files_are_those_of_the_table():
     for path, content in parameter_files().items():
         assert path.read_text() == content, 'run `make parameters`'
-    assert read_parameters(SHIPPED) == Parameters()
+    assert read_parameters(PARAMETER_FILE) == Parameters()
 
 
 def test_a_group_is_written_once_wherever_its_parameters_stand(monkeypatch, tmp_path):

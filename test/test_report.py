@@ -41,9 +41,8 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 from support.bags import write
 from support.browser import check_quiet, opened, wait_for
 from support.chunks import imus_of, piece_of
-from support.paths import REPOSITORY
-
-EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
+from support.messages import EVIL
+from support.paths import PACKAGE
 
 
 @pytest.fixture(scope='module')
@@ -430,7 +429,7 @@ def test_what_the_bag_names_runs_nothing_in_a_browser(browser, tmp_path):
 
 def palettes_of_the_page():
     """Return for each theme of the page the colours of the methods, and those of other roles."""
-    page = (REPOSITORY / 'gyro_drift_filter' / 'report' / 'page.js').read_text()
+    page = (PACKAGE / 'report' / 'page.js').read_text()
     palettes = {}
     for theme, colours in re.findall(r'^ +(light|dark): \{(.*)\},$', page, re.MULTILINE):
         (of_methods,) = re.findall(r'methods: \[(.*?)\]', colours)

@@ -25,6 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags import rosbags_reader
 from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.output import DIAGNOSTICS_TYPE
 from gyro_drift_filter.bags.recording import BagError, Piece, messages
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.selection import Selection
@@ -38,8 +39,6 @@ from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import read, simulated, write
 from support.messages import STORE, TEXT, text
-
-DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
 def filtered(messages):
@@ -79,7 +78,7 @@ def test_several_topics_have_a_filter_each(two, tmp_path):
     assert [time for _, time in order] == sorted(time for _, time in order)
     assert (left.written, right.written) == (400, 600)
     assert left.status[0].name == '/left/gyro_drift_filter: input'
-    statuses = STORE.deserialize_cdr(found['/diagnostics'][-1][1], DIAGNOSTICS).status
+    statuses = STORE.deserialize_cdr(found['/diagnostics'][-1][1], DIAGNOSTICS_TYPE).status
     assert [status.name for status in statuses] == [
         f'/{side}/gyro_drift_filter: {part}'
         for side in ('left', 'right')

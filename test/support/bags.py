@@ -34,7 +34,16 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
-from support.messages import START, STORE, TEMPERATURE, TEXT, big_endian, imu_fields, text
+from support.messages import (
+    NOT_REPORTED,
+    START,
+    STORE,
+    TEMPERATURE,
+    TEXT,
+    big_endian,
+    imu_fields,
+    text,
+)
 from support.messages import simulated as simulated_messages
 
 OTHER_QOS = Qos(
@@ -122,7 +131,7 @@ def mixed(random: np.random.Generator, seconds: int = 6) -> list[Row]:
         elif kind == 20:
             data = imu_message(time, (np.nan, 0.1, np.inf), (0, 0, 9.8))
         elif kind == 30:
-            data = imu_message(time, (1, 2, 3), (0, 0, 9.8), covariance=[-1.0] + 8 * [0.0])
+            data = imu_message(time, (1, 2, 3), (0, 0, 9.8), covariance=NOT_REPORTED)
         elif kind == 40:
             data = big_endian(data)
         elif kind == 50:

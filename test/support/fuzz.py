@@ -62,7 +62,7 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write_mcap
 from support.chunks import EACH_CHANNEL, imus_of
 from support.messages import START, TEXT, doubles_of, fault_of, text
-from support.paths import REPOSITORY, TESTS
+from support.paths import PARAMETER_FILE, TESTS
 
 CORPUS = TESTS / 'corpus'
 LONGEST = 1.0  # s
@@ -238,7 +238,7 @@ def seeds_of(name):
         case 'recovery':
             return [data[: 2 * len(data) // 3] for data in mcap_seeds()]
         case 'parameters':
-            shipped = (REPOSITORY / 'config' / 'gyro_drift_filter.yaml').read_bytes()
+            shipped = PARAMETER_FILE.read_bytes()
             return [
                 shipped,
                 b'/**: {ros__parameters: {method: kalman, epsilon: 1, model: {phi: [0, 0, 0]}}}\n',

@@ -27,6 +27,10 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 START = 10**18
 STORE: Any = get_typestore(Stores.ROS2_JAZZY)
 TEXT = 'std_msgs/msg/String'
+# A covariance by which a driver says that it does not report a quantity (REP-145).
+NOT_REPORTED = [-1.0] + 8 * [0.0]
+# A name that would run in a page, were it taken for HTML.
+EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>'
 TEMPERATURE = 'sensor_msgs/msg/Temperature'
 
 

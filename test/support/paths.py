@@ -18,6 +18,8 @@ import shutil
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parent.parent.parent
+PACKAGE = REPOSITORY / 'gyro_drift_filter'
+PARAMETER_FILE = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 TESTS = REPOSITORY / 'test'
 RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
 MOTION = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'motion'
