@@ -91,7 +91,8 @@ def trials(folder: Path, scale: float, random: np.random.Generator) -> Iterator[
                 continue
             first = random.integers(0, len(noise) - len(truth))
             added = noise[first : first + len(truth)]
-            yield Trial(name, rate, truth, forces, added, stretches_of(rest[part], 0))
+            rests = [(span.first, span.stop) for span in stretches_of(rest[part], 0)]
+            yield Trial(name, rate, truth, forces, added, rests)
 
 
 def left_by_filter(trial: Trial) -> float:

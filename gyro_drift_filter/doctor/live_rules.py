@@ -77,7 +77,7 @@ class RuleLog:
         for rule in rules:
             if rule.level == Level.OK or rule.name in _LEFT_OUT:
                 continue
-            text = rule.text if isinstance(rule.text, str) else rule.text(span)
+            text = rule.message(span)
             entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
             entry.seconds += seconds
             entry.text, entry.span = text, span

@@ -16,7 +16,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.identify.blocks import runs_of
+from gyro_drift_filter.identify.quiet import Span
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
 
@@ -54,13 +55,6 @@ _LEAST_SAMPLES = 20
 _RUN = 100
 
 
-class Stretch(NamedTuple):
-    """Samples from `first` up to, and without, `stop`."""
-
-    first: int
-    stop: int
-
-
 @dataclass(frozen=True)
 class AtRest:
     """What was seen in r rests.
@@ -73,14 +67,14 @@ class AtRest:
         force_noise: (3,) as `noise`, of the accelerations in m/s^2.
     """
 
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Span, ...]
     samples: int
     noise: Floats
     forces: Floats
     force_noise: Floats
 
 
-def stretches_of(flags: Values, shortened: int) -> tuple[Stretch, ...]:
+def stretches_of(flags: Values, shortened: int) -> tuple[Span, ...]:
     """Return where flags (n,) are not 0, each shortened at its end by so many samples.
 
     What is very short then is left out, and what is longer than a part is cut.
@@ -88,8 +82,12 @@ def stretches_of(flags: Values, shortened: int) -> tuple[Stretch, ...]:
     found = []
     for begin in range(0, len(flags), LARGEST_PART):
         part = np.asarray(flags[begin : begin + LARGEST_PART]) != 0
-        found += [Stretch(a, b - shortened) for a, b in (runs_of(part) + begin).tolist()]
-    return tuple(stretch for stretch in found if stretch.stop - stretch.first >= _LEAST_SAMPLES)
+        found += [
+            Span(first, stop - shortened)
+            for first, stop in (runs_of(part) + begin).tolist()
+            if stop - shortened - first >= _LEAST_SAMPLES
+        ]
+    return tuple(found)
 
 
 def look_at_rests(
@@ -107,8 +105,7 @@ def look_at_rests(
     size = max(round(_PIECE_SECONDS / period), _LEAST_SAMPLES)
     deviations, means = [], []
     for stretch in stretches:
-        where = slice(*stretch)
-        values = stacked((*rates, *accelerations), where)
+        values = stacked((*rates, *accelerations), slice(stretch.first, stretch.stop))
         means.append(values[:, 3:].mean(axis=0))
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
         # Without the acceleration, which may be missing, as good as with it.
@@ -117,9 +114,8 @@ def look_at_rests(
     noise = np.full(6, np.nan)
     if any(map(len, deviations)):
         noise = np.median(np.concatenate(deviations), axis=0)
-    samples = sum(stretch.stop - stretch.first for stretch in stretches)
     forces = np.array(means).reshape(-1, 3)
-    return AtRest(stretches, samples, noise[:3], forces, noise[3:])
+    return AtRest(stretches, sum(map(len, stretches)), noise[:3], forces, noise[3:])
 
 
 def judge_unrested_noise(

@@ -119,8 +119,7 @@ class Health:
         self, part: str, rules: Sequence[Rule], sound: str, span: Span, values: Mapping[str, Any]
     ) -> DiagnosticStatus:
         """Return the status of a part by the rules that apply, or that it is sound without any."""
-        level, text = (rules[0].level, rules[0].text) if rules else (Level.OK, sound)
-        message = text if isinstance(text, str) else text(span)
+        level, message = (rules[0].level, rules[0].message(span)) if rules else (Level.OK, sound)
         return DiagnosticStatus(level, self._node + part, message, span.now.frame, _listed(values))
 
 

@@ -43,6 +43,10 @@ class Rule(NamedTuple):
     text: str | Callable[[Span], str]
     level: Level = Level.WARN
 
+    def message(self, span: Span) -> str:
+        """Return what the rule says of a span."""
+        return self.text if isinstance(self.text, str) else self.text(span)
+
 
 def applying(rules: Sequence[Rule], span: Span, before: Set[str]) -> list[Rule]:
     """Return the rules that apply, the worst first.
