@@ -32,8 +32,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.vehicles import parsed, tell_misses
-from benchmark.without_rest import SAMPLE_RATE, started_in_motion
+from benchmark.figures import tell_misses
+from benchmark.vehicles import parsed
+from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
@@ -43,8 +44,6 @@ from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride, ride
 Array = NDArray[np.float64]
 
 LAST = round(60.0 * SAMPLE_RATE)
-# A car shows no bias that is worth anything before it has driven for minutes.
-NAMES = [name for name in VEHICLES if name != 'car']
 LARGEST = 1.0  # deg/s
 
 
@@ -95,7 +94,7 @@ def _after_a_rest(vehicles: Sequence[str], seeds: int) -> tuple[list[list[str]],
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, NAMES)
+    options = parsed(__doc__, arguments, SOON_KNOWN)
     rows, missed = [['accelerometer', *options.only]], []
     found: dict[str, list[float]] = {name: [] for name in ACCELEROMETERS}
     for vehicle in options.only:

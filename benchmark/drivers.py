@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from benchmark.figures import tell_misses
 from benchmark.quality import falls_short, read_bars, rms
 from benchmark.scenarios import motion, noise, stamps
 from gyro_drift_filter.cli.printing import tell
@@ -299,9 +300,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(table(rows))
     print()
     print(LEGEND)
-    for text in short:
-        print(f'falls short: {text}')
-    return int(bool(short) and options.check)
+    return tell_misses(short, options.check)
 
 
 if __name__ == '__main__':

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures that are held against a bar, and the table of them."""
+"""Figures that are held against a bar: the table of them, and what falls short."""
 
 import json
 from collections.abc import Sequence
@@ -63,3 +63,10 @@ def tell_figures(figures: Sequence[Figure], json_file: Path | None) -> int:
         plain = [asdict(figure) | {'holds': figure.holds} for figure in figures]
         json_file.write_text(json.dumps(plain, indent=1) + '\n')
     return int(not all(figure.holds for figure in figures))
+
+
+def tell_misses(missed: Sequence[str], check: bool) -> int:
+    """Print the bars that do not hold; return 1 where there are any and they are checked."""
+    for line in missed:
+        print(f'FALLS SHORT  {line}')
+    return int(check and bool(missed))

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.candidates import CANDIDATES, Candidate, Filtered, Recording
+from benchmark.figures import tell_misses
 from benchmark.scenarios import (
     Trial,
     add_outliers,
@@ -325,9 +326,7 @@ def main() -> int:
     print(f'{options.rate:g} Hz, {options.kind} noise of {options.noise:g} rad/s\n')
     print(table(rows), end='\n\n')
     print(LEGEND)
-    for line in short:
-        print(f'adaptive falls short: {line}')
-    return int(options.check and bool(short))
+    return tell_misses(short, options.check)
 
 
 if __name__ == '__main__':

@@ -28,15 +28,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.vehicles import parsed, tell_misses
-from benchmark.without_rest import SAMPLE_RATE, started_in_motion
+from benchmark.figures import tell_misses
+from benchmark.vehicles import parsed
+from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride
+from gyro_drift_filter.simulation.vehicles import Ride
 
-# A car shows no bias that is worth anything before it has driven for minutes.
-NAMES = [name for name in VEHICLES if name != 'car']
 KINDS = ('unusable', 'held', 'missing', 'missing between bursts')
 SECONDS = (0.1, 0.2, 0.4)
 TIMES, FIRST_SECONDS, LAST_SECONDS = 30, 5.0, 1.0
@@ -71,7 +70,7 @@ def largest_bias(of: Ride, lost: NDArray[np.bool_], kind: str) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, NAMES)
+    options = parsed(__doc__, arguments, SOON_KNOWN)
     rides = []
     for name in options.only:
         tell(f'riding: {name} ...')

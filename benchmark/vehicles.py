@@ -38,6 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.figures import tell_misses
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
@@ -166,13 +167,6 @@ def parsed(
     parser.add_argument('--check', action='store_true', help='exit 1 where a bar does not hold')
     parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
     return parser.parse_args(arguments)
-
-
-def tell_misses(missed: Sequence[str], check: bool) -> int:
-    """Print the bars that do not hold; return 1 where there are any and they are checked."""
-    for line in missed:
-        print(f'FALLS SHORT  {line}')
-    return int(check and bool(missed))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
