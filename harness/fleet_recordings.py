@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.sensor import even_stamps
 
 Floats = NDArray[np.float64]
@@ -153,23 +153,10 @@ def _write_bag(bag: Path, settings: FleetSettings, robot: int, day: int) -> None
         lost = np.flatnonzero(random.random(n) < gaps)[:, None] + np.arange(_GAP)
         there = ~np.isin(np.arange(n), lost)
         stamps, rates, forces = stamps[there], rates[there], forces[there]
-    _write(bag, stamps, rates, forces)
-
-
-def _write(bag: Path, stamps: NDArray[np.int64], rates: Floats, forces: Floats) -> None:
-    """Write Imu messages that differ in stamp, rates and forces alone: one is serialized."""
-    marks = np.array([1.25e-77, 3.5e-78])
-    model = imu_message(1, (marks[0], 0.0, 0.0), (marks[1], 0.0, 0.0))
-    of_rates, of_forces = (model.index(mark.tobytes()) for mark in marks)
-    messages = np.tile(np.frombuffer(model, np.uint8), (len(stamps), 1))
-    times = np.column_stack([stamps // 10**9, stamps % 10**9]).astype('<u4')
-    messages[:, 4:12] = times.view(np.uint8)
-    messages[:, of_rates : of_rates + 24] = np.ascontiguousarray(rates).view(np.uint8)
-    messages[:, of_forces : of_forces + 24] = np.ascontiguousarray(forces).view(np.uint8)
     with BagWriter(bag) as writer:
         connection = writer.add_connection(TOPIC, IMU_TYPE)
-        for stamp, message in zip(stamps.tolist(), messages, strict=True):
-            writer.write(connection, stamp, message.tobytes())
+        for stamp, message in imu_messages(stamps, rates, forces):
+            writer.write(connection, stamp, message)
 
 
 def _break(bag: Path, kind: int) -> None:

@@ -33,7 +33,7 @@ from gyro_drift_filter.messages.sample_messages import (
     VECTOR_TYPE,
     write_sample_message,
 )
-from gyro_drift_filter.simulation.bag import imu_message
+from gyro_drift_filter.simulation.bag import imu_message, imu_messages
 from support.chunks import imus_of, piece_of
 from support.messages import STORE, doubles_of, fault_of
 
@@ -61,6 +61,20 @@ def message(stamp, frame, rate, rate_covariance, acceleration, acceleration_cova
         VECTOR(*acceleration),
         np.array(acceleration_covariance),
     )
+
+
+@settings(max_examples=50, deadline=None)
+@given(stamps, frames, vectors, covariances, vectors)
+def test_messages_that_are_made_together_are_those_made_alone(
+    stamp, frame, rate, covariance, acceleration
+):
+    stamp = stamp[0] * 10**9 + stamp[1]
+    options = {'frame': frame, 'covariance': covariance}
+    made = imu_messages(np.array([stamp, 7]), [rate, acceleration], [acceleration, rate], **options)
+    assert list(made) == [
+        (stamp, imu_message(stamp, rate, acceleration, **options)),
+        (7, imu_message(7, acceleration, rate, **options)),
+    ]
 
 
 @settings(max_examples=300, deadline=None)

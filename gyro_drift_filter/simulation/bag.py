@@ -16,6 +16,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from struct import pack_into
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,15 @@ from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.errors import reason
-from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.imu import DOUBLES, ENCAPSULATION, IMU_TYPE
 from gyro_drift_filter.simulation.experiments import Simulation
 
 TOPIC = '/imu/data_raw'
 FRAME = 'imu_link'
 _NOT_REPORTED = np.array([-1.0] + 8 * [0.0])
 _UNKNOWN = np.zeros(9)
+# Where among the doubles of an Imu the rates and the accelerations begin.
+_RATE, _FORCE = 13, 25
 # Of a truth: between fewer, no rate can be interpolated.
 _FEWEST_SAMPLES = 2
 
@@ -72,7 +75,9 @@ def imu_message(
 def imu_messages(
     stamps: NDArray[np.int64], rates: Any, accelerations: Any, **options: Any
 ) -> Iterator[tuple[int, bytes]]:
-    """Yield the stamp of each sample in ns, and its message.
+    """Yield the stamp of each sample in ns, and its message, as `imu_message` makes it.
+
+    One is serialized, into which the values of each sample are written: that is many times faster.
 
     Args:
         stamps: (n,) in ns.
@@ -80,9 +85,14 @@ def imu_messages(
         accelerations: (n, 3), or (3,) for all, in m/s^2.
         options: Others of `imu_message`.
     """
+    message = bytearray(imu_message(0, np.zeros(3), np.zeros(3), **options))
+    doubles = len(message) - 8 * DOUBLES
     forces = np.broadcast_to(accelerations, np.shape(rates))
     for stamp, rate, force in zip(stamps.tolist(), rates, forces, strict=True):
-        yield stamp, imu_message(stamp, rate, force, **options)
+        pack_into('<iI', message, ENCAPSULATION, *divmod(stamp, 10**9))
+        pack_into('<3d', message, doubles + 8 * _RATE, *rate)
+        pack_into('<3d', message, doubles + 8 * _FORCE, *force)
+        yield stamp, bytes(message)
 
 
 def truth_path(bag: Path) -> Path:

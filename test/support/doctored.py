@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.experiments import Simulation
 from support.handling import HandlingSettings, simulate_handling
 
@@ -53,19 +53,22 @@ def messages(
     `orientations` (n, 4) are x, y, z, w; without them none is reported.
     """
     rate, force = (np.diag(np.square([value] * 3)).ravel() for value in deviations)
-    nothing = np.zeros(3)
-    example = imu_message(0, nothing, nothing, covariance=rate, acceleration_covariance=force)
-    data = np.tile(np.frombuffer(example, np.uint8), (len(simulation.stamps), 1))
-    stamps = np.column_stack(np.divmod(simulation.stamps, 10**9)).astype('<u4')
-    data[:, 4:12] = stamps.view(np.uint8)
-    doubles = data[:, -37 * 8 :].copy().view('<f8')
-    doubles[:, 13:16] = simulation.angular_velocity
-    doubles[:, 25:28] = simulation.linear_acceleration
-    if orientations is not None:
-        doubles[:, :4] = orientations
-        doubles[:, 4:13] = np.diag([1e-4] * 3).ravel()
-    data[:, -37 * 8 :] = doubles.view(np.uint8)
-    return [row.tobytes() for row in data]
+    samples = imu_messages(
+        simulation.stamps,
+        simulation.angular_velocity,
+        simulation.linear_acceleration,
+        covariance=rate,
+        acceleration_covariance=force,
+    )
+    data = [message for _, message in samples]
+    if orientations is None:
+        return data
+    # The first thirteen of the 37 doubles.
+    covariance = np.diag([1e-4] * 3).tobytes()
+    return [
+        message[: -37 * 8] + orientation.tobytes() + covariance + message[-24 * 8 :]
+        for message, orientation in zip(data, orientations, strict=True)
+    ]
 
 
 def write(
