@@ -41,7 +41,7 @@ from gyro_drift_filter.messages.telemetry import (
 )
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.drive import simulate_drive
-from support.messages import NOT_REPORTED, imu_fields, quiet, simulated
+from support.messages import NOT_REPORTED, imu_fields, quiet, serialized, simulated
 from support.sensor import at_rest, by_hand
 
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
@@ -252,7 +252,7 @@ def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
     filter_ = MessageFilter(Parameters())
     rates, forces = at_rest(random, 20)
     rates = lfilter([0.1], [1.0, -0.9], rates, axis=0)
-    messages = recorded(rates, forces)
+    messages = serialized(rates, forces)
     filter_all(filter_, messages[:-100])
     assert Health().rules(filter_.report(), 1.0)[0].low_pass < 5.0
     filter_.filter.configure(Parameters(method='kalman'))
@@ -265,7 +265,7 @@ def test_rates_without_sense_are_told_however_large_they_are():
     filter_ = MessageFilter(Parameters())
     rates = np.full((200, 3), 1e300)
     rates[::2] *= -1.0
-    filter_all(filter_, recorded(rates, np.tile([0.0, 0.0, 9.81], (200, 1))))
+    filter_all(filter_, serialized(rates, np.tile([0.0, 0.0, 9.81], (200, 1))))
     assert 'no usable rate' in Health().judge(filter_.report(), 2.0)[0].message
 
 
@@ -279,7 +279,7 @@ def test_a_sensor_of_whole_degrees_is_not_said_to_have_a_low_pass(bias, random):
     forces[1000:] += moving[1]
     rates = np.radians(np.round(np.degrees(rates)))
     filter_, health = MessageFilter(Parameters()), Health()
-    messages = recorded(rates, forces)
+    messages = serialized(rates, forces)
     for start in range(0, len(messages), 100):
         filter_all(filter_, messages[start : start + 100])
         assert math.isnan(health.rules(filter_.report(), 1.0)[0].low_pass)
@@ -290,7 +290,7 @@ def test_a_provisional_bias_is_called_so_and_asks_for_a_rest(random):
     filter_, health = MessageFilter(Parameters()), Health()
     rates, forces = at_rest(random, 2)
     bias = np.array([0.02, -0.01, 0.015])
-    filter_all(filter_, recorded(rates + bias, forces))
+    filter_all(filter_, serialized(rates + bias, forces))
     subtracted = filter_.filter.state['result']['bias']
     np.testing.assert_allclose(subtracted, bias, atol=2e-3)
     status = health.judge(filter_.report(), 1.0)[1]
@@ -388,8 +388,7 @@ def test_an_accelerometer_in_other_units_is_told(unit, told, random):
     """Without any, all zeros, there is nothing to be told."""
     filter_ = MessageFilter(Parameters())
     rates, accelerations = at_rest(random, 10)
-    for k, (rate, force) in enumerate(zip(rates, accelerations, strict=True)):
-        filter_.take(imu_message(10**18 + k * 10**7, rate, unit * force))
+    filter_all(filter_, serialized(rates, unit * accelerations))
     input_, _ = Health().judge(filter_.report(), 10.0)
     assert ('publish m/s^2' in input_.message) == told
 
@@ -400,8 +399,7 @@ def test_an_accelerometer_in_counts_is_told_although_no_rest_is_found(unit, told
     filter_ = MessageFilter(Parameters())
     rates, accelerations = at_rest(random, 10)
     rates += 0.03
-    for k, (rate, force) in enumerate(zip(rates, accelerations * unit / 9.81, strict=True)):
-        filter_.take(imu_message(10**18 + k * 10**7, rate, force))
+    filter_all(filter_, serialized(rates, accelerations * unit / 9.81))
     input_, _ = Health().judge(filter_.report(), 10.0)
     assert filter_.report().telemetry.bias_known != told
     assert ('mg or counts' in input_.message) == told
@@ -414,8 +412,7 @@ def test_an_axis_of_the_accelerometer_that_does_not_measure_is_asked_for(value, 
     rates, accelerations = at_rest(random, 10)
     accelerations += (5.0, 0.0, 8.4 - 9.81)
     accelerations[:, 2] = value
-    for k, (rate, force) in enumerate(zip(rates, accelerations, strict=True)):
-        filter_.take(imu_message(10**18 + k * 10**7, rate, force))
+    filter_all(filter_, serialized(rates, accelerations))
     input_, _ = Health().judge(filter_.report(), 10.0)
     assert 'whether each of its axes measures' in input_.message
 
@@ -433,7 +430,7 @@ def test_stands_that_are_taken_for_turns_are_told(warming, is_told, monkeypatch)
     """A bias that changes faster than any that is expected leaves each short rest behind."""
     monkeypatch.setattr('gyro_drift_filter.simulation.drive.WARMING', (0.0, 0.0, warming))
     recording = simulate_drive(1, rest=10.0, motion=20.0, motions=6).recording
-    messages = recorded(recording.angular_velocity, recording.linear_acceleration)
+    messages = serialized(recording.angular_velocity, recording.linear_acceleration)
     filter_, health, found = MessageFilter(Parameters()), Health(), set()
     for start in range(0, len(messages), 100):
         filter_all(filter_, messages[start : start + 100])
@@ -458,11 +455,7 @@ def test_slow_rates_in_degrees_are_told_by_their_noise(unit, told, random):
     """A robot that stands, and whose driver has taken the bias off: no rate is too large."""
     rates = unit * np.radians(0.06) * random.standard_normal((1000, 3))
     accelerations = np.array([0.0, 0.0, 9.81]) + 0.03 * random.standard_normal((1000, 3))
-    messages = [
-        imu_message(10**18 + k * 10**7, rate, acceleration)
-        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
-    ]
-    input_, _ = report(messages, 10.0)
+    input_, _ = report(serialized(rates, accelerations), 10.0)
     assert ('degrees per second' in input_.message) == told
     assert input_.level == (Level.WARN if told else Level.OK)
 
@@ -784,18 +777,12 @@ def test_telemetry_is_that_of_the_state(random):
 def test_blocks_of_noise_are_longer_at_low_rates(rate, seconds, random):
     """They have 50 samples or more."""
     filter_ = MessageFilter(Parameters())
-    filter_all(filter_, recorded(*at_rest(random, 40, rate=rate), rate))
+    filter_all(filter_, serialized(*at_rest(random, 40, rate=rate), rate=rate))
     telemetry = filter_.report().telemetry
     np.testing.assert_allclose(telemetry.noise_block_seconds, seconds, rtol=1e-3)
     learned = np.array(telemetry.noise_blocks) * telemetry.noise_block_seconds
     assert (learned > 10.0).all()
     assert (learned < 40.0).all()
-
-
-def recorded(rates, forces, rate=100):
-    """Return the messages of a recording at a rate in Hz."""
-    samples = enumerate(zip(rates, forces, strict=True))
-    return [imu_message(10**18 + k * 10**9 // rate, *sample) for k, sample in samples]
 
 
 @pytest.mark.parametrize(
@@ -804,7 +791,7 @@ def recorded(rates, forces, rate=100):
 def test_the_first_rest_takes_as_long_as_it_is_said_to(rate, seconds, random):
     filter_, health = MessageFilter(Parameters()), Health()
     rates, forces = at_rest(random, 40, rate=rate)
-    messages = recorded(rates, forces, rate)
+    messages = serialized(rates, forces, rate=rate)
     early = (seconds - 1) * rate
     filter_all(filter_, messages[:early])
     status = health.judge(filter_.report(), 1.0)[1]
@@ -819,7 +806,7 @@ def test_before_the_first_rest_the_values_are_those_of_a_sensor_that_was_switche
     (rates, forces), (turn, push) = at_rest(random, 20), by_hand(random, 12)
     rates[:1200] += turn
     forces[:1200] += push
-    messages = recorded(rates, forces)
+    messages = serialized(rates, forces)
     for k in range(20):
         filter_all(filter_, messages[100 * k : 100 * k + 100])
         statuses.append(health.judge(filter_.report(), 1.0)[1])

@@ -30,8 +30,8 @@ from gyro_drift_filter.messages.memory_file import file_of, recall
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import FRAME, imu_messages
 from harness.live_node import LOSSLESS, LiveNode
-from support.messages import START, doubles_of, imu_fields
-from support.node import NODE, TRUTH, call, diagnostics, serialized, set_parameters, values
+from support.messages import START, doubles_of, imu_fields, serialized
+from support.node import NODE, TRUTH, call, diagnostics, set_parameters, values
 from support.sensor import DEGREE, at_rest, by_hand, taking_off
 
 pytestmark = pytest.mark.node

@@ -33,8 +33,8 @@ from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_message
 from harness.live_node import LOSSLESS, LiveNode
 from support.bags import mixed, write, write_mcap
-from support.messages import imu_fields, simulated
-from support.node import NODE, TRUTH, diagnostics, offline, serialized, values
+from support.messages import imu_fields, serialized, simulated
+from support.node import NODE, TRUTH, diagnostics, offline, values
 from support.sensor import at_rest
 
 

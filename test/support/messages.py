@@ -18,6 +18,7 @@ import struct
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.messages.imu import IMU_TYPE
@@ -97,6 +98,14 @@ def simulated(n: int = 600) -> list[bytes]:
     data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
     samples = imu_messages(data.stamps, data.angular_velocity, data.linear_acceleration)
     return [message for _, message in samples]
+
+
+def serialized(
+    rates: NDArray[np.float64], accelerations: Any, start: float = 0.0, rate: int = 100
+) -> list[bytes]:
+    """Return Imu messages at a rate in Hz, the first of them `start` s after START."""
+    stamps = START + int(start * 1e9) + np.arange(len(rates)) * 10**9 // rate
+    return [message for _, message in imu_messages(stamps, rates, accelerations)]
 
 
 def quiet(

@@ -14,7 +14,7 @@
 
 """Ask the running node, and know what it has to answer."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,8 @@ from rclpy.parameter import Parameter
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
-from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import LiveNode
-from support.messages import START
-from support.sensor import DEGREE, Array
+from support.sensor import DEGREE
 
 NODE = '/gyro_drift_filter'
 TRUTH = np.array([1.0, -2.0, 0.5]) * DEGREE
@@ -87,13 +85,3 @@ def offline(data: Sequence[bytes], **parameters: Any) -> list[bytes | None]:
     """Return what the node has to publish for each message."""
     filter_ = MessageFilter(Parameters(**parameters))
     return [filter_.take(message) for message in data]
-
-
-def serialized(
-    rates: Iterable[Array], accelerations: Iterable[Array], start: float = 0
-) -> list[bytes]:
-    """Return messages at 100 Hz, the first of them `start` s after the test's beginning."""
-    return [
-        imu_message(START + int(start * 1e9) + 10_000_000 * k, rate, acceleration)
-        for k, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True))
-    ]
