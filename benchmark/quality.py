@@ -71,7 +71,6 @@ flags       share of samples flagged that are none, at rest and in motion
 nis         normalised innovation squared, which should be 1: worst axis, at rest and in motion
 """
 SETTLED = 20.0  # s
-_TRIALS = 4
 _SECONDS = 120.0
 
 Mask = NDArray[np.bool_]
