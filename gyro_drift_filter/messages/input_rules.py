@@ -276,8 +276,8 @@ INPUT_RULES = (
         'beyond gravity',
         _is_mostly_beyond_gravity,
         f'the acceleration stays beyond {LARGEST_STEADY_ACCELERATION:g} m/s^2, ten times gravity: '
-        'does the driver publish mg or counts where REP-145 asks for m/s^2? No rest is found then, '
-        'and so no bias',
+        'does the driver publish mg or counts where REP-145 asks for m/s^2, or does the sensor '
+        'spin fast beside its axis? No rest is found then, and so no bias',
     ),
     Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
@@ -329,7 +329,8 @@ INPUT_RULES = (
         'low-pass',
         lambda span: span.low_pass < _SLOW_LOW_PASS,
         'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
-        'back: choose a higher cut-off frequency',
+        'back: choose a higher cut-off frequency, unless a machine that runs at some Hz shakes the '
+        'sensor at rest',
     ),
     Rule(
         'always restarted',
