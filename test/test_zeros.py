@@ -20,6 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.bias.shift import shift_variance
+from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.core.zeros import RATES
+from support.messages import START
 from support.rests import moving_and_resting, run
 from support.sensor import DEGREE, at_rest
 
@@ -105,3 +108,13 @@ def test_gravity_may_show_what_rounding_hides(random):
     motion = filter_.state['bias']['motion']
     assert np.abs(results['bias'][1900] - bias).max() > 2e-3
     assert all(shift_variance(motion, axis) > 1e-3**2 for axis in range(3))
+
+
+def test_the_rates_of_another_sensor_say_nothing(hand):
+    rates, accelerations = hand
+    filter_ = Filter()
+    run(filter_, rates[:1000], accelerations[:1000])
+    assert filter_.state['checks']['living_rates']['count'] == RATES
+    doubt_sensor(filter_.record[0])
+    run(filter_, rates[1000:1005], accelerations[1000:1005], start=START + 10_000_000_000)
+    assert filter_.state['checks']['living_rates']['count'] == 5

@@ -248,6 +248,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     lose_direction(bias['motion'])
     lose_direction(bias['wide_prior'])
     forget_scale(bias['motion'])
+    filter_['state']['checks']['living_rates']['count'] = 0
     # Of sensors that alternate each message is another one's: once between two rests is enough.
     lacking = deviation * deviation - bias['process_noise']
     if lacking > 0.0 and has_learned_bias(bias):

@@ -126,7 +126,7 @@ def has_learned_bias(state: Bias) -> bool:
 
 @kernel
 def forget_contradiction(state: Bias) -> None:
-    """Forget that rates have contradicted accelerations: those have come of another cause."""
+    """Forget that rates have contradicted accelerations: something else explains that."""
     state['contradicts'] = False
     state['motion']['contradictions'] = 0
 
