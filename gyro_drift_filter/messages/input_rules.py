@@ -277,7 +277,7 @@ INPUT_RULES = (
         _is_mostly_beyond_gravity,
         f'the acceleration stays beyond {LARGEST_STEADY_ACCELERATION:g} m/s^2, ten times gravity: '
         'does the driver publish mg or counts where REP-145 asks for m/s^2, or does the sensor '
-        'spin fast beside its axis? No rest is found then, and so no bias',
+        'spin fast at a distance from its axis? No rest is found then, and so no bias',
     ),
     Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
