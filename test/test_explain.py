@@ -106,7 +106,7 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     assert last['outcome'] is None
     page = capsys.readouterr().out
     assert page.startswith(f'drive, topic {TOPIC}, adaptive: ')
-    assert f'{sum(one["samples"] for one in found.values())} samples flagged, 5 times' in page
+    assert f'{sum(one["samples"] for one in found.values())} samples flagged in 5 sequences' in page
     assert '  10.000    x       1        2          2 ' in page
     assert 'the recording ends here' in page
     limits = {name: Parameters().names()[name] for name in ('outlier.threshold', 'outlier.run')}
@@ -158,8 +158,8 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
 def test_a_long_list_ends_with_how_many_more_there_are():
     one = FlaggedSequence(0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
     text = page('drive', 500 * [one], 0, {})
-    assert text.startswith('drive: 500 samples flagged, 500 times')
-    assert text.endswith('and 300 more times: --start shows later ones, --json writes all')
+    assert text.startswith('drive: 500 samples flagged in 500 sequences')
+    assert text.endswith('and 300 more sequences: --start shows later ones, --json writes all')
     assert text.count('-> back') == 200
 
 
@@ -168,7 +168,7 @@ def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):
     quiet.write_text('gyro_drift_filter:\n  ros__parameters:\n    outlier.enabled: false\n')
     assert main(['explain', str(bag), '--params', str(quiet), '--end', '11']) == 0
     page = capsys.readouterr().out
-    assert page == f'drive, topic {TOPIC}, adaptive: 0 samples flagged, 0 times\n'
+    assert page == f'drive, topic {TOPIC}, adaptive: no sample flagged\n'
     assert main(['explain', str(bag), '--topic', '/none']) == 1
     assert '/none' in capsys.readouterr().err
     assert main(['explain', str(tmp_path / 'absent')]) == 1
@@ -218,7 +218,7 @@ def test_a_knock_whose_angle_is_given_back_is_not_called_an_outlier(
     page = explained_page(tmp_path, capsys, 10_000_000 * np.arange(len(rates)), rates, forces)
     outcome = Reason.KNOCKED if shake else Reason.RETURNED
     assert told_of_each(page) == [(REASONS[Reason.FAR_WHILE_STILL], REASONS[outcome])]
-    assert '1 sample flagged, 1 time\n' in page
+    assert '1 sample flagged in 1 sequence (each axis counted by itself)\n' in page
 
 
 def test_reads_that_go_on_failing_are_not_called_motion(tmp_path, capsys, random):
@@ -390,7 +390,8 @@ def test_what_is_replaced_or_passed_on_without_a_flag_is_counted(tmp_path, capsy
     stamps = 10_000_000 * np.arange(len(rates))
     reasons = Filter(Parameters()).run(START + stamps, rates, forces)['reason']
     page = explained_page(tmp_path, capsys, stamps, rates, forces)
-    told = page.split('Not flagged, and what was decided of it:\n')[1].split('\n\n')[0]
+    heading = 'Not flagged, and decided by other rules than the two limits:\n'
+    told = page.split(heading)[1].split('\n\n')[0]
     for axis, name in enumerate('xyz'):
         for reason in (Reason.AT_LIMIT, Reason.REPEATED):
             rows = np.flatnonzero(reasons[:, axis] == reason)

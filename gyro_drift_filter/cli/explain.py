@@ -137,20 +137,23 @@ def page(
         unflagged: The other samples for which something else held than the limits.
     """
     samples = sum(sequence.samples for sequence in sequences)
-    flagged = f'{counted(samples, "sample")} flagged, {counted(len(sequences), "time")}'
-    lines = [f'{printable(source)}: {flagged}']
+    sequences_flagged = counted(len(sequences), 'sequence')
+    flagged = (
+        f'{counted(samples, "sample")} flagged in {sequences_flagged} (each axis counted by itself)'
+    )
+    lines = [f'{printable(source)}: {flagged if sequences else "no sample flagged"}']
     if sequences:
         lines += ['', 'Why:', *_tally(sequence.reason for sequence in sequences)]
         lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
     if unflagged:
-        lines += ['', 'Not flagged, and what was decided of it:']
+        lines += ['', 'Not flagged, and decided by other rules than the two limits:']
         lines += [line for samples in unflagged for line in _lines_of(samples, start)]
     if named:
         lines += ['', 'The parameters that are named here:']
         lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
     if not sequences:
         return '\n'.join(lines)
-    lines += ['', 'The first sample of each time, with rates in rad/s:', '', _HEAD]
+    lines += ['', 'The first sample of each sequence, with rates in rad/s:', '', _HEAD]
     for sequence in sequences[:_MOST_LISTED]:
         seconds = 1e-9 * (sequence.log_time - start)
         innovation = deviations = None
@@ -164,7 +167,7 @@ def page(
         )
         lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
     if len(sequences) > _MOST_LISTED:
-        more = counted(len(sequences) - _MOST_LISTED, 'more time')
+        more = counted(len(sequences) - _MOST_LISTED, 'more sequence')
         lines += ['', f'and {more}: --start shows later ones, --json writes all']
     return '\n'.join(lines)
 
