@@ -83,7 +83,8 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--turns',
         action='store_true',
-        help='between rests on the same side, whole turns led back to the same edge of a table',
+        help='between two rests on the same side the sensor was turned by whole turns, and pushed '
+        'back against the same edge of a table',
     )
     command.add_argument(
         '--reference',

@@ -45,7 +45,7 @@ def report(result: Calibration) -> str:
     if result.accelerometer is not None:
         found = result.accelerometer
         parts += [
-            'on the way: acceleration = matrix (raw - bias)',
+            'found with it, for the accelerometer: acceleration = matrix (raw - bias)',
             _matrix(found.matrix, found.matrix_deviation),
             'bias (m/s^2): '
             + ', '.join(

@@ -43,8 +43,8 @@ def add_parser(subcommands: Any) -> None:
         'doctor',
         help='tell whether a recording can be trusted',
         description='Send a recording through the filter, look at units, axes, stamps, counts, '
-        'noise and covariances, and print a line for each with what to do. Exit status 0 sound, '
-        '3 with faults.',
+        'noise and covariances, and print a line for each with what to do. The exit status is 0 '
+        'if the recording is sound, and 3 if it has faults.',
     )
     add_bag_argument(command)
     add_topic_option(command)

@@ -37,7 +37,8 @@ def add_hint_option(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         '--motion-hint',
         metavar='TOPIC',
-        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves',
+        help='Twist, TwistStamped or Odometry topic that tells whether the robot moves; the '
+        'parameter motion_hint need not be set for it',
     )
 
 

@@ -78,8 +78,8 @@ def add_parser(subcommands: Any) -> None:
         '--noise',
         choices=('likelihood', 'paper'),
         default='likelihood',
-        help="Q and R of the filters: likeliest for the filter's own model, or as the paper takes "
-        'them (default %(default)s)',
+        help='how to find Q and R of kalman and sage_husa: likelihood takes the likeliest ones for '
+        'the model of these filters, paper does what the paper does (default %(default)s)',
     )
     command.set_defaults(run=run)
 

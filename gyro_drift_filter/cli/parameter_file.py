@@ -72,7 +72,7 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
         others = f', only for {", ".join(sections)}' if sections else ''
         raise ParameterError(
             f"parameter file {path} has no section '{NODE_NAME}' with 'ros__parameters' in it"
-            f'{others}'
+            f"{others}: begin it with '/**:' and, indented below that, 'ros__parameters:'"
         )
     named = [name for name in found if '*' not in name]
     if len(named) > 1:

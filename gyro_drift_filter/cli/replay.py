@@ -70,7 +70,7 @@ def add_parser(subcommands: Any) -> None:
         '--topics',
         nargs='*',
         metavar='TOPIC',
-        help='copy these topics alone; none: write what the filter makes, and nothing else',
+        help='copy only these topics of the input; without a TOPIC copy none of them',
     )
     add_time_options(command)
     add_method_option(command)
@@ -84,8 +84,8 @@ def add_parser(subcommands: Any) -> None:
         '--bias-memory',
         type=Path,
         metavar='FILE',
-        help='start with the bias that the recording before has left in this file, as a node does '
-        'with its own, and write it for the next one',
+        help='start with the bias in this file, if the previous recording has left one, and write '
+        'the bias at the end into it, as the node does from run to run',
     )
     add_json_option(command, 'the figures of the verdict')
     command.add_argument('--force', action='store_true', help='replace a bag at OUTPUT')
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> None:
     if parameters.motion_hint != 'none' and options.motion_hint is None:
         tell(
             f'warning: motion_hint is {parameters.motion_hint}, but no topic is named by '
-            '--motion-hint: a node that hears such hints filters otherwise'
+            '--motion-hint: the bias may be another one than on the robot, where hints came'
         )
     if not options.quiet:
         compile_first()

@@ -36,15 +36,26 @@ def add_parser(subcommands: Any) -> None:
         'the rates without noise and outliers, but with the bias.',
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
-    command.add_argument('--seed', type=int, default=default.seed, help='default %(default)s')
     command.add_argument(
-        '--rate', type=float, default=default.sample_rate, help='Hz, default %(default)s'
+        '--seed', type=int, default=default.seed, help='of the random numbers, default %(default)s'
     )
     command.add_argument(
-        '--static', type=float, default=default.static_seconds, help='s, default %(default)s'
+        '--rate',
+        type=float,
+        default=default.sample_rate,
+        help='sample rate in Hz, default %(default)s',
     )
     command.add_argument(
-        '--dynamic', type=float, default=default.dynamic_seconds, help='s, default %(default)s'
+        '--static',
+        type=float,
+        default=default.static_seconds,
+        help='length of the motionless part in s, default %(default)s',
+    )
+    command.add_argument(
+        '--dynamic',
+        type=float,
+        default=default.dynamic_seconds,
+        help='length of the part with the sinusoid in s, default %(default)s',
     )
     command.set_defaults(run=run)
 

@@ -55,7 +55,9 @@ def add_parser(subcommands: Any) -> None:
         '--params', type=Path, help='ROS 2 parameter file to start from; what is not tuned stays'
     )
     command.add_argument(
-        '--method', choices=tuple(RANGES), help='instead of that of --params, or adaptive'
+        '--method',
+        choices=tuple(RANGES),
+        help='method to tune; without it that of --params, or adaptive',
     )
     command.add_argument(
         '--truth',
@@ -69,7 +71,7 @@ def add_parser(subcommands: Any) -> None:
     add_topic_option(command)
     add_time_options(command)
     command.add_argument(
-        '--seconds', type=float, default=300.0, help='time limit, default %(default)g'
+        '--seconds', type=float, default=300.0, help='time limit in s, default %(default)g'
     )
     command.add_argument(
         '--seed', type=int, default=0, help='of the random numbers, default %(default)s'

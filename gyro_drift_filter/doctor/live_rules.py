@@ -139,7 +139,8 @@ _ADVICE = {
     'gaps': 'look for what loses them: a slow disk, a full queue, a wireless link, best-effort QoS',
     'zero stamps': 'stamp the messages in the driver',
     'restarted': 'is the recording made of several, or was a clock set?',
-    'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
+    'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks. If motion '
+    'was flagged, set method to adaptive, or raise outlier.acceleration if it is adaptive',
     'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
     'unusable': 'have the driver leave a message out where a reading fails',
     'taken for a turn': 'if it stood there, its bias changes faster than bias.random_walk says: '

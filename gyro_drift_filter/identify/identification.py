@@ -193,7 +193,7 @@ def _require_rest(
     seconds = sum(map(len, quiet.spans)) * period
     if seconds >= SHORTEST_QUIET:
         return seconds
-    needed = f'{SHORTEST_QUIET:g} s of rest are needed'
+    needed = f'{SHORTEST_QUIET:g} s of rest are needed: let it lie still for a minute'
     if quiet.open and not quiet.spans:
         raise IdentificationError(
             'no rest can be told: the rates change as slowly as those of a body, and the recording '
