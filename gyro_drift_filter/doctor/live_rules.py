@@ -144,7 +144,7 @@ _ADVICE = {
     'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
     'unusable': 'have the driver leave a message out where a reading fails',
     'taken for a turn': 'if it stood there, its bias changes faster than bias.random_walk says: '
-    'raise that',
+    'raise that parameter',
     'beyond bias.max': 'are the rates in deg/s (REP-103 asks for rad/s)? If they are not and it '
     'does not turn there, have the sensor looked at',
 }

@@ -171,7 +171,7 @@ FILTER_RULES = (
             'gravity has stood still for minutes, and yet no rest is found, as '
             f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '
             'rates wander or jump (a motor, a fan, a loose mount, temperature, a driver that '
-            'publishes deg/s); if it moves, whether the accelerometer hangs'
+            'publishes deg/s); if it moves, see whether the accelerometer hangs'
         ),
     ),
     Rule(
@@ -179,15 +179,15 @@ FILTER_RULES = (
         _is_taken_for_turn,
         'no rest for minutes, and now a steady rate that the bias can not have come to is taken '
         'for a slow turn: if the robot stands, its bias changes faster than bias.random_walk says, '
-        'so call ~/calibrate now, and raise that',
+        'so call ~/calibrate now, and raise that parameter',
     ),
     Rule('beyond bias.max', lambda span: span.now.telemetry.rest_beyond_max, _beyond_max_text),
     Rule(
         'no bias for long',
         _has_no_bias_for_long,
         lambda span: (
-            f"{_no_bias(span)} (the heading drifts until then). If it does, 'Why not at rest' says "
-            'what moves'
+            f'{_no_bias(span)} (the heading drifts until then). If the robot stands still now, '
+            "'Why not at rest' says what the filter takes for motion"
         ),
     ),
     Rule('no bias', _has_no_bias, _no_bias, level=Level.OK),

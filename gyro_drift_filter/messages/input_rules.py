@@ -186,8 +186,8 @@ def _no_gravity_text(span: Span) -> str:
     return (
         f'the acceleration at rest is {span.now.telemetry.acceleration_at_rest:.3g}, where gravity '
         'is 9.81 m/s^2 (REP-145): publish m/s^2, and look whether each of its axes measures. '
-        'Without gravity no bias is found in motion, and one that has jumped only after 90 s of '
-        'rest'
+        'Without gravity no bias is found in motion, and a bias that has jumped is found only '
+        'after 90 s of rest'
     )
 
 
@@ -252,7 +252,7 @@ INPUT_RULES = (
         'not reported',
         lambda span: span.samples == 0,
         'no angular velocity reported (covariance starts with -1): messages are passed on '
-        'unfiltered',
+        'unfiltered. If the driver does measure rates, have it write 0 or their variance there',
     ),
     Rule(
         'degrees',
@@ -284,8 +284,8 @@ INPUT_RULES = (
         'contradicts gravity',
         lambda span: span.now.telemetry.contradicts_gravity,
         'rates and accelerations are not those of one motion: are the axes of both sensors the '
-        'same, with the same signs, and does neither come late? So gravity shows no bias in '
-        'motion: it is found only where the sensor stands still for some seconds',
+        'same, with the same signs, and does neither come late? Until that is mended, gravity '
+        'shows no bias in motion: it is found only while the sensor stands still',
     ),
     Rule(
         'clipped',
