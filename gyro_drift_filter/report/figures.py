@@ -164,7 +164,7 @@ class Drawer:
             'rates',
             'Rates',
             'As the sensor gave them, and as the filter publishes them: without the bias, quiet at '
-            'rest (shaded), and through at once in motion. Crosses are samples that were flagged '
+            'rest (shaded), and following motion at once. Crosses are samples that were flagged '
             'as outliers.',
             'deg/s',
         )
