@@ -73,7 +73,10 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     add_json_option(command, 'all results')
     command.add_argument(
-        '--plot', type=Path, metavar='FOLDER', help='draw rates, rests and closures as PNG files'
+        '--plot',
+        type=Path,
+        metavar='FOLDER',
+        help='draw the rates with the rests, and by how much turns miss gravity, as PNG files',
     )
     command.add_argument(
         '--kalibr', type=Path, metavar='FILE', help='write it for Kalibr and OpenVINS, too'

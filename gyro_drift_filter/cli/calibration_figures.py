@@ -71,7 +71,7 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
         closures.bar(place + shift, angles, 0.4, color=colour, label=label)
     closures.set_yscale('log')
     closures.set_xlabel('turn')
-    closures.set_ylabel('left open (deg)')
+    closures.set_ylabel('gravity missed by (deg)')
     closures.legend()
     closures.grid(alpha=0.3, axis='y')
     figure.suptitle('How the turns close')

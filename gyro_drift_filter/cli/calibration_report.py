@@ -69,7 +69,7 @@ def _least_known(deviation: Floats) -> str:
     worst = float(deviation.max())
     name = name_of_entry(*map(int, np.unravel_index(np.argmax(deviation), deviation.shape)))
     return (
-        f'all entries are known to {100.0 * worst:.2g} % and better ({name} least): '
+        f'the least known entry is {name}: known to {100.0 * worst:.2g} %, which is '
         f'{360.0 * worst:.2g} deg in a whole turn'
     )
 
@@ -97,8 +97,8 @@ def _matrix(values: Floats, deviations: Floats) -> str:
 
 
 def _closures(result: Calibration) -> str:
-    """Return the table of what the turns leave open, before and after."""
-    rows = [['what the turns leave open', 'before', 'after']]
+    """Return the table of by how much turned rates miss gravity, before and after."""
+    rows = [['by how much gravity is missed', 'before', 'after']]
     both = result.before, result.after
     seconds = float(result.legs[:, 2].sum())
 

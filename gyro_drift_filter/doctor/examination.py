@@ -198,8 +198,8 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     if np.isnan(noise).any():
         return unknown(
             'rests',
-            f'hardly a rest: bias {_listed(bias)} deg/s, which is known to '
-            f'{math.degrees(max(state.bias_deviation)):.2g} deg/s; the noise is not known',
+            f'too little to tell the noise: bias {_listed(bias)} deg/s, which is known to '
+            f'{math.degrees(max(state.bias_deviation)):.2g} deg/s',
             advice,
         )
     seconds = rests.samples * period
