@@ -176,8 +176,8 @@ def report(tuning: 'Tuning', by_truth: bool) -> str:
             )
     elif tuning.best == tuning.before:
         head = (
-            'Keep the settings: on the stretches that were searched on, nothing gains as much as '
-            f'{100.0 * LEAST_GAIN:g} %.'
+            'Keep the settings: no change that was tried gains as much as '
+            f'{100.0 * LEAST_GAIN:g} % on the stretches of the search.'
         )
     else:
         head = (
