@@ -31,7 +31,7 @@ from gyro_drift_filter.phrases import counted, named_axes
 
 _CHOICE = (
     f'* the smallest model whose AIC is no more than {MATERIAL:g} above that of the best. The '
-    'filters take ARMA(1, 0).'
+    'methods kalman and sage_husa take ARMA(1, 0).'
 )
 _SPANS = 6  # of rest that are listed: a day may have hundreds
 
@@ -84,7 +84,7 @@ def _overview(result: Identification) -> str:
         ('trend taken out, order', lambda a: str(a.preprocessed.trend_order)),
         ('outliers taken out', lambda a: str(a.preprocessed.outliers)),
         ('noise at rest (deg/s)', lambda a: f'{degrees(a.deviation):.4f}'),
-        ('for the filters: phi', lambda a: f'{a.phi:.4f}'),
+        ('of kalman and sage_husa: phi', lambda a: f'{a.phi:.4f}'),
         ('  root of Q (deg/s)', lambda a: _root(a.noise.process_noise)),
         ('  root of R (deg/s)', lambda a: _root(a.noise.measurement_noise)),
         (
@@ -147,7 +147,7 @@ def _taus(reading: Reading | None) -> str:
 
 
 def _checks(result: Identification) -> str:
-    lines = ['what the model assumes:']
+    lines = ['assumptions of the model:']
     for name, axis in _alive(result):
         for check in axis.checks:
             verdict = 'holds' if check.passed else 'FAILS'

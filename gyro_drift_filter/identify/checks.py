@@ -159,8 +159,8 @@ def check_zero_mean(residuals: Sequence[Values]) -> Check:
         'zero mean',
         passed,
         worst,
-        f'the mean of span {where + 1} of {len(residuals)}, the largest, is {worst:.2f} of its '
-        f'deviations off zero (limit {MEAN_LIMIT:g})',
+        f'the mean of span {where + 1} of {len(residuals)} is the farthest from zero, by '
+        f'{worst:.2f} of its standard deviations (limit {MEAN_LIMIT:g})',
         'the bias differs from one motionless span to another by more than the noise '
         'explains, so the bias written is an average that no span has.',
     )
@@ -261,8 +261,8 @@ def check_normality(residuals: Sequence[Values]) -> Check:
         passed,
         statistic,
         f'skewness {skewness:.3f} (limit {SKEWNESS_LIMIT:g}), excess kurtosis {excess:.3f} (limit '
-        f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g}, which at {count} '
-        'samples is not what counts',
+        f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g} on {count} samples, which '
+        'does not decide, as any sensor fails with enough of them',
         'the noise is not Gaussian, so the standard errors and the outlier limits, which '
         'assume that it is, are too narrow.',
     )
