@@ -24,7 +24,9 @@ from gyro_drift_filter.core.methods import METHOD_NAMES
 
 def add_params_option(command: argparse.ArgumentParser) -> None:
     """Add the option `--params` to a subcommand."""
-    command.add_argument('--params', type=Path, help='ROS 2 parameter file of the filter')
+    command.add_argument(
+        '--params', type=Path, help='ROS 2 parameter file of the filter; of several the last counts'
+    )
 
 
 def add_method_option(command: argparse.ArgumentParser) -> None:
