@@ -27,6 +27,7 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
+from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets
@@ -37,10 +38,6 @@ from gyro_drift_filter.phrases import counted
 if TYPE_CHECKING:
     from gyro_drift_filter.fleet.sources import Bag
 
-NEEDED = (
-    'fleets need more Python packages ({}): install them with '
-    '\'pip install "gyro_drift_filter[fleet]"\''
-)
 TABLE = 'fleet.parquet'
 _LARGEST_MEMORY = 1e6  # GB: a million, beyond any machine
 # Errors and sensors that are told on the terminal; the table has them all.
@@ -104,7 +101,7 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int | None:
     """Run the subcommand."""
-    try:
+    with needing_fleet():
         import allantools  # noqa: F401
         import scipy.signal  # noqa: F401
 
@@ -114,8 +111,6 @@ def run(options: argparse.Namespace) -> int | None:
         from gyro_drift_filter.fleet.results import Results
         from gyro_drift_filter.fleet.run import FleetRun
         from gyro_drift_filter.fleet.sources import find_bags
-    except ImportError as error:
-        raise GyroDriftFilterError(NEEDED.format(error)) from error
     spare_linear_algebra()
     parameters = chosen_parameters(options.params, options.method)
     output: Path = options.output

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from gyro_drift_filter.cli.fleet import NEEDED, TABLE
+from gyro_drift_filter.cli.fleet import TABLE
+from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.result_files import (
     add_json_option,
     as_plain,
@@ -29,7 +30,7 @@ from gyro_drift_filter.cli.result_files import (
     give_results,
 )
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.errors import GyroDriftFilterError, printable
+from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -54,13 +55,11 @@ def add_parser(subcommands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     check_targets({'--output': options.output, '--json': options.json})
-    try:
+    with needing_fleet():
         from gyro_drift_filter.fleet.bag_report import report_path
         from gyro_drift_filter.fleet.columns import read_table
         from gyro_drift_filter.fleet.health import judge_fleet
         from gyro_drift_filter.fleet.page import fleet_page
-    except ImportError as error:
-        raise GyroDriftFilterError(NEEDED.format(error)) from error
     fleet = read_table(options.fleet / TABLE)
     sensors = judge_fleet(fleet)
     failures = [

@@ -36,3 +36,19 @@ def needing(what: str, *packages: str) -> Iterator[None]:
             f'{what} needs the Python {names} ({error}): install {"them" if others else "it"} '
             f"with 'pip install {' '.join(packages)}'"
         ) from error
+
+
+@contextmanager
+def needing_fleet() -> Iterator[None]:
+    """Import within this what fleets need: pip knows those packages as an extra of this one.
+
+    Raises:
+        GyroDriftFilterError: One is missing.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise GyroDriftFilterError(
+            f'fleets need more Python packages ({error}): install them with '
+            '\'pip install "gyro_drift_filter[fleet]"\''
+        ) from error
