@@ -113,12 +113,7 @@ def _ranking(sensors: Sequence[Sensor]) -> str:
     if not rows:
         return ''
     head = ('rank', 'robot', 'topic', 'frame', 'what has changed', 'since (UTC)', 'deviations')
-    return _of_words(table_of(head, rows), 'ranking')
-
-
-def _of_words(table: str, name: str) -> str:
-    """Return a table whose cells are words instead of figures."""
-    return table.replace('<table>', f'<table class="words" id="{name}">')
+    return table_of(head, rows, ' class="words" id="ranking"')
 
 
 def _failures(failures: Sequence[Mapping[str, Any]]) -> str:
@@ -129,7 +124,7 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> str:
         f'<td>{text_of(row["error"])}</td>'
         for row in failures[:LARGEST]
     ]
-    table = _of_words(table_of(('robot', 'bag', 'why'), rows), 'failures')
+    table = table_of(('robot', 'bag', 'why'), rows, ' class="words" id="failures"')
     more = f'<p>The first {LARGEST}.</p>' if len(failures) > LARGEST else ''
     count = counted(len(failures), 'bag')
     return f'<details><summary>{count} without figures</summary>{more}{table}</details>'
@@ -147,7 +142,8 @@ def _section(number: int, sensor: Sensor, link: Link) -> str:
         address, source = link(bag), text_of(bag['source'])
         shown = f'<a href="{html.escape(address)}">{source}</a>' if address else source
         rows.append(f'<td>{day(bag["start"])}</td><td>{bag["duration"]:.0f} s</td><td>{shown}</td>')
-    table = _of_words(table_of(('start (UTC)', 'length', 'bag'), rows), f'bags-{number}')
+    head = ('start (UTC)', 'length', 'bag')
+    table = table_of(head, rows, f' class="words" id="bags-{number}"')
     label = html.escape(f'noise, bias, outliers and gaps of {printable(name)} over time')
     return (
         f'<section id="sensor-{number}"><h3>{text_of(name)}</h3>{said}'

@@ -285,13 +285,13 @@ def _cell(name: str, value: float, text: str, known: bool = True) -> str:
     return f'<td data-name="{name}" data-value="{float(value)!r}">{shown}</td>'
 
 
-def table_of(head: Iterable[str], rows: Iterable[str]) -> str:
-    """Return a table: its head as text, its rows as cells in HTML."""
+def table_of(head: Iterable[str], rows: Iterable[str], attributes: str = '') -> str:
+    """Return a table of a head as text and rows as cells in HTML; attributes begin with a space."""
     cells = ''.join(f'<th scope="col">{text_of(name)}</th>' for name in head)
     body = ''.join(f'<tr>{row}</tr>' for row in rows)
     return (
-        f'<div class="wide"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>'
-        '</div>'
+        f'<div class="wide"><table{attributes}><thead><tr>{cells}</tr></thead>'
+        f'<tbody>{body}</tbody></table></div>'
     )
 
 
@@ -373,9 +373,7 @@ def _provenance(recording: Recording) -> str:
         rows.append(
             f'<td>{text_of(description.name)}</td><td>{_shown(value)}</td><td>{changed}</td>'
         )
-    table = table_of(('parameter', 'value', ''), rows).replace(
-        '<table>', '<table class="settings">'
-    )
+    table = table_of(('parameter', 'value', ''), rows, ' class="settings"')
     return (
         f'<h2>Where this comes from</h2><dl>{facts}</dl>'
         f'<details><summary>All parameters</summary>{table}</details>'
