@@ -20,7 +20,7 @@ more, as before a repair, is no finding.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -31,7 +31,6 @@ from gyro_drift_filter.fleet.changes import LEAST_BAGS, Series, Usual, find_chan
 
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
-
 
 # What is compared, and its own standard deviation.
 Value = tuple[float, float] | None
@@ -208,7 +207,9 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
     """Return all sensors of a table, those with the largest changes first."""
     needed = {column for quantity in QUANTITIES for column in quantity.columns}
     place = ('robot', 'source', 'content', 'topic', 'frame_id', 'axis', 'start', 'duration')
-    rows = table.select([*place, *sorted(needed)]).cast(_with_whole_start(table, place, needed))
+    rows = table.select([*place, *sorted(needed)])
+    starts = rows['start'].cast(pa.int64())  # in ns, of which datetime would lose digits
+    rows = rows.set_column(place.index('start'), 'start', starts)
     of_sensors: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for row in rows.to_pylist():
         if row['axis'] is not None:
@@ -234,12 +235,6 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
         for key, of_sensor in of_sensors.items()
     ]
     return sorted(sensors, key=lambda s: (-s.size, s.robot, s.topic, s.frame))
-
-
-def _with_whole_start(table: pa.Table, place: Sequence[str], needed: Iterable[str]) -> pa.Schema:
-    """Return the schema of those columns with the start in ns as a whole number."""
-    fields = [table.schema.field(name) for name in (*place, *sorted(needed))]
-    return pa.schema([f.with_type(pa.int64()) if f.name == 'start' else f for f in fields])
 
 
 def _of_axes(
