@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from gyro_drift_filter.core import Parameters
     from gyro_drift_filter.report.page import Recording
 
-# What the recording holds and what the filter makes of it are the same up to here.
-_ALL = 1.0
-
 
 def add_parser(subcommands: Any) -> None:
     """Add the subcommand to the parser of `gyro_drift`."""
@@ -153,7 +150,7 @@ def _recording(
     with Progress(enabled=not options.quiet) as progress:
         filtered = filter_recording(bag, parameters, selection, progress)
     notes, recorded = [], filtered.recorded
-    if recorded is not None and recorded.same == _ALL:
+    if recorded is not None and recorded.is_same:
         notes.append('Its own filtered topic is what the filter makes here, bit for bit.')
         recorded = None
     elif recorded is not None:

@@ -47,12 +47,12 @@ class Recorded(NamedTuple):
     Attributes:
         times: (n,) log times in s since the first message.
         rates: (n, 3) in rad/s.
-        same: Share of the samples that are what the filter makes here, bit for bit.
+        is_same: Whether all are what the filter makes here, bit for bit.
     """
 
     times: NDArray[np.float64]
     rates: NDArray[np.float64]
-    same: float
+    is_same: bool
 
 
 class Filtered(NamedTuple):
@@ -110,11 +110,8 @@ class _FilteredTopic:
         if not (len(self._times) and isinstance(signals, _ExactSignals)):
             return None
         rates, ours = stacked(self._rates), stacked(signals.exact)
-        # Every message of both, in their order, unless some were refused or lost.
-        same = 0.0
-        if len(rates) == len(ours):
-            same = float((rates == ours).all(axis=1).mean())
-        return Recorded((np.asarray(self._times) - start) * 1e-9, rates, same)
+        times = (np.asarray(self._times) - start) * 1e-9
+        return Recorded(times, rates, np.array_equal(rates, ours))
 
 
 def filter_recording(
