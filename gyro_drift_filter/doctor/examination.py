@@ -59,8 +59,8 @@ class Examined:
     Attributes:
         stamps: (n,) in ns.
         log_times: (n,) in ns.
-        rates: Three columns (n,) in rad/s, as they came.
-        accelerations: Three columns (n,) in m/s^2.
+        rates: Three columns (n,) in rad/s, NaN where the filter uses no value either.
+        accelerations: Three columns (n,) in m/s^2, NaN likewise.
         outliers: Three columns (n,), not 0 where the filter held the rate back.
         resting: (n,) not 0 where the filter takes the sensor to rest.
         stated: What the messages state of their covariances, in the order of QUANTITIES.

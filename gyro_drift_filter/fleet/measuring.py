@@ -232,12 +232,11 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
     rows: list[Row] = []
     for summary, filter_ in zip(summaries, run.filters, strict=True):
         reading, temperatures = readings[summary.topic]
-        reading.end()
         rows += _rows_of_topic(
             summary,
             watches[summary.topic].verdict(summary),
             filter_.messages.report(),
-            reading.examined(),
+            reading.finish(),
             temperatures.mean(),
         )
     by_topic = {summary.topic: summary for summary in summaries}

@@ -71,30 +71,19 @@ class _Orientations:
 
 
 class Reading:
-    """One pass through a recording for one Imu topic: all that there is to be examined.
-
-    Attributes:
-        connections: How many are of the topic.
-        filter: The filter that the messages go through, which undoes nothing that is to be found.
-        stamps: (n,) in ns, of the good messages, as all that follow.
-        log_times: (n,) in ns.
-        rates: Three columns (n,) in rad/s, NaN where the filter uses no value either.
-        accelerations: Three columns (n,) in m/s^2, NaN likewise.
-        outliers: Three columns (n,), not 0 where the filter held the rate back.
-        resting: (n,) not 0 where the filter takes the sensor to rest.
-        stated: What the messages state of their covariances, in the order of QUANTITIES.
-    """
+    """One pass through a recording for one Imu topic: all that there is to be examined."""
 
     def __init__(self, recording: Recording, topic: str, names: Topics) -> None:
         self._rules = RuleLog()
+        # It undoes nothing that is to be found.
         parameters = Parameters(input_quantisation='none')
-        self.filter = TopicFilter(recording, parameters, topic, names, lambda _: self._rules)
-        self.connections = int(np.count_nonzero(self.filter.is_imu))
-        self.stamps, self.log_times = Stored(np.int64), Stored(np.int64)
-        self.rates, self.accelerations = stored_columns(3), stored_columns(3)
-        self.outliers = stored_columns(3, np.uint8)
-        self.resting = Stored(np.uint8)
-        self.stated = (Stated(), Stated(), Stated())
+        self._filter = TopicFilter(recording, parameters, topic, names, lambda _: self._rules)
+        # What `Examined` says of them.
+        self._stamps, self._log_times = Stored(np.int64), Stored(np.int64)
+        self._rates, self._accelerations = stored_columns(3), stored_columns(3)
+        self._outliers = stored_columns(3, np.uint8)
+        self._resting = Stored(np.uint8)
+        self._stated = (Stated(), Stated(), Stated())
         self._report_times = ReportTimes()
         self._typestore = recording.typestore
         self._own = _Orientations(topic, own=True)
@@ -109,32 +98,25 @@ class Reading:
         """Take a piece of the recording in."""
         for part in small_parts(piece):
             # Without what other topics hold, so that reports are about the time of the Imu alone.
-            imus_alone = Piece(part.data, part.rows[self.filter.is_imu[part.rows['channel']]])
-            self._filter(imus_alone, self._report_times.among(imus_alone.rows))
+            imus_alone = Piece(part.data, part.rows[self._filter.is_imu[part.rows['channel']]])
+            self._take_imus(imus_alone, self._report_times.among(imus_alone.rows))
             for index in np.flatnonzero(self._is_other[part.rows['channel']]):
                 self._note_orientation(int(part.rows['channel'][index]), part.message(int(index)))
 
-    def end(self) -> None:
-        """Make the last report."""
-        self._filter(NO_MESSAGES, self._report_times.at_end())
-
-    def _filter(self, piece: Piece, reports: Any) -> None:
-        imus = read_imus(piece, self.filter.is_imu)
-        self.filter.judge(self.filter.take(piece, imus, reports), reports)
+    def _take_imus(self, piece: Piece, reports: Any) -> None:
+        imus = read_imus(piece, self._filter.is_imu)
+        self._filter.judge(self._filter.take(piece, imus, reports), reports)
         good = imus[imus['kind'] == ImuKind.GOOD]
-        self._keep(piece, good)
-
-    def _keep(self, piece: Piece, good: Any) -> None:
         sample = good['sample']
-        self.stamps.append(sample['stamp'])
-        self.log_times.append(piece.rows['log_time'][good['row']])
-        append_rows(self.rates, usable(sample['angular_velocity']))
+        self._stamps.append(sample['stamp'])
+        self._log_times.append(piece.rows['log_time'][good['row']])
+        append_rows(self._rates, usable(sample['angular_velocity']))
         forces = usable(sample['linear_acceleration'], LARGEST_ACCELERATION)
-        append_rows(self.accelerations, forces)
-        append_rows(self.outliers, good['result']['outlier'] > 0.0)
-        self.resting.append(good['result']['at_rest'] > 0.0)
+        append_rows(self._accelerations, forces)
+        append_rows(self._outliers, good['result']['outlier'] > 0.0)
+        self._resting.append(good['result']['at_rest'] > 0.0)
         doubles = all_doubles(piece.data, good)
-        for stated, first in zip(self.stated, _COVARIANCES, strict=True):
+        for stated, first in zip(self._stated, _COVARIANCES, strict=True):
             stated.add(doubles[:, first : first + 9])
         reported = doubles[:, _COVARIANCES[0]] != -1.0
         self._own.add(sample['stamp'][reported], doubles[reported, :4])
@@ -149,21 +131,22 @@ class Reading:
         if stamp:
             orientations.add(np.array([stamp]), quaternion)
 
-    def examined(self) -> Examined:
-        """Return what is to be examined, after the end."""
+    def finish(self) -> Examined:
+        """Make the last report; return what is to be examined."""
+        self._take_imus(NO_MESSAGES, self._report_times.at_end())
         return Examined(
-            self.stamps,
-            self.log_times,
-            self.rates,
-            self.accelerations,
-            self.outliers,
-            self.resting,
-            self.stated,
-            self._references(),
-            self.connections,
-            self._rules,
-            self.filter.messages.report().telemetry,
-            is_not_cut(self.filter.messages.filter),
+            stamps=self._stamps,
+            log_times=self._log_times,
+            rates=self._rates,
+            accelerations=self._accelerations,
+            outliers=self._outliers,
+            resting=self._resting,
+            stated=self._stated,
+            references=self._references(),
+            connections=int(np.count_nonzero(self._filter.is_imu)),
+            rules=self._rules,
+            telemetry=self._filter.messages.report().telemetry,
+            not_cut=is_not_cut(self._filter.messages.filter),
         )
 
     def _references(self) -> tuple[Reference, ...]:
@@ -194,7 +177,7 @@ def read_recording(
         reading = Reading(recording, chosen, names)
         for piece in selection.pieces(recording, progress):
             reading.take(piece)
-        reading.end()
-    if not len(reading.stamps):
+        examined = reading.finish()
+    if not len(examined.stamps):
         raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
-    return chosen, reading.examined()
+    return chosen, examined
