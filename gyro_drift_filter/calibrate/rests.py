@@ -144,14 +144,14 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     at_end = _at_the_end_of_the_range(rates[used])
     clipped = at_end[1:] | at_end[:-1]
     return Track(
-        int(stamps[used][0]),
-        seconds,
-        rates[used],
-        accelerations[used] if alive else None,
-        gaps | clipped,
-        clipped,
-        even,
-        float(np.median(np.diff(seconds))),
+        start=int(stamps[used][0]),
+        seconds=seconds,
+        rates=rates[used],
+        accelerations=accelerations[used] if alive else None,
+        broken=gaps | clipped,
+        clipped=clipped,
+        even=even,
+        period=float(np.median(np.diff(seconds))),
     )
 
 

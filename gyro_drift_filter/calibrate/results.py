@@ -162,21 +162,21 @@ def make_result(
         legs += [(reference.number, *span) for span in reference.spans]
     rests = [rest for session in sessions for rest in session.rests.rests]
     return Calibration(
-        matrix,
-        deviation,
-        solution.covariance[MATRIX, MATRIX],
-        accelerometer,
-        before,
-        after,
-        np.array(legs),
-        len(rests),
-        _sides(parts, unknowns),
-        float(sum(rest.seconds for rest in rests)),
-        tuple(_unknown(deviation, parts, unknowns)),
-        tuple(warnings),
-        _fit(evidence, solution, deviations),
-        sensitivity if sensitivity.is_found else None,
-        _noise(sessions, parts),
+        matrix=matrix,
+        deviation=deviation,
+        covariance=solution.covariance[MATRIX, MATRIX],
+        accelerometer=accelerometer,
+        before=before,
+        after=after,
+        legs=np.array(legs),
+        rests=len(rests),
+        sides=_sides(parts, unknowns),
+        rest_seconds=float(sum(rest.seconds for rest in rests)),
+        unknown=tuple(_unknown(deviation, parts, unknowns)),
+        warnings=tuple(warnings),
+        reference=_fit(evidence, solution, deviations),
+        sensitivity=sensitivity if sensitivity.is_found else None,
+        noise=_noise(sessions, parts),
     )
 
 

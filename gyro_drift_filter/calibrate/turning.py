@@ -114,14 +114,14 @@ def make_leg(
     bias += beside @ sensitivity.T
     steps = np.diff(seconds)
     return Leg(
-        number,
-        rests,
-        float(seconds[0]),
-        float(np.ptp(seconds)),
-        steps,
-        track.rates[span] - bias,
-        0.5 * (share[1:] + share[:-1]),
-        steps @ beside[1:],
+        track=number,
+        rests=rests,
+        time=float(seconds[0]),
+        seconds=float(np.ptp(seconds)),
+        steps=steps,
+        raw=track.rates[span] - bias,
+        share=0.5 * (share[1:] + share[:-1]),
+        push=steps @ beside[1:],
     )
 
 

@@ -134,12 +134,12 @@ def find_quiet(
     longest = max(stretches, key=len, default=None)
     spans = [span for span in stretches if len(span) * period >= SHORTEST_SECONDS]
     return Quiet(
-        tuple(_same_rate(spans, windows, looks[:3])),
-        longest,
-        missing,
-        tuple(seen.level for seen in looks[:3]),
-        bool(measured),
-        cause == Cause.OPEN,
+        spans=tuple(_same_rate(spans, windows, looks[:3])),
+        longest=longest,
+        missing=missing,
+        noise=tuple(seen.level for seen in looks[:3]),
+        accelerometer=bool(measured),
+        open=cause == Cause.OPEN,
     )
 
 

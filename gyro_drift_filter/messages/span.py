@@ -122,20 +122,20 @@ def span_of(
         sensor_rate = 1.0 / state.period if state.blocks > 0 else math.nan
     expected_rate = sensor_rate / state.samples_per_message
     return Span(
-        first,
-        before,
-        now,
-        state.samples - before.telemetry.samples,
-        recent,
-        seconds,
-        (now.received - first.received) / seconds if seconds > 0.0 else math.nan,
-        expected_rate,
-        is_rate_judged,
-        [_share(a - b, recent) for a, b in outliers],
-        [_share(a - b, count) for a, b, count in nis],
-        [_share(a - b, count) for a, b, count in residuals],
-        _share(state.not_measured - state_first.not_measured, recent),
-        _low_pass(state),
+        first=first,
+        before=before,
+        now=now,
+        samples=state.samples - before.telemetry.samples,
+        recent=recent,
+        seconds=seconds,
+        rate=(now.received - first.received) / seconds if seconds > 0.0 else math.nan,
+        expected_rate=expected_rate,
+        is_rate_judged=is_rate_judged,
+        outlier_shares=[_share(a - b, recent) for a, b in outliers],
+        nis=[_share(a - b, count) for a, b, count in nis],
+        residuals=[_share(a - b, count) for a, b, count in residuals],
+        not_measured=_share(state.not_measured - state_first.not_measured, recent),
+        low_pass=_low_pass(state),
     )
 
 

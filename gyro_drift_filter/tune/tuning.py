@@ -201,15 +201,15 @@ class _Run:
             chosen, costs = before, default
         sensitivities = self._sensitivities(chosen)
         return Tuning(
-            before,
-            chosen,
-            best,
-            gain,
-            self._shown(default[held_back]),
-            self._shown(costs[held_back]),
-            sorted(sensitivities, key=lambda one: -(one.loss or 0.0)),
-            self._evaluations.count,
-            self._evaluations.out_of_time,
+            before=before,
+            chosen=chosen,
+            best=best,
+            gain=gain,
+            cost_before=self._shown(default[held_back]),
+            cost_best=self._shown(costs[held_back]),
+            sensitivities=sorted(sensitivities, key=lambda one: -(one.loss or 0.0)),
+            evaluations=self._evaluations.count,
+            out_of_time=self._evaluations.out_of_time,
         )
 
     def _refined(self, budget: int) -> Parameters:
