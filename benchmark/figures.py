@@ -18,6 +18,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Self
 
 from gyro_drift_filter.cli.table import table
 
@@ -43,6 +44,24 @@ class Figure:
     ratio: float
     bar: float
     at_least: bool = False
+
+    @classmethod
+    def of_ratio(
+        cls,
+        name: str,
+        form: str,
+        numbers: tuple[float, float],
+        against: str,
+        bar: float,
+        at_least: bool = False,
+    ) -> Self:
+        """Return a figure that is judged by the ratio of two numbers: ours, and the other one.
+
+        `form` says how they are written, with their unit, such as '{:.0f} MB'.
+        """
+        ours, other = numbers
+        texts = form.format(ours), form.format(other)
+        return cls(name, *texts, against, ours / other, bar, at_least)
 
     @property
     def holds(self) -> bool:

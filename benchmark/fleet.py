@@ -50,9 +50,10 @@ from gyro_drift_filter.fleet.sources import Bag, find_bags
 from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
 
 _ROUNDS = 3
-_LIMIT = 2 * 10**9
+_LIMIT = 2 * 10**9  # bytes of a worker
 _INTERRUPTIONS = 10
 _JOB = Job(Parameters())
+_COMMAND = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'fleet', '--quiet']
 
 
 def _run(bags: list[Bag], client: Client) -> float:
@@ -78,8 +79,7 @@ def others(folder: Path, seed: int) -> Iterator[Figure]:
 def _planted(folder: Path, settings: FleetSettings) -> Iterator[Figure]:
     broken = write_fleet(folder / 'robots', settings)
     out = folder / 'out'
-    command = [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'fleet', '--quiet']
-    subprocess.run([*command, str(folder / 'robots'), '-o', str(out)], check=True)
+    subprocess.run([*_COMMAND, str(folder / 'robots'), '-o', str(out)], check=True)
     fleet = read_table(out / 'fleet.parquet')
     sensors = judge_fleet(fleet)
     planted = {robot_name(number): fault.quantity for number, fault in settings.faults.items()}
@@ -91,15 +91,8 @@ def _planted(folder: Path, settings: FleetSettings) -> Iterator[Figure]:
         robot in first and robot in named and named[robot].quantity == quantity
         for robot, quantity in planted.items()
     )
-    yield Figure(
-        f'planted faults that rank first, seed {settings.seed}',
-        f'{found}',
-        f'{len(planted)}',
-        'planted',
-        found / len(planted),
-        1.0,
-        True,
-    )
+    title = f'planted faults that rank first, seed {settings.seed}'
+    yield Figure.of_ratio(title, '{}', (found, len(planted)), 'planted', 1.0, at_least=True)
     beside = len(named.keys() - planted.keys())
     yield Figure(
         'other sensors that are named',
@@ -111,15 +104,8 @@ def _planted(folder: Path, settings: FleetSettings) -> Iterator[Figure]:
     )
     failed = {row['source'] for row in fleet.to_pylist() if row['error']}
     explained = len(failed & {str(bag) for bag in broken})
-    yield Figure(
-        'broken bags with a reason',
-        f'{explained}',
-        f'{len(broken)}',
-        'broken',
-        explained / 20,
-        1.0,
-        True,
-    )
+    numbers = explained, len(broken)
+    yield Figure.of_ratio('broken bags with a reason', '{}', numbers, 'broken', 1.0, at_least=True)
 
 
 def tables(_: Path, count: int) -> Iterator[Figure]:
@@ -170,14 +156,13 @@ def speed(folder: Path) -> Iterator[Figure]:
     )
     per_minute = {workers: 60.0 * len(bags) / min(of) for workers, of in times.items()}
     tell(f'seconds for {len(bags)} bags, one and two workers in turns: {times}')
-    yield Figure(
+    yield Figure.of_ratio(
         'bags of one minute, in a minute, two workers',
-        f'{per_minute[2]:.0f}',
-        f'{per_minute[1]:.0f}',
+        '{:.0f}',
+        (per_minute[2], per_minute[1]),
         'one worker',
-        per_minute[2] / per_minute[1],
         1.7,
-        True,
+        at_least=True,
     )
 
 
@@ -211,13 +196,8 @@ def scheduler(folder: Path, count: int) -> Iterator[Figure]:
         own / work,
         0.05,
     )
-    yield Figure(
-        'memory of a worker after them',
-        f'{largest:.0f} MB',
-        '2000 MB',
-        'limit',
-        largest / 2e3,
-        0.25,
+    yield Figure.of_ratio(
+        'memory of a worker after them', '{:.0f} MB', (largest, _LIMIT / 1e6), 'limit', 0.25
     )
 
 
@@ -236,13 +216,8 @@ def memory(folder: Path) -> Iterator[Figure]:
         largest = max(client.run(_largest_memory).values())
     size = sum(bag.sizes.values())
     tell(f'an hour at 200 Hz: {cpu:.1f} s of CPU, {size / 1e6:.1f} MB in the store')
-    yield Figure(
-        'memory of a worker, an hour at 200 Hz',
-        f'{largest:.0f} MB',
-        '2000 MB',
-        'limit',
-        largest / 2e3,
-        0.5,
+    yield Figure.of_ratio(
+        'memory of a worker, an hour at 200 Hz', '{:.0f} MB', (largest, _LIMIT / 1e6), 'limit', 0.5
     )
 
 
@@ -257,15 +232,7 @@ def interrupted(folder: Path) -> Iterator[Figure]:
     """Kill the command ten times at random moments, resume, and compare the tables."""
     write_fleet(folder / 'robots', FleetSettings(8, 10, faults={}))
     bags = str(folder / 'robots')
-    command = [
-        sys.executable,
-        '-m',
-        'gyro_drift_filter.cli.main',
-        'fleet',
-        bags,
-        '--quiet',
-        '--resume',
-    ]
+    command = [*_COMMAND, bags, '--resume']
     choice, kept = random.Random(20), 0
     for k in range(_INTERRUPTIONS):
         process = subprocess.Popen([*command, '-o', str(folder / 'out')], start_new_session=True)

@@ -102,21 +102,11 @@ def node(repetitions: int, quick: bool) -> Iterator[Figure]:
     """Measure the node beside relays."""
     start = live.starts(repetitions)
     (bare_time, bare_memory), (time_, memory) = start['bare'], start['node']
-    yield Figure(
-        'node, start to first output',
-        f'{time_:.2f} s',
-        f'{bare_time:.2f} s',
-        'bare node',
-        time_ / bare_time,
-        3.0,
+    yield Figure.of_ratio(
+        'node, start to first output', '{:.2f} s', (time_, bare_time), 'bare node', 3.0
     )
-    yield Figure(
-        'node, resident memory',
-        f'{memory:.0f} MB',
-        f'{bare_memory:.0f} MB',
-        'bare node',
-        memory / bare_memory,
-        2.5,
+    yield Figure.of_ratio(
+        'node, resident memory', '{:.0f} MB', (memory, bare_memory), 'bare node', 2.5
     )
     found = live.cpu_and_latency(repetitions)
     quiet, loud, typed = found['node'], found['node, all listened to'], found['typed']
@@ -125,23 +115,16 @@ def node(repetitions: int, quick: bool) -> Iterator[Figure]:
         (quiet, 'raw', 1.3),
         (loud, 'typed', 1.0),
     ):
-        yield Figure(
+        yield Figure.of_ratio(
             'node, CPU a message' + (', all listened to' if row is loud else ''),
-            f'{row["cpu"]:.0f} us',
-            f'{found[other]["cpu"]:.0f} us',
+            '{:.0f} us',
+            (row['cpu'], found[other]['cpu']),
             f'{other} relay',
-            row['cpu'] / found[other]['cpu'],
             bar,
         )
     for key, name in (('latency', 'median'), ('latency99', '99th percentile')):
-        yield Figure(
-            f'node, latency, {name}',
-            f'{quiet[key]:.3f} ms',
-            f'{typed[key]:.3f} ms',
-            'typed relay',
-            quiet[key] / typed[key],
-            1.0,
-        )
+        numbers = quiet[key], typed[key]
+        yield Figure.of_ratio(f'node, latency, {name}', '{:.3f} ms', numbers, 'typed relay', 1.0)
     for rate, seconds in ((1000.0, 10.0 if quick else 60.0), (2000.0, 5.0 if quick else 20.0)):
         lost, swapped = live.loss(rate, seconds)
         yield Figure(
@@ -206,30 +189,14 @@ def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
             bar,
             at_least=True,
         )
-    yield Figure(
-        'replay, a message',
-        f'{each["replay"]:.1f} us',
-        f'{copy:.1f} us',
-        'copy of its output',
-        each['replay'] / copy,
-        3.0,
+    yield Figure.of_ratio(
+        'replay, a message', '{:.1f} us', (each['replay'], copy), 'copy of its output', 3.0
     )
-    made = costs['page']
-    yield Figure(
-        f'report of {large:,}',
-        f'{made.seconds:.1f} s',
-        f'{costs["replay"].seconds:.1f} s',
-        'replay of the same',
-        made.seconds / costs['replay'].seconds,
-        3.0,
-    )
-    yield Figure(
-        f'report of {large:,}, memory',
-        f'{made.memory:.0f} MB',
-        '1500 MB',
-        'limit',
-        made.memory / 1500.0,
-        1.0,
+    made, replayed = costs['page'], costs['replay']
+    seconds = made.seconds, replayed.seconds
+    yield Figure.of_ratio(f'report of {large:,}', '{:.1f} s', seconds, 'replay of the same', 3.0)
+    yield Figure.of_ratio(
+        f'report of {large:,}, memory', '{:.0f} MB', (made.memory, 1500.0), 'limit', 1.0
     )
     nothing = folder / 'nothing'
     write_tiled(rows, 100, nothing)
@@ -240,28 +207,17 @@ def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
         (cost - start) / n * 1e6
         for cost, n in ((last.seconds, huge), (costs['small'].seconds, small))
     )
-    yield Figure(
-        f'replay of {huge:,}, memory',
-        f'{last.memory:.0f} MB',
-        f'{costs["replay"].memory:.0f} MB',
-        f'replay of {large:,}',
-        last.memory / costs['replay'].memory,
-        1.1,
-    )
-    yield Figure(
-        f'replay of {huge:,}, memory',
-        f'{last.memory:.0f} MB',
-        '400 MB',
-        'limit',
-        last.memory / 400.0,
-        1.0,
-    )
-    yield Figure(
+    for against, most, bar in (
+        (f'replay of {large:,}', replayed.memory, 1.1),
+        ('limit', 400.0, 1.0),
+    ):
+        numbers = last.memory, most
+        yield Figure.of_ratio(f'replay of {huge:,}, memory', '{:.0f} MB', numbers, against, bar)
+    yield Figure.of_ratio(
         f'replay of {huge:,}, time a message without start-up',
-        f'{slow:.2f} us',
-        f'{fast:.2f} us',
+        '{:.2f} us',
+        (slow, fast),
         f'replay of {small:,}',
-        slow / fast,
         1.15,
     )
 
