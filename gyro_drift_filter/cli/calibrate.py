@@ -31,8 +31,7 @@ from gyro_drift_filter.cli.result_files import (
     write_json,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.core import GyroDriftFilterError
-from gyro_drift_filter.errors import printable, yaml_reason
+from gyro_drift_filter.errors import GyroDriftFilterError, printable, yaml_reason
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:

@@ -20,8 +20,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES, DESCRIPTIONS, FIELDS, OF_EVERY_NODE
+from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError
 from gyro_drift_filter.messages.names import NODE_NAME
 from gyro_drift_filter.messages.parameter_sections import note_unknown, read_sections
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.cli.printing import say
-from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 
 _FEWEST_SAMPLES = 10

@@ -18,7 +18,7 @@ import argparse
 import math
 from contextlib import suppress
 
-from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 
 
 def add_time_options(command: argparse.ArgumentParser) -> None:

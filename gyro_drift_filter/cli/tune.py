@@ -30,8 +30,8 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
-from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.errors import printable
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.errors import GyroDriftFilterError, printable
 from gyro_drift_filter.tune.ranges import RANGES
 from gyro_drift_filter.whole_file import write_whole
 

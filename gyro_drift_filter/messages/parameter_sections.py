@@ -18,9 +18,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.core import GyroDriftFilterError, ParameterError
 from gyro_drift_filter.core.parameters import is_misspelt, unknown_name
-from gyro_drift_filter.errors import yaml_reason
+from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError, yaml_reason
 
 LARGEST_FILE = 1_000_000  # bytes
 

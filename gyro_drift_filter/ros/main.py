@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
-from gyro_drift_filter.core import GyroDriftFilterError
+from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.ros.arguments import (
     USAGE,
     UsageError,

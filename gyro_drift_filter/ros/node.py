@@ -44,7 +44,8 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
-from gyro_drift_filter.core import GyroDriftFilterError, ParameterError, Parameters
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError
 from gyro_drift_filter.messages import diagnostics
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import NOTHING_RECEIVED, Health

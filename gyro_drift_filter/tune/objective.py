@@ -28,9 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
+from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.parameters import AXES, IDENTITY, NO_SENSITIVITY
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.phrases import rounded_down, without_rate
 
 Floats = NDArray[np.float64]

@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.core import GyroDriftFilterError, Parameters
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, Range, at_places
 from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, downhill, search
