@@ -15,8 +15,10 @@
 """Whether the rates turn as an orientation in the same recording does."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -234,11 +236,4 @@ def _is_invented(reference: Reference) -> bool:
 
 def _find(stamps: Values, stamp: int) -> int:
     """Return the index of the last of ascending stamps up to `stamp`, or 0."""
-    low, high = 0, len(stamps)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if value_at(stamps, middle) <= stamp:
-            low = middle
-        else:
-            high = middle
-    return low
+    return bisect_right(range(len(stamps)), stamp, 1, key=partial(value_at, stamps)) - 1
