@@ -34,7 +34,7 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import inverse, rotate
 from gyro_drift_filter.simulation.experiments import autoregressive
-from gyro_drift_filter.simulation.sensor import Faults
+from gyro_drift_filter.simulation.sensor import DEGREE, Faults
 from gyro_drift_filter.simulation.turns import lay_down, sides
 
 NOISE, PHI = 6.1e-3, 0.167
@@ -60,7 +60,6 @@ TURNS = {
     'horizontal': (False, False),
     'horizontal, gyroscope alone': (False, True),
 }
-_DEGREE = np.pi / 180
 
 Array = NDArray[np.float64]
 
@@ -107,13 +106,13 @@ def slow_turn(
     """
     rates, accelerations = at_rest(random, REST + TURN, rate)
     begin, axis = round(REST * rate), 2 if upright else 0
-    rates[begin:, axis] += speed * _DEGREE
+    rates[begin:, axis] += speed * DEGREE
     if not upright:
-        angle = speed * _DEGREE / rate * np.arange(len(rates) - begin)
+        angle = speed * DEGREE / rate * np.arange(len(rates) - begin)
         accelerations[begin:, 1] += GRAVITY * np.sin(angle)
         accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
     bias = _biases(rates, accelerations, rate, silent)[:, axis]
-    return float(bias[begin - 1]) / _DEGREE, float(bias[-1]) / _DEGREE
+    return float(bias[begin - 1]) / DEGREE, float(bias[-1]) / DEGREE
 
 
 def jump(random: np.random.Generator, size: float, rate: float) -> float:
@@ -123,10 +122,10 @@ def jump(random: np.random.Generator, size: float, rate: float) -> float:
     """
     rates, accelerations = at_rest(random, REST + AFTER_JUMP, rate)
     begin, direction = round(REST * rate), random.standard_normal(3)
-    step = size * _DEGREE * direction / np.linalg.norm(direction)
+    step = size * DEGREE * direction / np.linalg.norm(direction)
     rates[begin:] += step
     bias = _biases(rates, accelerations, rate)[begin:]
-    unknown = np.flatnonzero(np.linalg.norm(bias - step, axis=1) > 0.25 * size * _DEGREE)
+    unknown = np.flatnonzero(np.linalg.norm(bias - step, axis=1) > 0.25 * size * DEGREE)
     return float(unknown[-1] + 1) / rate if unknown[-1] < len(bias) - 1 else np.inf
 
 
@@ -140,8 +139,8 @@ def to_and_fro(
     rates, accelerations = at_rest(random, STILL + SWING, rate)
     begin = round(STILL * rate)
     time = np.arange(len(rates) - begin) / rate
-    rates[begin:, 2] += speed * _DEGREE * np.sin(2.0 * np.pi * time / period)
-    bias = _biases(rates, accelerations, rate)[:, 2] / _DEGREE
+    rates[begin:, 2] += speed * DEGREE * np.sin(2.0 * np.pi * time / period)
+    bias = _biases(rates, accelerations, rate)[:, 2] / DEGREE
     changed = np.abs(bias[begin:] - bias[begin - 1])
     return float(changed.max()), float(np.abs(np.cumsum(bias[begin:])).max() / rate)
 
@@ -153,7 +152,7 @@ def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> floa
     """
     time = np.arange(round(DRIVE * rate)) / rate
     jumped = time >= 2 * (STAND + MOTION) + 0.5 * STAND
-    return _lost_in_stands(random, np.where(jumped, size * _DEGREE, 0.0), rate)
+    return _lost_in_stands(random, np.where(jumped, size * DEGREE, 0.0), rate)
 
 
 def warm_up_in_stands(random: np.random.Generator, size: float, rate: float) -> float:
@@ -177,7 +176,7 @@ def warm_up_in_stops(random: np.random.Generator, stop: float, hums: bool, rate:
 def _warming(size: float, rate: float) -> Array:
     """Return a bias (n,) in rad/s that warms up by `size` deg/s."""
     time = np.arange(round(DRIVE * rate)) / rate
-    return size * _DEGREE * (1.0 - np.exp(-time / WARMING_SECONDS))
+    return size * DEGREE * (1.0 - np.exp(-time / WARMING_SECONDS))
 
 
 def _lost_in_stands(
@@ -215,7 +214,7 @@ def _lost_in_stands(
 
 def _largest_angle(errors: Array, rate: float) -> float:
     """Return the largest angle in deg that errors (n,) of a bias in rad/s add up to."""
-    return float(np.abs(np.cumsum(errors)).max() / rate / _DEGREE)
+    return float(np.abs(np.cumsum(errors)).max() / rate / DEGREE)
 
 
 def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: float) -> float:
@@ -245,7 +244,7 @@ def slow_turns_in_drives(random: np.random.Generator, steady: bool, rate: float)
     begin, turns, speed = float(REST), 0, random.uniform(0.3, 2.0)
     while begin < 2 * DRIVE:
         end = begin + random.uniform(6.0, 20.0)
-        rates[round(begin * rate) : round(end * rate), 2] += speed * _DEGREE
+        rates[round(begin * rate) : round(end * rate), 2] += speed * DEGREE
         fast = rates[round(end * rate) : round((end + 5.0) * rate), 2]
         fast += random.choice([-0.8, 0.8]) * np.hanning(round(5.0 * rate))[: len(fast)]
         begin, turns = end + 5.0, turns + 1
@@ -275,13 +274,13 @@ def on_other_sides(
     """
     poses = sides(random) + sides(random)
     laid = lay_down(random, poses, Faults(np.zeros(3)), rest=LAID, way=WAY, rate=rate)
-    felt = sensitivity * _DEGREE / GRAVITY * random.standard_normal((3, 3))
+    felt = sensitivity * DEGREE / GRAVITY * random.standard_normal((3, 3))
     truth = rotate(inverse(laid.orientations), np.array([0.0, 0.0, GRAVITY])) @ felt.T
     given = laid.rates + laid.accelerations @ felt.T
     errors = Filter(Parameters()).run(laid.stamps, given, laid.accelerations)['bias'] - truth
     ends = np.round((LAID + (LAID + WAY) * np.arange(len(poses))) * rate).astype(int) - 1
     lost = np.linalg.norm(errors.sum(axis=0)) / rate
-    return float(np.sqrt(np.mean(np.square(errors[ends])))) / _DEGREE, float(lost) / _DEGREE
+    return float(np.sqrt(np.mean(np.square(errors[ends])))) / DEGREE, float(lost) / DEGREE
 
 
 def warm_up(random: np.random.Generator, rate: float) -> Array:
@@ -291,14 +290,14 @@ def warm_up(random: np.random.Generator, rate: float) -> Array:
     """
     rates, accelerations = at_rest(random, WARM_UP, rate)
     time = np.arange(len(rates)) / rate
-    truth = _DEGREE * time / WARM_UP
+    truth = DEGREE * time / WARM_UP
     since = (time + CYCLE - PAUSE) % CYCLE  # the recording begins with a rest
     rests = since >= CYCLE - PAUSE
     window = np.clip(np.minimum(since, CYCLE - PAUSE - since) / 0.5, 0.0, 1.0)
     motion = 0.3 * (window * ~rests)[:, None] * _smooth(random, len(rates), rate)
     bias = _biases(rates + truth[:, None] + motion, accelerations + motion, rate)
     ends = np.flatnonzero(rests[:-1] & ~rests[1:]) + round(0.5 * rate)
-    return np.asarray(bias[ends] - truth[ends, None]) / _DEGREE
+    return np.asarray(bias[ends] - truth[ends, None]) / DEGREE
 
 
 def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, Array]:
@@ -308,9 +307,9 @@ def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, A
     """
     rates, accelerations = at_rest(random, 2 * WARM_UP, rate)
     begin = round(WARM_UP * rate)
-    truth = _DEGREE * np.maximum(np.arange(len(rates)) - begin, 0) / begin
+    truth = DEGREE * np.maximum(np.arange(len(rates)) - begin, 0) / begin
     bias = _biases(rates + truth[:, None], accelerations, rate)
-    errors = (bias - truth[:, None]) / _DEGREE
+    errors = (bias - truth[:, None]) / DEGREE
     return errors[round(CYCLE * rate) : begin], errors[begin:]
 
 

@@ -37,9 +37,9 @@ from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.reference import Reference
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.simulation.sensor import DEGREE
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 
-DEGREE = np.radians(1.0)
 WITHIN = 1.96  # standard errors hold 95 %
 LEAST_COVERAGE, LARGEST_COVERAGE = 0.91, 0.98
 LARGEST_ERROR = 5e-4
