@@ -28,7 +28,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -108,14 +108,14 @@ class Player:
     def _listened(self, data: bytes) -> None:
         self.diagnostics += 1
 
-    def wait(self, condition: object) -> None:
+    def wait(self, condition: Callable[[], object]) -> None:
         """Wait until a condition holds.
 
         Raises:
             TimeoutError: It does not.
         """
         end = time.monotonic() + PATIENCE
-        while not condition():  # type: ignore[operator]
+        while not condition():
             if time.monotonic() > end:
                 raise TimeoutError('the process under test does not answer')
             time.sleep(0.002)
