@@ -24,14 +24,15 @@ A record is declared as a `TypedDict`, so that the type checker knows each field
 
     CLOCK = record(Clock)
 
-Fields are float, int and bool (of 64 bits, and one byte), arrays, records that have been made
-before, and arrays of these. Arrays are declared by an alias that says type and shape:
+Fields are float, int and bool (of 64 bits, and one byte), arrays, other declarations, of which
+records are made with this one, and arrays of records. Arrays are declared by an alias that says
+type and shape:
 
     Floats5 = Annotated[NDArray[np.float64], np.float64, (5,)]
     Signals = Annotated[Sequence[Signal], SIGNAL, (6,)]
 """
 
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints, is_typeddict
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -49,6 +50,8 @@ _RECORDS: dict[Any, np.dtype[Any]] = {}
 def record(declaration: type[Any], *, in_cache_lines: bool = False) -> np.dtype[Any]:
     """Return the numpy type of a record that is declared as a `TypedDict`.
 
+    Fields of later records that are declared as the same `TypedDict` have this type.
+
     Args:
         declaration: The `TypedDict`.
         in_cache_lines: Whether fields that fill cache lines begin at one, and the record itself
@@ -65,6 +68,8 @@ def _numpy_type(annotation: Any) -> np.dtype[Any]:
     if get_origin(annotation) is Annotated:
         _, element, shape = get_args(annotation)
         return np.dtype((element, shape))
+    if is_typeddict(annotation) and annotation not in _RECORDS:
+        record(annotation)
     return np.dtype(_RECORDS.get(annotation) or _SCALARS[annotation])
 
 

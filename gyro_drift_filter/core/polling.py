@@ -30,7 +30,7 @@ time only: a coarse gyroscope at rest gives the same rates for long.
 from enum import IntEnum
 from typing import TypedDict
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.sample import Sample, are_equal, is_zero
 from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
@@ -76,9 +76,6 @@ class Polling(TypedDict):
     hung: int  # repeats beyond that, of a bus that hangs
     faster: bool  # polled so fast that repeats are no samples
     samples_per_message: float  # then, of late; else 1
-
-
-POLLING = record(Polling)
 
 
 @kernel

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 from gyro_drift_filter.core.rest.records import Rest
 
@@ -62,9 +62,6 @@ class RangeEnd(TypedDict):
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
     clipped: CountPerAxis  # count of samples
-
-
-RANGE_END = record(RangeEnd)
 
 
 @kernel

@@ -64,7 +64,6 @@ class Counts(TypedDict):
 
 
 COEFFICIENTS = record(Coefficients, in_cache_lines=True)
-COUNTS = record(Counts)
 
 
 class State(TypedDict):

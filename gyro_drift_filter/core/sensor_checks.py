@@ -20,7 +20,7 @@ from typing import Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.range_end import RangeEnd, note_rate
 from gyro_drift_filter.core.rest.noise import has_noise_of
@@ -63,9 +63,6 @@ class Stays(TypedDict):
     stayed: CountPerAxis  # messages with this one the same
 
 
-STAYS = record(Stays)
-
-
 class SensorChecks(TypedDict):
     """The last values as they came, how often they have come, and what was found."""
 
@@ -98,9 +95,6 @@ class SensorChecks(TypedDict):
     beyond_gravity: int  # samples with an acceleration that no body has for long: counts or mg?
     times_stuck: int
     unusable: CountPerAxis
-
-
-SENSOR_CHECKS = record(SensorChecks)
 
 
 @kernel

@@ -20,7 +20,7 @@ none, but zeros would pull it towards zero.
 
 from typing import TYPE_CHECKING, TypedDict
 
-from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.bias.records import Bias
 from gyro_drift_filter.core.sample import finer, is_usable, is_zero
 
@@ -45,9 +45,6 @@ class LivingRates(TypedDict):
     mean: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
     resolution: PerAxis  # rad/s, the smallest change so far; 0 before the first
-
-
-LIVING_RATES = record(LivingRates)
 
 
 @kernel

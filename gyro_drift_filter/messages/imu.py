@@ -79,9 +79,6 @@ class Fault(TypedDict):
     expected: int  # bytes, by the length of the frame_id
 
 
-record(Fault)
-
-
 class Imu(TypedDict):
     """A message on the Imu topic, and what the filter made of it.
 

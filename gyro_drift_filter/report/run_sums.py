@@ -57,9 +57,6 @@ class Noise(TypedDict):
     filtered_squares: PerAxis
 
 
-record(Noise)
-
-
 class Outliers(TypedDict):
     """Where samples were flagged as outliers. Times are log times in ns, 0 before there was one."""
 
@@ -72,9 +69,6 @@ class Outliers(TypedDict):
     in_stretch: int
     busiest: int  # the stretch with most of them
     in_busiest: int
-
-
-record(Outliers)
 
 
 class RunSums(TypedDict):

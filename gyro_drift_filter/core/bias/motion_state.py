@@ -54,9 +54,6 @@ class BiasAtRest(TypedDict):
     known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
 
-BIAS_AT_REST = record(BiasAtRest)
-
-
 class MotionBias(TypedDict):
     """The filter of the bias in motion."""
 

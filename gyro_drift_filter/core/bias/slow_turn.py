@@ -27,7 +27,7 @@ import math
 from enum import IntEnum
 from typing import TYPE_CHECKING, TypedDict
 
-from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
@@ -90,9 +90,6 @@ class SlowTurn(TypedDict):
     gave_up: bool  # there is one
     given_up: PerAxis  # rad/s
     given_up_variance: PerAxis  # (rad/s)^2
-
-
-SLOW_TURN = record(SlowTurn)
 
 
 @kernel

@@ -30,7 +30,7 @@ from typing import Annotated, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.clock.periods import LONGEST_PERIOD, SHORTEST_PERIOD
 from gyro_drift_filter.core.clock.records import STAMPS, Clock
 
@@ -69,9 +69,6 @@ class ClockWorkspace(TypedDict):
     # of what the phases turn by from one frequency to the next
     turn_cosine: PerStamp
     turn_sine: PerStamp
-
-
-CLOCK_WORKSPACE = record(ClockWorkspace)
 
 
 @kernel

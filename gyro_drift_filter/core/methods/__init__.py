@@ -131,9 +131,9 @@ class MethodWorkspace(TypedDict):
     adaptive: AdaptiveWorkspace
 
 
-METHOD_COEFFICIENTS = record(MethodCoefficients, in_cache_lines=True)
+record(MethodCoefficients, in_cache_lines=True)
 METHOD_STATES = record(MethodStates, in_cache_lines=True)
-METHOD_WORKSPACE = record(MethodWorkspace, in_cache_lines=True)
+record(MethodWorkspace, in_cache_lines=True)
 
 
 @kernel

@@ -137,7 +137,7 @@ class AdaptiveCoefficients(TypedDict):
     noise: NoiseCoefficients
 
 
-ADAPTIVE_COEFFICIENTS = record(AdaptiveCoefficients, in_cache_lines=True)
+record(AdaptiveCoefficients, in_cache_lines=True)
 
 
 class AdaptiveWorkspace(TypedDict):
@@ -148,7 +148,7 @@ class AdaptiveWorkspace(TypedDict):
     derivation: Derivation
 
 
-ADAPTIVE_WORKSPACE = record(AdaptiveWorkspace, in_cache_lines=True)
+record(AdaptiveWorkspace, in_cache_lines=True)
 
 
 @kernel

@@ -21,7 +21,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import kernel
 
 JOLT_RATIO = 15.0  # usual changes of the acceleration from sample to sample: something was hit
 SHAKE_RATIO = 4.0  # usual changes: what noise alone may do
@@ -48,9 +48,6 @@ class Jolt(TypedDict):
     usual_change: float  # from sample to sample, m/s^2
     samples_left: int  # for which the last jolt still counts
     calm_samples: int  # in a row, in which noise alone may have changed it
-
-
-JOLT = record(Jolt)
 
 
 @kernel

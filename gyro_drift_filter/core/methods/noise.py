@@ -131,9 +131,6 @@ class NoiseBlock(TypedDict):
     before: PerAxis  # the three samples before, newest first
 
 
-NOISE_BLOCK = record(NoiseBlock)
-
-
 class Noise(TypedDict):
     """What is known of the noise of one axis, and the block of samples under way."""
 
@@ -163,7 +160,6 @@ class Noise(TypedDict):
     block: NoiseBlock
 
 
-NOISE_COEFFICIENTS = record(NoiseCoefficients)
 NOISE = record(Noise)
 
 

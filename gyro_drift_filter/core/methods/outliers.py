@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel, record
+from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.methods.jolts import (
     LEAST_USUAL,
     USUAL_LIMIT,
@@ -152,12 +152,6 @@ class InnovationLimits(TypedDict):
     innovation_threshold: float  # `outlier.threshold` typical or usual innovations
     least_jump: float  # by `outlier.acceleration`, or less where the sensor is still
     body_jump: float  # beyond this it is doubtful whatever the other two are
-
-
-CIRCUMSTANCES = record(Circumstances)
-OUTLIER_LIMITS = record(OutlierLimits)
-DOUBT = record(Doubt)
-INNOVATION_LIMITS = record(InnovationLimits)
 
 
 @kernel

@@ -162,7 +162,6 @@ class RestLengths(TypedDict):
 
 
 REST = record(Rest)
-OTHER_NOISE = record(OtherNoise)
 REST_LENGTHS = record(RestLengths)
 
 
