@@ -29,13 +29,8 @@ from gyro_drift_filter.accelerate import (
     record,
 )
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.sample import (
-    LARGEST_ACCELERATION,
-    LARGEST_RATE,
-    SampleStatus,
-    is_usable,
-)
-from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind, is_published
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, SampleStatus, is_usable
+from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind
 from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
 # Less than this, in m/s^2, is no gravity: the sensor falls, or has no accelerometer.
@@ -126,18 +121,11 @@ def add_run(
     sums = all_sums[0]
     for i in range(len(imus)):
         imu = imus[i]
-        if imu['kind'] != ImuKind.GOOD or not is_published(imu):
+        if imu['kind'] != ImuKind.GOOD or imu['result']['status'] != SampleStatus.FILTERED:
             continue
-        sample, result = imu['sample'], imu['result']
-        raw = sample['angular_velocity']
-        if (
-            result['status'] != SampleStatus.FILTERED
-            or abs(raw[0]) > LARGEST_RATE
-            or abs(raw[1]) > LARGEST_RATE
-            or abs(raw[2]) > LARGEST_RATE
-            or raw[0] + raw[1] + raw[2] != raw[0] + raw[1] + raw[2]
-        ):
-            _note_outlier(imu, log_times[i], sums)
+        _note_outlier(imu, log_times[i], sums)
+        sample, raw = imu['sample'], imu['sample']['angular_velocity']
+        if not (is_usable(raw[0]) and is_usable(raw[1]) and is_usable(raw[2])):
             continue
         step = sample_seconds(sample['stamp'], period, longest, sums['times'])
         for axis in range(3):
@@ -151,7 +139,6 @@ def add_run(
             sums['rested_at'] = log_times[i]
         _add_heading(imu, step, sums)
         _add_rest(imu, matrix, step, sums)
-        _note_outlier(imu, log_times[i], sums)
 
 
 @kernel
@@ -279,10 +266,8 @@ def _clear(noise: Noise) -> None:
 
 @kernel
 def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
-    """Count a sample that was flagged; what is no number, or is a repeat, is none."""
+    """Count a sample that was flagged; what is no usable number is none."""
     result, found, flagged = imu['result'], sums['outliers'], False
-    if result['status'] != SampleStatus.FILTERED:
-        return
     for axis in range(3):
         if result['outlier'][axis] > 0.0 and is_usable(imu['sample']['angular_velocity'][axis]):
             found['axes'][axis] += 1
