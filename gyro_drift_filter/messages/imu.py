@@ -204,6 +204,12 @@ def frame_of(message: bytes) -> str | None:
     return frame_id(message, imu) if imu['kind'] == ImuKind.GOOD else None
 
 
+def are_filtered(imus: Any) -> NDArray[np.bool_]:
+    """Return which messages (n,) IMU are samples that a filter has taken as new ones."""
+    good = imus['kind'] == ImuKind.GOOD
+    return np.asarray(good & (imus['result']['status'] == SampleStatus.FILTERED))
+
+
 def fault_text(fault: Fault) -> str:
     """Return in words why a message is malformed."""
     size, value = fault['size'], fault['value']

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHODS, WITHIN_LIMITS
-from gyro_drift_filter.core.sample import STARTED, SampleStatus
-from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.core.sample import STARTED
+from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -115,8 +115,7 @@ class FlaggedLog:
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
-        kept = imus['kind'] == ImuKind.GOOD
-        kept[kept] = imus['result']['status'][kept] == SampleStatus.FILTERED
+        kept = are_filtered(imus)
         before = self.samples
         self.samples += int(kept.sum())
         result, times = imus['result'][kept], log_times[kept]

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
-from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
@@ -68,8 +68,7 @@ class Signals:
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         self.watch.take(imus, log_times)
-        kept = imus['kind'] == ImuKind.GOOD
-        kept[kept] = imus['result']['status'][kept] == SampleStatus.FILTERED
+        kept = are_filtered(imus)
         if not kept.any():
             return
         sample, result = imus['sample'][kept], imus['result'][kept]

@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.messages.health import package_version
-from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
@@ -238,8 +237,7 @@ class RunWatch:
 
     def _note_given(self, imus: Any) -> None:
         """Note whether the first sample has a bias taken off that the recording before has left."""
-        results = imus['result'][imus['kind'] == ImuKind.GOOD]
-        results = results[results['status'] == SampleStatus.FILTERED]
+        results = imus['result'][are_filtered(imus)]
         if len(results) and self._filter.parameters.bias_enabled:
             initial = self._filter.parameters.bias_initial
             self._given = bool((results['bias'][0] != initial).any())
