@@ -26,7 +26,7 @@ from typing import Annotated, Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only, record
+from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.records import FILTER, FilterRecord
 from gyro_drift_filter.core.step import doubt_sensor, step
@@ -91,8 +91,8 @@ class Published(TypedDict):
     """A filtered message, as far as it takes to know it again."""
 
     stamp: int  # ns
-    angular_velocity: Annotated[NDArray[np.float64], np.float64, (3,)]
-    angular_velocity_variance: Annotated[NDArray[np.float64], np.float64, (3,)]
+    angular_velocity: PerAxis  # rad/s
+    angular_velocity_variance: PerAxis  # (rad/s)^2
 
 
 PUBLISHED = record(Published)
