@@ -130,13 +130,13 @@ def folder() -> Path:
 
 def why_unusable() -> str:
     """Make the folder, and return why nothing can be kept in it, empty where it can be."""
-    if not _unusable:
-        try:
-            folder().mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            return str(error)
-        return '' if os.access(folder(), os.W_OK) else 'no permission to write'
-    return _unusable
+    if _unusable:
+        return _unusable
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return str(error)
+    return '' if os.access(folder(), os.W_OK) else 'no permission to write'
 
 
 def report_unusable(reason: str) -> None:
