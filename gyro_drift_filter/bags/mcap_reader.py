@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.library import AnyReader, DirectoryReader, McapReader
-from gyro_drift_filter.bags.recording import BagError, Piece, kind
+from gyro_drift_filter.bags.recording import BagError, Piece, identity
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
 from gyro_drift_filter.mcap.message_kernels import CHANNELS
 from gyro_drift_filter.mcap.reader import Layout, Openable, read_layout, read_messages
@@ -74,12 +74,12 @@ def chunk_reader(library: AnyReader) -> ChunkReader | None:
     if layout is None:
         return None
     # The library numbers its connections anew; alike ones can't be told apart, so are left to it.
-    outer = {kind(connection): connection for connection in library.connections}
+    outer = {identity(connection): connection for connection in library.connections}
     if len(outer) != len(library.connections):
         return None
     numbers = np.full(CHANNELS, -1)
     for inner in storage.connections:
-        same = outer.get(kind(inner))
+        same = outer.get(identity(inner))
         if same is None or layout.channels.get(inner.id) != (inner.topic, inner.msgtype):
             return None
         numbers[inner.id] = same.id

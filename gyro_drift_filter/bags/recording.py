@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.library import Connection, ConnectionExtRosbag2, Qos, Typestore
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-Kind = tuple[str, str, str, tuple[Qos, ...]]
+Identity = tuple[str, str, str, tuple[Qos, ...]]
 
 
 class BagError(GyroDriftFilterError):
@@ -122,7 +122,7 @@ def topic_types(recording: Recording) -> dict[str, str]:
     return {connection.topic: connection.msgtype for connection in recording.connections}
 
 
-def kind(connection: Connection) -> Kind:
+def identity(connection: Connection) -> Identity:
     """Return what tells connections apart for a reader: topic, type, serialization and QoS."""
     extension = connection.ext
     assert isinstance(extension, ConnectionExtRosbag2)

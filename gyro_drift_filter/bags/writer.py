@@ -46,7 +46,7 @@ from gyro_drift_filter.bags.library import (
 )
 from gyro_drift_filter.bags.mcap_storage import McapStorage
 from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import Kind, OutputError, Recording, kind
+from gyro_drift_filter.bags.recording import Identity, OutputError, Recording, identity
 from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
@@ -107,7 +107,7 @@ class BagWriter:
         if path.suffix in _BAG_FILES:
             raise OutputError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace
-        self._copies: dict[Kind, Connection] = {}
+        self._copies: dict[Identity, Connection] = {}
         with self._reporting():
             self._path.parent.mkdir(parents=True, exist_ok=True)
             remove_abandoned(self._path)
@@ -183,7 +183,7 @@ class BagWriter:
 
         That may hold the same topic several times, one for each publisher: they become one.
         """
-        known = self._copies.get(kind(connection))
+        known = self._copies.get(identity(connection))
         if known is not None:
             return known
         extension = connection.ext
@@ -200,7 +200,7 @@ class BagWriter:
                 serialization_format=extension.serialization_format,
                 offered_qos_profiles=extension.offered_qos_profiles,
             )
-        self._copies[kind(copy)] = copy
+        self._copies[identity(copy)] = copy
         return copy
 
     def add_connection(self, topic: str, message_type: str) -> Connection:
