@@ -313,7 +313,7 @@ def _axes_table(verdict: Verdict, method: str) -> str:
             _cell(
                 f'{key}.{axis}',
                 of_axes[axis],
-                f'{_degrees(of_axes[axis]) if turns else of_axes[axis]:.4f}',
+                f'{np.degrees(of_axes[axis]) if turns else of_axes[axis]:.4f}',
                 known=bias_known if key == 'bias.rates' else heard,
             )
             for key, of_axes, turns in values
@@ -333,10 +333,6 @@ def _axes_table(verdict: Verdict, method: str) -> str:
     return table_of(head, rows)
 
 
-def _degrees(rate: float) -> float:
-    return float(np.degrees(rate))
-
-
 def _comparison(verdicts: dict[str, Verdict]) -> str:
     """Return the main figures of each method."""
     rows = []
@@ -348,7 +344,7 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
         changed = float(max(verdict.change_in_motion[heard], default=np.nan))
         cells = (
             _cell('median_ratio', quiet, f'{quiet:.3f}'),
-            _cell('largest_change', changed, f'{_degrees(changed):.4f}'),
+            _cell('largest_change', changed, f'{np.degrees(changed):.4f}'),
             _cell('heading.left', verdict.heading.left, per_minute(verdict.heading.left)),
             _cell('lagging', verdict.lagging, f'{100.0 * verdict.lagging:.0f} %'),
             _cell('outliers', outliers.samples, str(outliers.samples), known=outliers.looked_for),
