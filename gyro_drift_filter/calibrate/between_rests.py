@@ -153,10 +153,8 @@ class RestsOfOneRecording:
                 angles.append(float(np.linalg.norm(_between(before, way.rotation @ behind))))
         return Closures(np.array(angles), np.array([way.angle for way in turns]))
 
-    def _is_back(self, leg: Leg, way: Turn, gravity: Floats | None) -> bool:
+    def _is_back(self, leg: Leg, way: Turn, gravity: Floats) -> bool:
         """Tell whether a leg was whole turns by hand, back to the same edge."""
-        if gravity is None:
-            return True
         if not self.turns or way.angle < WHOLE_TURN:
             return False
         before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
@@ -240,7 +238,6 @@ class RestsOfOneRecording:
         matrix = unknowns[MATRIX].reshape(3, 3)
         way, sensitivity = turn(leg, matrix)
         size, (i, j) = len(self._rests), leg.rests
-        back = self._is_back(leg, way, gravity)
         # All as a rotation vector in the axes of the start: by unknowns, by sources.
         jacobian, noise = np.zeros((3, UNKNOWNS)), np.zeros((3, blocks.sources))
         jacobian[:, MATRIX] = sensitivity.by_matrix
@@ -268,7 +265,7 @@ class RestsOfOneRecording:
                 across = (np.eye(3) - np.outer(direction, direction)) / length
                 noise[:, 3 * (size + k) : 3 * (size + k) + 3] = by @ across @ upper(unknowns)
             rows = np.linalg.svd(before[None])[2][1:]
-            if back:  # and about the vertical the edge tells
+            if self._is_back(leg, way, gravity):  # and about the vertical the edge tells
                 rows = np.vstack([rows, before])
                 vector = vector + before * float(before @ _vector(way.rotation))
                 noise = noise + np.outer(before, before) @ edges
