@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Why a sample was accepted or flagged as an outlier, in words."""
 
 from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
