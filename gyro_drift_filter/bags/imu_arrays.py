@@ -81,7 +81,7 @@ def imu_parts(
     """Yield the Imu topic of a bag piece by piece.
 
     Args:
-        bag: rosbag2 folder or bare .mcap or .db3 file.
+        bag: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
         topic: Needed where there are several Imu topics.
         progress: Called with the number of messages done and their total.
         between: First and last time to be used, in s of log time since the first message of the

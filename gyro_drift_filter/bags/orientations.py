@@ -58,7 +58,7 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
     """Read the orientations of a topic, passing over messages that can't be read.
 
     Args:
-        bag: rosbag2 folder or bare .mcap or .db3 file.
+        bag: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
         topic: Of PoseStamped, PoseWithCovarianceStamped, TransformStamped, QuaternionStamped,
             Odometry or Imu messages.
 

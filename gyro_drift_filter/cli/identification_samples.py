@@ -72,7 +72,7 @@ def read_samples(
     """Read the samples of a bag.
 
     Args:
-        bag: rosbag2 folder or bare .mcap or .db3 file.
+        bag: rosbag2 folder, bare .mcap or .db3 file, or .bag file of ROS 1.
         topic: Needed where there are several Imu topics.
         between: First and last time to be used, in s since the first message of the recording.
         progress: Called with the number of messages done and their total.
