@@ -40,7 +40,7 @@ from gyro_drift_filter.whole_file import write_whole
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.core import Parameters
-    from gyro_drift_filter.report.page import Recording
+    from gyro_drift_filter.report.page import DrawnRecording
 
 
 def add_parser(subcommands: Any) -> None:
@@ -141,11 +141,11 @@ def _recording(
     parameters: list['Parameters'],
     selection: 'Selection',
     options: argparse.Namespace,
-) -> 'Recording':
+) -> 'DrawnRecording':
     """Return what the page shows of a bag; pictures of it are written."""
     from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
     from gyro_drift_filter.report.figures import Drawer
-    from gyro_drift_filter.report.page import Recording, points_for
+    from gyro_drift_filter.report.page import DrawnRecording, points_for
 
     with Progress(enabled=not options.quiet) as progress:
         filtered = filter_recording(bag, parameters, selection, progress)
@@ -166,7 +166,7 @@ def _recording(
     )
     command = shlex.join(['gyro_drift', *sys.argv[1:]])
     facts = facts_of(bag, filtered, command)
-    recording = Recording.drawn(name, drawer, filtered.summaries, parameters[0], facts, notes)
+    recording = DrawnRecording.of(name, drawer, filtered.summaries, parameters[0], facts, notes)
     if options.png:
         from gyro_drift_filter.report import pictures
 

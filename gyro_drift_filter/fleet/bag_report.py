@@ -19,7 +19,7 @@ from pathlib import Path
 from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.report.figures import Drawer
-from gyro_drift_filter.report.page import Recording, when_recorded
+from gyro_drift_filter.report.page import DrawnRecording, when_recorded
 from gyro_drift_filter.report.signals import Signals
 
 # Of all traces of one topic: a page is then some two thirds larger than the library on it.
@@ -31,9 +31,11 @@ def report_path(reports: Path, content: str) -> Path:
     return reports / f'{content}.html'
 
 
-def shown_topic(name: str, signals: Signals, summary: Summary, parameters: Parameters) -> Recording:
+def shown_topic(
+    name: str, signals: Signals, summary: Summary, parameters: Parameters
+) -> DrawnRecording:
     """Return what the page shows of one Imu topic of a bag."""
     method = parameters.method
     drawer = Drawer({method: signals}, summary.start, _POINTS)
     facts = [('topic', summary.topic), when_recorded(summary)]
-    return Recording.drawn(name, drawer, {method: summary}, parameters, facts, [])
+    return DrawnRecording.of(name, drawer, {method: summary}, parameters, facts, [])

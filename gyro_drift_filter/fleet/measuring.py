@@ -28,8 +28,7 @@ import numpy as np
 
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
-from gyro_drift_filter.bags.recording import OutputError, Piece, are_among, is_cdr
-from gyro_drift_filter.bags.recording import Recording as OpenRecording
+from gyro_drift_filter.bags.recording import OutputError, Piece, Recording, are_among, is_cdr
 from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter
@@ -45,7 +44,7 @@ from gyro_drift_filter.fleet.sources import Bag
 from gyro_drift_filter.fleet.streamed import StreamedPath, content_hash
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.recordings.examined import Reading
-from gyro_drift_filter.report.page import Recording, page
+from gyro_drift_filter.report.page import DrawnRecording, page
 from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.report.verdict import BiasSource, RunWatch, Verdict
 from gyro_drift_filter.whole_file import write_whole
@@ -163,7 +162,7 @@ def _notes() -> Iterator[list[str]]:
 class _Temperatures:
     """The temperatures that are recorded beside an Imu."""
 
-    def __init__(self, recording: OpenRecording, topic: str) -> None:
+    def __init__(self, recording: Recording, topic: str) -> None:
         ids = [
             connection.id
             for connection in recording.connections
@@ -191,7 +190,7 @@ class _Measured(NamedTuple):
     """The rows of a bag, and what its report shows of each topic, where one is wanted."""
 
     rows: list[Row]
-    topics: list[Recording]
+    topics: list[DrawnRecording]
 
 
 def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:

@@ -49,7 +49,7 @@ _POLICY = (
 
 
 @dataclass(frozen=True)
-class Recording:
+class DrawnRecording:
     """What the page shows of one recording.
 
     Attributes:
@@ -75,7 +75,7 @@ class Recording:
     notes: list[str]
 
     @classmethod
-    def drawn(
+    def of(
         cls,
         name: str,
         drawer: Drawer,
@@ -121,7 +121,7 @@ def points_for(recordings: int) -> int:
     return int(room / _POINT_BYTES / recordings)
 
 
-def page(recordings: Sequence[Recording]) -> str:
+def page(recordings: Sequence[DrawnRecording]) -> str:
     """Return the page as HTML; all text that comes from outside is escaped."""
     several = len(recordings) > 1
     title = 'gyro_drift report: ' + ', '.join(recording.name for recording in recordings)
@@ -205,7 +205,7 @@ def text_of(text: str) -> str:
     return html.escape(printable(text))
 
 
-def _bar(recordings: Sequence[Recording]) -> str:
+def _bar(recordings: Sequence[DrawnRecording]) -> str:
     """Return the buttons that hold for all figures."""
     roles: dict[str, str] = {}
     for recording in recordings:
@@ -237,7 +237,7 @@ def _bar(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _section(number: int, recording: Recording, bar: str) -> str:
+def _section(number: int, recording: DrawnRecording, bar: str) -> str:
     method, verdict = next(iter(recording.verdicts.items()))
     said = ''.join(
         f'<dt>{text_of(about)}</dt><dd>{text_of(text)}</dd>' for about, text in statements(verdict)
@@ -357,7 +357,7 @@ def _comparison(verdicts: dict[str, Verdict]) -> str:
     return table_of(head, rows)
 
 
-def _provenance(recording: Recording) -> str:
+def _provenance(recording: DrawnRecording) -> str:
     facts = ''.join(
         f'<dt>{text_of(what)}</dt><dd>{text_of(which)}</dd>' for what, which in recording.facts
     )
@@ -381,7 +381,7 @@ def _shown(value: Any) -> str:
     return text_of(' '.join(f'{v:g}' for v in value) if many else str(value))
 
 
-def _data(recording: Recording) -> dict[str, Any]:
+def _data(recording: DrawnRecording) -> dict[str, Any]:
     """Return what the figures have in common, and each without its panels, as JSON knows them."""
     return {
         'methods': list(recording.verdicts),
@@ -402,11 +402,11 @@ def _data(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _seconds_per_tick(recording: Recording) -> float:
+def _seconds_per_tick(recording: DrawnRecording) -> float:
     return max(recording.seconds, 1e-9) / _TICKS
 
 
-def _packed_panels(figure: Figure, recording: Recording) -> list[dict[str, Any]]:
+def _packed_panels(figure: Figure, recording: DrawnRecording) -> list[dict[str, Any]]:
     scale = _seconds_per_tick(recording)
     return [
         {'name': name, 'traces': [_packed(trace, figure.in_time, scale) for trace in traces]}

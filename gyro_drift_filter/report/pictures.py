@@ -19,7 +19,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from gyro_drift_filter.report.page import Recording
+from gyro_drift_filter.report.page import DrawnRecording
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
@@ -39,7 +39,7 @@ METHOD_COLOURS = ('#0072b2', '#cc79a7', '#e69f00', '#6a51a3')
 _REST = '#009e73'
 
 
-def draw(folder: Path, recording: Recording) -> None:
+def draw(folder: Path, recording: DrawnRecording) -> None:
     """Draw each figure; files of the same names in the folder, made if missing, are replaced."""
     folder.mkdir(parents=True, exist_ok=True)
     methods = enumerate(recording.verdicts)
