@@ -50,7 +50,7 @@ def row_medians(rows: Floats) -> Floats:
     ordered = np.sort(rows, axis=1)  # NaN goes to the end
     count = np.isfinite(rows).sum(axis=1)
     number = np.arange(len(rows))
-    upper = ordered[number, np.maximum(count // 2, 0)] if rows.size else np.empty(0)
+    upper = ordered[number, count // 2] if rows.size else np.empty(0)
     lower = ordered[number, np.maximum((count - 1) // 2, 0)] if rows.size else np.empty(0)
     return np.where(count > 0, 0.5 * (lower + upper), np.nan)
 
