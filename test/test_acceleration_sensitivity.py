@@ -137,6 +137,7 @@ def test_calibrate_finds_it(random):
     assert (np.abs(found.matrix - faults.matrix) < 5.0 * found.deviation).all()
 
 
+@pytest.mark.slow
 def test_two_recordings_tell_more_than_one(random):
     poses = sides(random)
     first, _ = laid_down(random, SENSITIVITY, poses[:7])
@@ -146,6 +147,7 @@ def test_two_recordings_tell_more_than_one(random):
     assert np.abs(both.sensitivity.matrix - SENSITIVITY).max() < 4e-5
 
 
+@pytest.mark.slow
 def test_a_sensor_without_it_is_not_given_any(random):
     for _ in range(5):
         recording, _ = laid_down(random, np.zeros((3, 3)))

@@ -403,6 +403,7 @@ def test_a_known_noise_level_survives_a_start_in_motion(random):
     assert np.sqrt((error**2).mean()) < 1.1 * np.sqrt(((z - turn) ** 2).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('phi', 'correlation'), [(0.01, 0.8), (0.8, 0.0)])
 def test_the_correlation_of_a_known_noise_is_taken_out_from_the_first_sample(
     phi, correlation, random
@@ -436,6 +437,7 @@ def test_a_sensor_with_less_noise_than_any_of_mems_comes_to_rest_at_once(rate, r
         assert error[int((stop + 0.3) * rate) : int((stop + 5) * rate)].std() < 0.8 * deviation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', RATES)
 def test_the_modes_have_what_the_riccati_recursion_settles_to(rate):
     """Against the plain recursion of equations (8), (9) and (12), run until it stands."""
@@ -542,6 +544,7 @@ def test_a_knock_that_was_held_back_does_not_turn_the_heading(knock, random):
     assert np.abs(out['angular_velocity'][2000:, 1]).max() < 0.06
 
 
+@pytest.mark.slow
 def test_fast_motion_from_power_on_is_not_taken_for_noise():
     """At 50 Hz a jerk in a block of few samples looks like noise; calmer blocks tell otherwise."""
     worst = []
@@ -559,6 +562,7 @@ def test_fast_motion_from_power_on_is_not_taken_for_noise():
     assert np.median(worst) < 1.1
 
 
+@pytest.mark.slow
 def test_motion_is_not_taken_for_the_noise_of_a_coarse_sensor_at_its_first_rest():
     """Where noise is a part of a count, rates stay the same at rest, as if the bus had hung."""
     step, deviation = 0.005, 0.001
@@ -604,6 +608,7 @@ def error_after_the_stop(stops, turning):
     return np.sqrt(np.mean((out - truth)[:, 2520:2600, 0] ** 2))
 
 
+@pytest.mark.slow
 def test_a_stop_is_seen_sooner_where_all_axes_stand(stops):
     assert error_after_the_stop(stops, 0.0) < 0.7 * error_after_the_stop(stops, 0.5)
 
@@ -625,6 +630,7 @@ def test_before_the_first_rest_motion_is_hardly_booked_as_noise(amplitude, frequ
     assert 0.7 < np.median(learned) < 2.0
 
 
+@pytest.mark.slow
 def test_a_shake_announces_a_motion(random):
     """What turns a body shakes its accelerometer: the filter follows the rate sooner."""
     begin = np.concatenate([np.zeros(2000), 0.5 * np.arange(10) / 100])[:, None] * np.ones(3)

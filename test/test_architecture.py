@@ -106,6 +106,7 @@ def section(title):
     return body, re.findall(r'^```(\w+)\n(.*?)^```', body, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('title', 'files', 'code'),
     [

@@ -66,6 +66,7 @@ def test_a_start_in_motion_invents_no_bias(accelerometer, random):
     assert (results['at_rest'] == 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('noise', [5e-4, 2e-3, 5e-3])
 def test_a_sensor_that_warms_up_while_it_stands_is_followed(noise, random):
     """By 1 deg/s within ten minutes, with a time constant of five."""
@@ -78,6 +79,7 @@ def test_a_sensor_that_warms_up_while_it_stands_is_followed(noise, random):
     assert (np.abs(left) < 2.0 * deviation)[500:].mean() > 0.8
 
 
+@pytest.mark.slow
 def test_a_sensor_that_feels_gravity_finds_its_bias_on_each_side(random):
     """Where it lies otherwise its bias is another one, and no turn."""
     error, lost = on_other_sides(random, 0.1, 100.0)
@@ -120,6 +122,7 @@ def test_a_rate_beyond_the_largest_bias_is_left_in_and_counted(random):
     assert results['bias'][-1, 2] == pytest.approx(12.0 * DEGREE, rel=0.01)
 
 
+@pytest.mark.slow
 def test_warm_up_is_followed_from_rest_to_rest(random):
     """A degree a second in ten minutes, three seconds of rest a minute."""
     errors, slope = [], DEGREE / 600.0
@@ -136,6 +139,7 @@ def test_warm_up_is_followed_from_rest_to_rest(random):
     assert np.abs(errors).max() < 0.1 * DEGREE
 
 
+@pytest.mark.slow
 def test_warm_up_is_followed_standing(random):
     """It was a steady bias for long."""
     steady, moving = zip(*(warm_up_standing(random, 100.0) for _ in range(3)), strict=True)
@@ -156,6 +160,7 @@ def test_slow_noise_of_a_quiet_sensor_is_no_bias(random):
     assert np.sqrt(np.mean(np.square(errors))) < 0.0038 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('slow', [0.0, 2.0, 3.0])
 def test_slow_noise_is_seen_from_segment_to_segment(slow, random):
     """It is as large as so many times the white noise of a segment."""
@@ -314,6 +319,7 @@ def test_a_calibration_is_not_taken_back(random):
     assert abs(float(state['bias'][0]) - calibrated) < 0.05 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['static_adis16405', 'static_mpu6050_bursty'])
 def test_the_mean_of_a_real_sensor_goes(name, real):
     stamps, rates, accelerations = real(name)

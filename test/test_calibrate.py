@@ -48,6 +48,7 @@ def laid_down(random, poses=None, **options):
     return faults, lay_down(random, sides(random) if poses is None else poses, faults, **options)
 
 
+@pytest.mark.slow
 def test_intervals_hold_and_entries_are_near(random):
     errors, deviations, accelerometer = [], [], []
     for _ in range(5):
@@ -71,6 +72,7 @@ def test_intervals_hold_and_entries_are_near(random):
     assert 0.7 < np.sqrt(np.mean(np.concatenate(accelerometer) ** 2)) < 1.4
 
 
+@pytest.mark.slow
 def test_a_nominal_scale_that_is_far_off_is_no_harm(random):
     faults, turns = laid_down(random, rate=50.0)
     for factor in (0.6, 1.0, 1.6):
@@ -136,6 +138,7 @@ def test_too_few_poses_are_told_and_not_taken_for_an_axis_that_was_not_turned(ra
     assert (np.abs(found.matrix - faults.matrix) < 4.0 * found.deviation).all()
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_held_is_told(random):
     faults, turns = laid_down(random)
     each = 0.02 * random.standard_normal((12, 3))  # a degree on the way to each pose
@@ -166,6 +169,7 @@ def test_without_an_accelerometer_it_says_what_else_will_do(random):
             calibrate([samples(turns, lambda _, w, a, v=nothing: a.fill(v))])
 
 
+@pytest.mark.slow
 def test_a_rest_that_moves_is_left_out_and_told(random):
     faults, turns = laid_down(random)
 
@@ -185,6 +189,7 @@ def test_a_rest_that_moves_is_left_out_and_told(random):
         assert np.abs(found.matrix - faults.matrix).max() < 3e-3
 
 
+@pytest.mark.slow
 def test_a_turn_that_does_not_fit_counts_for_less(random):
     faults, turns = laid_down(random)
 
@@ -196,6 +201,7 @@ def test_a_turn_that_does_not_fit_counts_for_less(random):
     assert np.abs(found.matrix - faults.matrix).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_gaps_and_the_end_of_the_range_break_a_turn(random):
     faults, turns = laid_down(random)
     lost = np.ones(len(turns.stamps), bool)
@@ -223,6 +229,7 @@ def test_a_pause_of_the_recorder_is_no_part_of_the_sample_period(random):
     assert len(before.rests) <= len(after.rests) <= len(before.rests) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
@@ -259,6 +266,7 @@ def test_stamps_of_arrival_are_not_taken_for_the_time_of_samples(random):
     assert np.abs(found.matrix - faults.matrix).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_samples_without_a_rate_do_not_make_even_stamps_uneven(random):
     faults, turns = laid_down(random)
 
@@ -300,6 +308,7 @@ def test_a_turn_and_what_it_depends_on(random):
         np.testing.assert_allclose(step / 1e-5, sensitivity.by_matrix[:, entry], atol=3e-4)
 
 
+@pytest.mark.slow
 def test_a_real_sensor_closes_turns_that_it_was_not_found_from():
     """An Xsens whose nominal scale is 31 % off, laid down by hand 38 times."""
     if not (RECORDINGS / 'multiposition_xsens').exists():

@@ -44,6 +44,7 @@ def calibrate(tmp_path, *arguments):
     return main(['calibrate', *map(str, arguments), '-o', str(tmp_path / 'found.yaml')])
 
 
+@pytest.mark.slow
 def test_results_for_programs_take_the_place_of_the_text(tmp_path, capsys, random):
     source = bag(tmp_path / 'in', lay_down(random, sides(random), random_faults(random), rate=50.0))
     assert calibrate(tmp_path, source, '--json', '-', '--kalibr', tmp_path / 'kalibr') == 0
@@ -51,6 +52,7 @@ def test_results_for_programs_take_the_place_of_the_text(tmp_path, capsys, rando
     assert (tmp_path / 'kalibr').exists()
 
 
+@pytest.mark.slow
 def test_a_bag_gives_a_parameter_file_that_replay_takes(tmp_path, capsys, random):
     faults = random_faults(random)
     source = bag(tmp_path / 'in', lay_down(random, sides(random), faults, rate=50.0))

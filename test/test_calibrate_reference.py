@@ -44,6 +44,7 @@ def seen(random, turns, mount=MOUNT, noise=0.3, late=LATE, every=1):
     return Reference(stamps[::every], orientations.as_quat()[::every])
 
 
+@pytest.mark.slow
 def test_rotation_and_delay_are_found_on_the_way(random):
     faults = random_faults(random)
     turns = lay_down(random, sides(random), faults)
@@ -60,6 +61,7 @@ def test_rotation_and_delay_are_found_on_the_way(random):
     assert not fit.level
 
 
+@pytest.mark.slow
 def test_a_reference_alone_leaves_the_sensor_its_axes(random):
     faults = random_faults(random)
     turns = lay_down(random, sides(random), faults, rest=0.5, rate=50.0)
@@ -76,6 +78,7 @@ def test_a_reference_alone_leaves_the_sensor_its_axes(random):
     assert found.reference.late == pytest.approx(-0.1, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_slips_and_losses_of_a_reference_do_not_count(random):
     faults = random_faults(random)
     turns = lay_down(random, sides(random), faults, rate=50.0)
@@ -88,6 +91,7 @@ def test_slips_and_losses_of_a_reference_do_not_count(random):
     assert found.reference.noise == pytest.approx(0.1 * DEGREE, rel=0.1)
 
 
+@pytest.mark.slow
 def test_wheels_tell_the_scale_about_the_vertical_alone(random):
     faults = random_faults(random)
     poses = [
@@ -109,6 +113,7 @@ def test_wheels_tell_the_scale_about_the_vertical_alone(random):
         calibrate([Samples(turns.stamps, turns.rates, turns.accelerations)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
@@ -150,6 +155,7 @@ def about(vector):
     return Rotation.from_rotvec(vector)
 
 
+@pytest.mark.slow
 def test_whole_turns_against_an_edge(random):
     faults = random_faults(random)
     recording = whole_turns(random, faults)
@@ -159,6 +165,7 @@ def test_whole_turns_against_an_edge(random):
     assert np.diag(by_gravity.deviation).max() > 1.5 * np.diag(found.deviation).max()
 
 
+@pytest.mark.slow
 def test_whole_turns_without_an_accelerometer(random):
     faults = random_faults(random)
     found = calibrate([whole_turns(random, faults, accelerometer=False)], turns=True)
@@ -199,6 +206,7 @@ def stamped(kind, place, stamp, quaternion):
     return serialize(message_type(kind)(*parts), kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'kind',
     [

@@ -231,6 +231,7 @@ def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err == ''
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('redirection', 'status', 'told'),
     [
@@ -310,6 +311,7 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
     assert told not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [

@@ -182,6 +182,7 @@ def test_zero_stamps_are_filtered_sample_by_sample():
     assert clock(filter_) == QUIET | {'zero_stamps': 300}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'stamp_of',
     [
@@ -365,6 +366,7 @@ def test_the_rate_is_known_to_a_fifth_of_a_percent(rate, random):
     assert clock(filter_) == QUIET
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [100, 200, 1000])
 @pytest.mark.parametrize('jitter', [0.0, 0.1, 0.4])
 def test_a_lost_message_is_found_with_the_next_one(rate, jitter, random):
@@ -422,6 +424,7 @@ UNEVEN = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'size'), UNEVEN)
 @pytest.mark.parametrize('lost', [0.05, 0.1, 0.2])
 @pytest.mark.parametrize('rate', [50, 200, 1000])
@@ -465,6 +468,7 @@ def test_a_driver_that_sleeps_has_the_period_of_its_mean_step(deviation, random)
     assert np.median(periods[10:]) == pytest.approx(0.01, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [100, 1000, 4000])
 @pytest.mark.parametrize('jitter', [0.0, 0.05, 0.1])
 @pytest.mark.parametrize('lost', [0.0, 0.1])
@@ -480,6 +484,7 @@ def test_a_gap_does_not_change_the_period(rate, jitter, lost, random):
             assert filter_.state['clock']['mean_period'] * rate == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'size'), UNEVEN)
 def test_the_period_of_stamps_has_the_most_power_of_all(kind, size, random):
     """Compared with the periodogram as it is written, on a grid forty times as fine."""
@@ -570,6 +575,7 @@ def test_a_small_change_of_the_period_is_reported_but_does_not_change_the_filter
     assert filter_.state['clock']['mean_period'] == pytest.approx(0.01005, rel=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     rate=st.floats(20.0, 1000.0),
@@ -637,6 +643,7 @@ def as_measured(measured, random):
     return measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
 @pytest.mark.parametrize('stamps_of', [spread_evenly, slewed, in_steps, as_measured])
 @pytest.mark.parametrize('drift', [0.0, -0.04])

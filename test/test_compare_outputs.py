@@ -65,6 +65,7 @@ def test_the_same_is_the_same(bag):
     assert compare_bags(bag(rate=np.nan), bag(rate=np.nan), 1e-12) == ([], 0.0)
 
 
+@pytest.mark.slow
 def test_one_number_that_differs_is_found(bag):
     before, after = bag(), bag(rate=0.5 + 2.0**-41)  # 9e-13 of the largest
     assert compare_bags(before, after)[0] == [f'{TOPIC}: 1 of 20 messages are other bytes']
@@ -77,6 +78,7 @@ def test_one_number_that_differs_is_found(bag):
     assert line == f'{TOPIC}: angular_velocity differs by inf of its largest'
 
 
+@pytest.mark.slow
 def test_texts_times_and_counts_have_to_be_the_same(bag):
     for other, topic in (
         ({'word': 'other'}, '/words'),

@@ -45,6 +45,7 @@ def walk():
     return ride(VEHICLES['hand'], 1, 700.0, RATE, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', OTHER_AXES_NAMES)
 def test_other_axes_are_told_within_a_minute_in_a_hand(name, walk):
     part, filter_ = slice(0, round(120 * RATE)), Filter()
@@ -54,6 +55,7 @@ def test_other_axes_are_told_within_a_minute_in_a_hand(name, walk):
     assert filter_.state['bias']['known']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', [*VEHICLES.values(), train])
 def test_the_motion_of_one_body_is_no_contradiction(vehicle):
     of = ride(vehicle, 1, 300.0, RATE, 0.0)
@@ -76,6 +78,7 @@ def test_on_real_flights_other_axes_are_told_within_90_s_and_sound_ones_are_not(
             assert told(Filter(), stamps, rates, ACCELEROMETERS[name](forces))[:90].any()
 
 
+@pytest.mark.slow
 def test_then_the_bias_is_that_at_rest():
     """A car with such an accelerometer lost 0.18 deg/s to what gravity seemed to show."""
     of = ride(VEHICLES['car'], 1, 300.0, RATE, 0.0, 0.5 * DEGREE)

@@ -56,6 +56,7 @@ def assert_claim(recordings):
             assert LEAST <= np.nanmean(shares) <= MOST, (when, shares)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [100.0, 400.0, 1000.0])
 def test_after_the_first_rest(rate, random):
     assert_claim(
@@ -70,6 +71,7 @@ def test_noise_that_the_sensor_itself_has_low_passed(random):
     assert_claim(of_drivers(random, ['low-passed']))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('deviation', [1e-3, 5e-3, 0.05])
 def test_before_the_first_rest(deviation, random):
     """Many sensors that are switched on, at rest and in mid-motion, each with a bias of its own."""
@@ -80,6 +82,7 @@ def test_before_the_first_rest(deviation, random):
         assert LEAST <= np.mean(shares) <= MOST, recording.name
 
 
+@pytest.mark.slow
 @with_recordings
 def test_real_motion_by_hand(random):
     assert_claim(recording.part(0, 6000) for recording in motion_by_hand(DATA, random))
@@ -90,6 +93,7 @@ def test_real_sensors_that_stand_still():
     assert_claim(recording.part(0, 20_000) for recording in motionless(DATA))
 
 
+@pytest.mark.slow
 @with_recordings
 def test_the_bias_of_real_sensors_with_a_reference(random):
     """Of five sensors, two of them in eight recordings with an orientation beside them."""
@@ -194,6 +198,7 @@ def test_the_first_innovation_after_a_gap_is_as_large_as_it_says(missing, random
     assert 0.3 < np.mean(squares) < 1.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('counts', [0.05, 0.1, 0.2, 0.5])
 def test_a_bias_is_known_as_well_as_the_counts_of_a_rest_show_it(counts, random):
     """Noise of half a count and more takes the rounding out of a mean, less does not."""

@@ -47,6 +47,7 @@ def imported(path):
             yield str(node.module).split('.')[0]
 
 
+@pytest.mark.slow
 def test_what_the_commands_import_is_installed_with_them():
     """But for the node, whose libraries come with ROS 2; a fleet has an extra of its own."""
     requirements = [Requirement(text) for text in requires('gyro_drift_filter') or ()]

@@ -84,6 +84,7 @@ def again(simulation, index):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('seed', 'settings'),
     [
@@ -109,6 +110,7 @@ WRONG_AXES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', WRONG_AXES)
 def test_wrong_signs_and_axes_are_found_by_gravity(found, name):
     matrix, way = WRONG_AXES[name]
@@ -241,6 +243,7 @@ def test_a_driver_that_polls_repeats_samples(found):
     assert faults(found(again(simulation, index))) == {'repeated samples'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('stamped', [True, False])
 def test_a_driver_that_polls_five_times_as_fast_has_no_other_fault(found, stamped):
     """Its stamps, the turns of gravity and the rests are judged by the time between messages."""
@@ -294,6 +297,7 @@ def test_a_share_of_all_has_no_exponent(found):
 LONG = {'motions': 5, 'motion_seconds': 20.0, 'frequency': 3.0}
 
 
+@pytest.mark.slow
 def test_truncated_counts(found):
     simulation = handled(**LONG)
     count = math.radians(0.25)
@@ -301,6 +305,7 @@ def test_truncated_counts(found):
     assert faults(found(rates_of(simulation, np.trunc(rates) * count))) == {'truncated'}
 
 
+@pytest.mark.slow
 def test_counts_that_are_rounded_are_sound(found):
     simulation = handled(1, **LONG)
     count = math.radians(0.25)
@@ -391,6 +396,7 @@ def test_vibration_has_its_frequency(found):
     assert strongest.amplitude == pytest.approx(0.01, rel=0.1)
 
 
+@pytest.mark.slow
 def test_vibration_is_found_wherever_it_begins(random):
     """Of more samples than are looked at at once."""
     seconds = np.arange(LARGEST_PART + 200_000) * 1e-3
@@ -402,6 +408,7 @@ def test_vibration_is_found_wherever_it_begins(random):
     assert (line.axis, line.frequency) == ('y', pytest.approx(117.0, abs=0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('deviations', 'expected'),
     [
@@ -437,6 +444,7 @@ def test_gravity_that_was_taken_off(found):
     assert 'gravity' in faults(found(replace(simulation, linear_acceleration=pushes)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('drift', 'offset', 'step', 'expected'),
     [
@@ -542,6 +550,7 @@ def poses(simulation, rotations):
     return {('/mocap', POSE): topic}
 
 
+@pytest.mark.slow
 def test_the_orientation_of_the_messages_themselves(found):
     simulation = handled()
     own = orientations(simulation)
@@ -550,6 +559,7 @@ def test_the_orientation_of_the_messages_themselves(found):
     assert 'orientation /imu/data_raw' in of_verdict(findings, Verdict.SOUND)
 
 
+@pytest.mark.slow
 def test_an_orientation_that_turns_the_other_way(found):
     """Without an accelerometer it is what tells of a wrong sign."""
     simulation = handled()
@@ -564,12 +574,14 @@ def test_an_orientation_that_turns_the_other_way(found):
     assert findings[0].values['way'] == '(x, -y, z)'
 
 
+@pytest.mark.slow
 def test_an_orientation_that_nobody_measures(found):
     simulation = handled()
     constant = np.tile([0.0, 0.0, 0.0, 1.0], (len(simulation.stamps), 1))
     assert faults(found(simulation, orientations=constant)) == {'invented orientation'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('signs', 'accelerometer', 'expected'),
     [
@@ -591,6 +603,7 @@ def test_poses_of_a_body_that_the_sensor_is_mounted_on(found, signs, acceleromet
     assert 'orientation /mocap' in of_verdict(found(turned, topics=topics), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('sign', 'expected'), [(1.0, Verdict.SOUND), (-1.0, Verdict.FAULT)])
 def test_a_robot_on_a_floor_is_told_by_its_odometry(found, sign, expected):
     """Gravity says nothing of turns about the vertical; the sensor hangs upside down."""

@@ -35,6 +35,7 @@ from support.paths import MOTION
 from support.sensor import DEGREE, fast_turn, motion_below
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('world', list(WORLDS))
 def test_every_world_of_drivers_holds_its_bars(world):
     assert misses(world, score(world, seed=7)) == []
@@ -145,6 +146,7 @@ def test_a_slow_turn_from_the_start_is_no_rest(random):
     assert np.abs(results['bias']).max() < np.radians(0.3)
 
 
+@pytest.mark.slow
 def test_a_slow_turn_from_the_start_is_rarely_a_rest_wherever_it_begins(random):
     time, found = np.arange(6000) / 100, 0
     for phase in np.linspace(0.0, 2 * np.pi, 30):
@@ -429,6 +431,7 @@ def test_spikes_are_found_in_the_samples_of_a_fifo(rate, random):
         assert flagged[of & hit].mean() > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize(
     'driver',
@@ -611,6 +614,7 @@ def test_the_samples_after_a_bus_has_hung_are_no_outliers(seconds, whole, random
 
 
 # The same examples each time: the limit is measured, not proven.
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),
@@ -691,6 +695,7 @@ def test_a_small_step_is_not_confirmed_by_an_outlier(random):
     assert np.abs(results['angular_velocity'] - truth).max() < 4.0
 
 
+@pytest.mark.slow
 def test_chance_does_not_lower_the_noise_in_motion(random):
     """For an hour of motion, in which it can't be measured."""
     n = 360_000

@@ -72,6 +72,7 @@ def test_batch_is_the_live_step_bit_for_bit(method):
         assert same(result, batch[k])
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     cuts=st.lists(st.integers(0, 2000), min_size=1, max_size=5),
@@ -192,6 +193,7 @@ def test_a_method_that_takes_over_again_starts_from_the_sample(first, then):
     assert np.abs(out['angular_velocity'][0] - 3.0).max() < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('first', 'then', 'moves'),
     [(first, then, False) for first in METHOD_NAMES for then in METHOD_NAMES if first != then]

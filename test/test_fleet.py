@@ -114,6 +114,7 @@ def test_the_report_on_a_bag_is_there_whole_or_not_at_all(small, tmp_path):
     assert list(reports.iterdir()) == [page]
 
 
+@pytest.mark.slow
 def test_each_column_says_what_it_is(measured):
     fields = pq.read_schema(measured / 'fleet.parquet')
     assert [field.name for field in fields] == [column.name for column in COLUMNS]
@@ -121,6 +122,7 @@ def test_each_column_says_what_it_is(measured):
     assert fields.field('noise').metadata[b'unit'] == b'rad/s'
 
 
+@pytest.mark.slow
 def test_a_broken_bag_is_a_row_with_its_error(measured):
     rows = pq.read_table(measured / 'fleet.parquet').to_pylist()
     failed = [row for row in rows if row['error']]
@@ -136,6 +138,7 @@ def test_the_same_input_gives_the_same_bytes(small, measured, client, tmp_path):
     assert again.read_bytes() == (measured / 'fleet.parquet').read_bytes()
 
 
+@pytest.mark.slow
 def test_interrupted_at_random_and_resumed(small, measured, client, tmp_path):
     """What is kept when it ends is not measured again, and the table is the same."""
     random, out, before = random_numbers.Random(19), tmp_path / 'out', 0
@@ -404,6 +407,7 @@ def judged_fleets(draw, fleets=10):
     return named
 
 
+@pytest.mark.slow
 def test_chance_makes_no_finding(random):
     assert judged_fleets(lambda: random.standard_normal((60, 10)), fleets=30) == 0
 
@@ -420,11 +424,13 @@ def test_days_that_are_like_the_one_before_are_no_finding(random):
     assert judged_fleets(wander) == 0
 
 
+@pytest.mark.slow
 def test_odd_days_are_no_finding(random):
     """Student's t of three degrees of freedom has some of ten deviations."""
     assert judged_fleets(lambda: random.standard_t(3.0, (60, 8)), fleets=20) == 0
 
 
+@pytest.mark.slow
 def test_a_few_sensors_of_a_worse_kind_are_no_finding(random):
     """Short histories of their own do not tell it, but the fleet does."""
     kinds = np.where(np.arange(60) % 15 < 3, 10.0, 1.0)[:, None]

@@ -425,6 +425,7 @@ def test_a_robot_that_turns_steadily_is_not_told_to_have_other_units():
     assert 'rates in deg/s' in text(span(rest_beyond_max=True, bias_known=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('warming', 'is_told'), [(0.006, False), (0.03, False), (0.08, True)])
 def test_stands_that_are_taken_for_turns_are_told(warming, is_told, monkeypatch):
     """A bias that changes faster than any that is expected leaves each short rest behind."""
@@ -582,6 +583,7 @@ def texts(health, parts, filter_):
     return messages
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('before', 'after'), [(100, 200), (200, 100), (100, 400), (400, 50)])
 def test_a_driver_that_changes_its_rate_has_no_second_publisher(before, after, random):
     """Its messages are as many as their stamps say, whatever the period learned is so far."""
@@ -660,6 +662,7 @@ def test_stamps_that_go_to_and_fro_or_are_none(random):
         assert expected <= {rule.name for rule in rules}
 
 
+@pytest.mark.slow
 def test_stamps_that_stand_or_are_in_another_unit(random):
     """Whole seconds, and a whole buffer with one stamp, tell the time all the same."""
     messages = quiet(2000, 5e-3, random)

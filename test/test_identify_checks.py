@@ -78,6 +78,7 @@ def test_noise_about_a_wandering_level_fails_by_kpss(values):
     assert 'wanders' in check.detail
 
 
+@pytest.mark.slow
 def test_a_steady_bias_is_not_said_to_move():
     """Of recordings of three good axes: at most one in ten, where chance makes one of 33 fail."""
     random, failures = np.random.default_rng(0), 0

@@ -43,6 +43,7 @@ def test_bias_without_trend(random):
     assert abs(np.concatenate(result.residuals).mean()) < 1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('phi', [0.0, 0.9])
 def test_the_uncertainty_of_the_bias_covers_the_truth(phi):
     hits, ratios = 0, []
@@ -137,6 +138,7 @@ def test_too_little_is_an_error(values, text):
         preprocess(values, [Span(0, len(values))], PERIOD)
 
 
+@pytest.mark.slow
 def test_the_bias_of_a_real_sensor(real):
     stamps, rates, accelerations = real('static_adis16405')
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans

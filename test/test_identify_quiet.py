@@ -138,6 +138,7 @@ def test_slow_noise_in_a_short_recording_is_an_open_question(random):
         identify(stamps, rates, accelerations)
 
 
+@pytest.mark.slow
 def test_a_phone_is_identified(random):
     stamps, rates, accelerations = phone(random, 600)
     result = identify(stamps, rates, accelerations, orders=((1, 0), (2, 0)))

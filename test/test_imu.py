@@ -77,6 +77,7 @@ def test_messages_that_are_made_together_are_those_made_alone(
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(stamps, frames, vectors, covariances, vectors, covariances, st.booleans(), vectors, vectors)
 def test_agrees_with_rosbags(
@@ -167,6 +168,7 @@ def test_padding_behind_the_message_is_kept():
     assert doubles_of(patched)[13:16] == (4.0, 5.0, 6.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=500, deadline=None)
 @given(st.binary(max_size=400), st.integers(0, len(GOOD)), st.integers(0, 255))
 def test_any_bytes_are_read_as_struct_reads_them_or_told_why_not(garbage, cut, byte):
@@ -195,6 +197,7 @@ statuses = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first one may compile
 @given(st.lists(st.tuples(st.integers(0, 2**31 * 10**9 - 1), statuses), max_size=3))
 def test_diagnostics_are_what_rosbags_writes(reports):

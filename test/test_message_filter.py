@@ -66,6 +66,7 @@ def test_a_piece_and_single_messages_give_the_same_bytes():
     assert single.filter.snapshot() == at_once.filter.snapshot()
 
 
+@pytest.mark.slow
 def test_notes_in_a_piece_are_the_reports_at_their_places(random):
     """The sample period changes on the way, too."""
     messages = [*mixed(), *quiet(500, 5e-3, random, rate=400.0)]

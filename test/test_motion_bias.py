@@ -94,6 +94,7 @@ def flown(random, seconds, bias, shift, rest=10.0, rate=100.0, noise=0.005):
 _TILTS = ((0.9, 0.3), (2.1, 1.0)), ((1.1, 2.0), (1.7, 0.5))
 
 
+@pytest.mark.slow
 def test_gravity_shows_the_shift_of_the_bias_where_the_body_tilts(random):
     """The noise at rest is strong enough that the bias may move by so much."""
     bias, shift = np.array([0.01, -0.02, 0.005]), np.array([1e-3, -1e-3, 0.0])
@@ -179,6 +180,7 @@ def test_a_landing_brings_the_bias_at_rest_back(random):
     np.testing.assert_allclose(after - results['bias'][-1], in_flight - bias, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_the_deviation_of_the_bias_is_honest_in_flight(random):
     shares = []
     for _ in range(10):

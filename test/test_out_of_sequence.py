@@ -87,6 +87,7 @@ def state_without_counts(filter_):
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', METHOD_NAMES)
 @settings(max_examples=15)
 @given(
@@ -122,6 +123,7 @@ def test_the_state_is_that_of_messages_in_order(method, seed, delays, lost, jitt
     assert filter_.state['clock']['overtaken'] == early.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize('share', [0.01, 0.05, 0.2])
 @pytest.mark.parametrize(('jitter', 'lost'), [(0.0, 0.0), (0.4, 0.0), (0.1, 0.02)])
@@ -231,6 +233,7 @@ def test_another_method_takes_over_from_the_last_sample(method, random):
     assert overtaken.run(*following).tobytes() == in_order.run(*following).tobytes()
 
 
+@pytest.mark.slow
 def test_a_snapshot_knows_what_was_overtaken(random):
     """A filter that is restored between a gap and what fills it goes back as well."""
     data = drive(random, 12.0)

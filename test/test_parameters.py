@@ -136,6 +136,7 @@ def test_what_belongs_to_every_node_is_passed_over(tmp_path):
     assert read_parameters(write(tmp_path, section(**content))) == Parameters()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('text', 'message'),
     [

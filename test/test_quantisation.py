@@ -67,6 +67,7 @@ def quantisation(filter_):
     return filter_.state['quantisation']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_counts_that_are_cut_are_found_and_undone(seed):
     given = recording(480.0, seed, 'trunc')
@@ -78,6 +79,7 @@ def test_counts_that_are_cut_are_found_and_undone(seed):
     np.testing.assert_allclose(results['bias'][-1], BIAS, atol=0.2 * COUNT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('way', ['round', 'floor', 'dead band', 'none'])
 @pytest.mark.parametrize('noise', [0.2, 1.3, 5.0])
 def test_other_ways_are_told_from_it(way, noise):
@@ -86,6 +88,7 @@ def test_other_ways_are_told_from_it(way, noise):
     assert not quantisation(filter_)['truncated']
 
 
+@pytest.mark.slow
 def test_half_a_count_less_turns_the_heading():
     """With what is undone from the start the error is a part of that without."""
     given = recording(200.0, 5, 'trunc')

@@ -72,6 +72,7 @@ def check_same(results):
         assert getattr(a, name) == getattr(b, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('diagnostics', [False, True])
 @pytest.mark.parametrize(
     'options',
@@ -87,10 +88,12 @@ def test_both_readers_lead_to_the_same_bytes(options, diagnostics, tmp_path, mon
     check_same(by_both(source, tmp_path, monkeypatch, diagnostics=diagnostics))
 
 
+@pytest.mark.slow
 def test_the_same_of_real_recordings(recording, tmp_path, monkeypatch):
     check_same(by_both(recording, tmp_path, monkeypatch))
 
 
+@pytest.mark.slow
 def test_chunks_of_the_output_end_where_messages_end(tmp_path, monkeypatch, random):
     """More than a chunk of output; another reader finds all of it, checksums and counts."""
     source = write_mcap(tmp_path / 'in.mcap', mixed(random, 30))
@@ -191,6 +194,7 @@ def test_out_of_order_within_a_chunk(tmp_path, monkeypatch, random):
     check_same(by_both(source, tmp_path, monkeypatch))
 
 
+@pytest.mark.slow
 def test_what_is_left_to_rosbags(tmp_path, monkeypatch, random):
     rows = mixed(random)
     overlapping = rows[50:100] + rows[:50]
@@ -344,6 +348,7 @@ MESSAGE_RECORDS = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.lists(MESSAGE_RECORDS, max_size=4), st.binary(max_size=12))
 def test_any_bytes_as_a_chunk(records, rest):

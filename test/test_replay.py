@@ -141,6 +141,7 @@ def test_a_split_bag(tmp_path):
     assert read(tmp_path / 'out')[0]['/imu/data_filtered'] == expected(imu)
 
 
+@pytest.mark.slow
 def test_overlapping_chunks_come_in_the_order_of_log_times(tmp_path):
     """A writer that flushes late: log times go back by a second, across the chunk's border."""
     imu = simulated(6000)
@@ -208,6 +209,7 @@ def test_diagnostics_name_node_and_gyroscope_as_the_node_does(topic, node, tmp_p
     assert {status.hardware_id for status in statuses} == {'imu_link'}
 
 
+@pytest.mark.slow
 def test_recorded_sample_topics_are_kept_unless_they_are_written_anew(tmp_path):
     imu = simulated(100)
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})
@@ -549,6 +551,7 @@ def test_simulated_bag_and_truth(tmp_path):
     assert (again.angular_velocity == data.angular_velocity).all()
 
 
+@pytest.mark.slow
 def test_real_recordings(recording, tmp_path):
     before, order = read(recording)
     summary = run(recording, tmp_path / 'out')

@@ -71,6 +71,7 @@ def test_what_counts_as_motion(kind):
     assert not moves(hint(kind, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', HINT_TYPES)
 def test_a_hint_in_the_bag_is_taken_as_the_node_takes_it(kind, tmp_path, random):
     """From the first sample on the robot turns slowly, and says so for 20 of 40 s."""
@@ -141,6 +142,7 @@ def test_the_temperature_beside_the_imu_widens_the_bias(tmp_path, random):
     assert variance['warm'] > variance['cold'] + 0.5 * (40 * 5e-4) ** 2
 
 
+@pytest.mark.slow
 def test_a_chain_of_recordings_keeps_the_bias(tmp_path, random):
     """As the node does from one run to the next: the same bits."""
     truth = (0.01, -0.02, 0.005)
@@ -170,6 +172,7 @@ def test_a_chain_of_recordings_keeps_the_bias(tmp_path, random):
         assert (found[k].x, found[k].y, found[k].z) == tuple(result['bias'])
 
 
+@pytest.mark.slow
 def test_a_chain_of_flights_without_a_rest_keeps_what_the_first_seconds_show(tmp_path, random):
     """The first flight begins with all of the turn-on bias, the next one with next to none."""
     truth, memory = np.array([-0.002, 0.021, 0.077]), tmp_path / 'bias.json'

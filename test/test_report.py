@@ -146,6 +146,7 @@ def test_what_the_bag_names_stays_text(tmp_path):
     assert not any(tag == 'img' for tag, _ in cells.tags)
 
 
+@pytest.mark.slow
 def test_a_replayed_bag_is_told_to_be_the_same_or_another_one(source, tmp_path):
     replay(source, tmp_path / 'same', parameters=Parameters())
     replay(source, tmp_path / 'other', parameters=Parameters(outlier_threshold=3.0))

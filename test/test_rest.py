@@ -230,6 +230,7 @@ def test_short_stops_keep_a_bias_that_warms_up(stop, random):
     assert np.abs(error.sum(axis=0) / 100).max() < 40.0 * DEGREE  # 240 without the stops
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('at', [0.05, 0.2, 2.1, 2.15])
 def test_a_gap_beside_a_short_stop_hides_it_not(at, random):
     """The motion before the gap has ended, or the one behind it has begun, as suddenly."""
@@ -263,6 +264,7 @@ def test_the_stands_of_a_sensor_that_lowers_its_rate_there_are_found(moving, sti
     assert filter_.state['bias']['segments'] >= before + 5
 
 
+@pytest.mark.slow
 def test_one_signal_that_vibrates_shows_where_a_short_stop_begins(random):
     """The rates do, by little more than noise; the accelerations change smoothly at its ends."""
     seconds = np.arange(33_600) / 100
@@ -279,6 +281,7 @@ def test_one_signal_that_vibrates_shows_where_a_short_stop_begins(random):
     assert np.median(lost) < 30.0
 
 
+@pytest.mark.slow
 def test_where_a_slow_turn_stops_to_differ_from_noise_is_no_short_stop(random):
     """What shows such a turn is that the means move, and they do so for long parts of it alone."""
     changed = []
@@ -401,6 +404,7 @@ def test_the_single_counts_of_a_coarse_sensor_are_no_spikes(share, random):
     np.testing.assert_allclose(results['bias'][-1], share * count, atol=0.05 * count)
 
 
+@pytest.mark.slow
 def test_no_motion_and_no_noise_is_a_spike(random):
     """Not by hand, not where it begins or ends, not in a vibration; but what is back at once is."""
     rates, _ = at_rest(random, 60)
@@ -544,6 +548,7 @@ def test_a_bias_that_was_learned_on_the_road_is_replaced_where_the_robot_stops(r
     assert fooled >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('starts', ['at rest', 'on the road'])
 def test_a_simulator_without_noise_learns_no_bias_on_the_road(starts, rate):
@@ -571,6 +576,7 @@ def test_a_device_that_is_not_ready_keeps_the_bias_of_the_last_run(random):
     np.testing.assert_allclose(filter_.state['bias']['bias'], (0.01, -0.02, 0.03), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50.0, 100.0])
 @pytest.mark.parametrize('band', ['dead', 'rounded'])
 def test_a_driver_that_shows_no_noise_at_rest_learns_no_bias_on_the_road(band, rate):

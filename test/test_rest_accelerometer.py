@@ -64,6 +64,7 @@ def with_spikes(random, accelerations, size, share, held=1):
     return np.repeat(wrong, held, axis=0)[: len(accelerations)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('held', [1, 4])
 @pytest.mark.parametrize('share', [0.005, 0.02])
 @pytest.mark.parametrize('size', [0.0, 15.0, 40.0, 490.0])
@@ -132,6 +133,7 @@ def measured_at(numbers, accelerations, between):
     return sent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('between', [None, np.nan, 0.0])
 @pytest.mark.parametrize('every', [7, 8, 13, 20, 33, 50, 100, 200])
 def test_a_slow_accelerometer_hides_no_rest(every, between, random):

@@ -178,6 +178,7 @@ def test_only_some_topics_are_kept(kept, topics, tmp_path):
         run(source, tmp_path / 'out2', kept=('/none',))
 
 
+@pytest.mark.slow
 def test_a_part_of_the_time_is_as_a_shorter_recording(tmp_path):
     imu = simulated(6000)
     begin = imu[0][0] - 10**9

@@ -77,6 +77,7 @@ def drives_and_stands(random, stand, moves_first):
     return rates, accelerations, np.concatenate([np.full(len(p[0]), moves) for p, moves in parts])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('moves_first', [False, True])
 @pytest.mark.parametrize('stand', [13, 30])
 def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, random):
@@ -97,6 +98,7 @@ def test_the_bias_is_that_of_stands_that_the_robot_tells_of(stand, moves_first, 
     assert np.abs(without_hints['bias'] - truth)[ends[-1], 2] > 0.6 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('delay', [0, 20])
 def test_stops_between_drives_that_the_robot_tells_of_may_be_short(delay, random):
     """Of two seconds. What it says comes `delay` samples late; its samples show no drive then."""
@@ -117,6 +119,7 @@ def test_stops_between_drives_that_the_robot_tells_of_may_be_short(delay, random
     assert np.abs(lost).max() < 60.0 * DEGREE  # 150 to 170 where such stops do not count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('delay', range(36, 50))
 def test_a_short_stop_ends_wherever_in_a_block_the_robot_says_so(delay, random):
     """`delay` samples behind its end; a block at 100 Hz has twelve or thirteen."""
@@ -245,6 +248,7 @@ def test_a_rate_that_no_bias_has_is_counted_and_left(random):
     np.testing.assert_allclose(filter_.state['bias']['bias'][2], before[2], atol=0.02 * DEGREE)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3), st.integers(0, 2**32))
 def test_the_mean_is_that_of_its_blocks_and_as_certain_as_they_scatter(rate, seed):
     """Beside numpy, for two means one after the other."""

@@ -34,6 +34,7 @@ from support.rests import moving_and_resting, run
 from support.sensor import DEGREE, at_rest, by_hand
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('hint', [False, True])
 @pytest.mark.parametrize('speed', [0.3, 0.5, 1.0, 2.0, 5.0])
 def test_a_slow_turn_about_the_vertical_is_no_bias(speed, hint, random):
@@ -61,6 +62,7 @@ def test_a_turn_just_below_the_largest_bias_is_no_bias(below, random):
     assert np.abs(results['bias'][:, 2]).max() < 0.2 * DEGREE  # 9.97 before
 
 
+@pytest.mark.slow
 def test_a_turn_that_only_several_segments_tell_is_taken_back(random):
     """0.5 deg/s for 30 s after 20 s of rest, in ten times the noise."""
     learned = []
@@ -261,6 +263,7 @@ def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
     assert max(learned) < 0.25 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('speed', 'period'), [(0.3, 6.0), (0.3, 10.0), (0.5, 20.0), (1.0, 40.0)])
 def test_a_slow_swing_moves_the_bias_by_little(speed, period, random):
     """Where its rate is largest it passes for rest; it lost up to 20 deg of heading in 100 s."""
@@ -285,6 +288,7 @@ def test_a_rest_after_a_slow_swing_is_learned(random):
     assert within[2000:].mean() > 0.95
 
 
+@pytest.mark.slow
 def test_the_swing_is_measured_by_its_means(random):
     """Against the variance and the correlation of a sine."""
     rest, lengths, swing = (zeroed(kind)[0] for kind in (REST, REST_LENGTHS, SWING))

@@ -154,6 +154,7 @@ def test_near_the_best_of_a_fine_grid(monkeypatch):
     assert np.sqrt(reached) < 0.7 * np.sqrt(objective.costs(before).mean())
 
 
+@pytest.mark.slow
 def test_good_defaults_are_kept(capsys):
     found = tune(material(handled()), Parameters(), budget=24)
     assert found.chosen == found.before == Parameters()
@@ -166,6 +167,7 @@ def test_good_defaults_are_kept(capsys):
         assert one.low <= one.chosen <= one.high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('truth', [False, True])
 def test_spikes_smaller_than_the_default_expects(truth, random):
     """On a body that can't turn so fast: found without truth as well as with it."""
@@ -191,6 +193,7 @@ def test_no_time_to_refine_leaves_the_best_that_is_known(monkeypatch):
     assert found.chosen != found.before
 
 
+@pytest.mark.slow
 def test_the_same_seed_finds_the_same():
     recording = material(simulate(TURNING))
     first, again = (tune(recording, Parameters(method='kalman'), budget=16) for _ in range(2))

@@ -64,12 +64,14 @@ def test_they_begin_with_a_rest_and_are_those_of_their_seed(name):
     assert first.moving.any()
 
 
+@pytest.mark.slow
 def test_gravity_shows_the_bias_of_a_drone():
     judged = [judge(ride(VEHICLES['drone'], seed, 300.0)) for seed in range(3)]
     off, on = (np.mean([getattr(one, which)[2] for one in judged]) for which in ('off', 'on'))
     assert on < 0.8 * off
 
 
+@pytest.mark.slow
 def test_a_car_on_a_straight_road_does_not_stand():
     """Its vibration is that of a machine, but for how it sways."""
     for seed in range(3):
@@ -78,6 +80,7 @@ def test_a_car_on_a_straight_road_does_not_stand():
         assert results['at_rest'][of.moving].mean() < 0.02
 
 
+@pytest.mark.slow
 def test_a_car_that_does_not_stop_for_long_does_not_stand_either():
     """After five minutes without a rest a smooth road was taken for one, and a curve for bias."""
     of = ride(VEHICLES['car'], 1, 600.0, warm_up=0.0)
@@ -86,12 +89,14 @@ def test_a_car_that_does_not_stop_for_long_does_not_stand_either():
     assert np.abs(results['bias'] - of.bias)[of.moving].max() < np.radians(0.2)
 
 
+@pytest.mark.slow
 def test_a_car_that_keeps_its_speed_is_not_taken_for_one_that_tilts():
     """Speed that lasts was taken for tilt, and moved the bias by 1.7e-3 rad/s."""
     judged = [judge(ride(VEHICLES['car'], seed, 300.0, warm_up=0.0)) for seed in range(4)]
     assert np.mean([one.on[2] for one in judged]) < 1.0
 
 
+@pytest.mark.slow
 def test_a_train_that_speeds_up_for_a_minute_is_not_taken_for_one_that_tilts():
     """What it had gained in speed was a tilt of 0.1 rad, and moved the bias by 0.8e-3 rad/s."""
     judged = [judge(ride(train, seed, 300.0, warm_up=0.0)) for seed in range(4)]

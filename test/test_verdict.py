@@ -86,6 +86,7 @@ def heading_drift(data):
     return about / seconds.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('kind', ['level', 'handled'])
 def test_the_drift_of_the_heading_is_that_of_the_truth(kind, seed, tmp_path):

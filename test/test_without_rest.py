@@ -52,6 +52,7 @@ def walk():
     return started_in_motion('hand', 5, 2.0 * DEGREE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', VEHICLES)
 def test_gravity_shows_the_bias_of_who_never_rests(vehicle):
     """With the bias of a cheap sensor, which was left in for ever."""
@@ -60,12 +61,14 @@ def test_gravity_shows_the_bias_of_who_never_rests(vehicle):
     assert np.mean(left[1]) < 0.3 * np.mean(left[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', VEHICLES)
 def test_who_never_rests_and_has_no_bias_is_not_given_one(vehicle):
     errors = errors_across(started_in_motion(vehicle, 3, 0.0), True)
     assert errors[LATER].mean() < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', VEHICLES)
 def test_what_gravity_does_not_show_stays_uncertain(vehicle):
     """The bias about the vertical was up to ten of its published deviations off."""
@@ -123,6 +126,7 @@ def test_a_rest_replaces_what_motion_has_shown(walk, random):
     assert filter_.state['bias']['corrected'] == corrected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('kind', 'vehicle', 'seed'),
     [
@@ -173,6 +177,7 @@ def test_a_gap_that_begins_in_a_fast_turn_shows_no_bias(seed):
     assert np.abs(results['bias']).max() < 4e-3
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_unmeasured_rates_fails_where_a_bias_is_found(monkeypatch, capsys):
     for found, status in ((4.0, 0), (6.0, 1)):
         monkeypatch.setattr(unmeasured_benchmark, 'largest_bias', lambda *given: found)  # noqa: B023
@@ -180,6 +185,7 @@ def test_the_benchmark_of_unmeasured_rates_fails_where_a_bias_is_found(monkeypat
     assert 'FALLS SHORT  held: a bias of 6.0e-3 rad/s is found' in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vehicle', VEHICLES)
 def test_the_motion_of_one_body_is_no_contradiction(vehicle):
     of = started_in_motion(vehicle, 3, 2.0 * DEGREE)
@@ -245,6 +251,7 @@ def test_a_search_that_begins_anew_keeps_what_the_temperature_has_moved(walk):
     assert not state['contradicts']  # it was the other sensor that did
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_contradictions_fails_where_a_bias_is_found(monkeypatch, capsys):
     for found, status in ((0.9, 0), (1.2, 1)):
         monkeypatch.setattr(contradictions_benchmark, 'last_bias', lambda *given: found)  # noqa: B023
@@ -277,6 +284,7 @@ def test_a_plain_kalman_filter_has_it_too(walk):
     assert filter_.state['bias']['corrected'] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('spikes', [0, 240])
 @pytest.mark.parametrize('method', ['kalman', 'sage_husa'])
 def test_samples_that_the_papers_filters_lag_behind_show_it(method, spikes, random):
@@ -362,6 +370,7 @@ def test_who_always_turns_one_way_has_no_bias_for_it(speed, random):
     assert np.abs(results['bias']).max() < 0.5 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [1, 2])
 def test_beside_a_dead_axis_nothing_is_shown(seed):
     """Nobody knows how the body turns about it, and its zeros are no bias."""
@@ -374,6 +383,7 @@ def test_beside_a_dead_axis_nothing_is_shown(seed):
         assert filter_.state['bias']['corrected'] == 0
 
 
+@pytest.mark.slow
 def test_accelerations_without_gravity_show_nothing():
     """As of a driver that takes it off: twice what is faster than half a second."""
     for seed in range(1, 5):
