@@ -6,8 +6,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Processes that share the tests: test/conftest.py says how.
-WORKERS ?= 2
+# Processes that share the tests: test/conftest.py says how. Of all tests there is one more than of
+# the quick ones, as that with the tests of the node mostly waits.
+check: WORKERS ?= 2
+test coverage: WORKERS ?= 3
 
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
