@@ -179,6 +179,37 @@ def test_a_burst_whose_last_sample_meets_the_prediction_is_held(noise, random):
     assert results['outlier'][-9:-6, 0].all()
 
 
+@pytest.mark.parametrize('noise', [0.005, 0.02])
+def test_a_motion_that_turns_back_beside_outliers_is_found_at_once(noise, random):
+    """The extrapolation runs away from the rate meanwhile, which is back where it was before."""
+    time = np.arange(2000) / 100.0
+    rates = np.outer(3.0 * np.sin(2 * np.pi * 1.5 * time), [1.0, 0.7, 0.5])
+    bend = [-0.5, -0.6, 0.0, 1.9, 4.8, 6.3, 5.9, 4.3, 2.3, 0.9, 0.9, 2.3, 5.0, 5.5, 4.0]
+    truth = np.concatenate([rates, np.outer(bend, [1.0, 0.0, 0.0])])
+    z = truth + noise * random.standard_normal(truth.shape)
+    z[-10:-7, 0] -= 10.4
+    results = with_accelerations(z, still_accelerations(random, len(z)))
+    assert results['outlier'][-10:-7, 0].all()
+    assert not results['outlier'][-7:, 0].any()
+    assert np.abs(results['angular_velocity'] + results['bias'] - truth)[-6:, 0].max() < 2.0
+
+
+@pytest.mark.parametrize('sizes', [(24.0, -29.0), (-30.0, 32.0), (-16.0, 25.0)])
+@pytest.mark.parametrize('moving', [False, True])
+def test_bursts_that_overlap_are_no_motion(moving, sizes, random):
+    """Their steps are alike, as those of a body that is stopped, but lead back to the rate."""
+    z = at_rest(random)
+    if moving:
+        z += np.outer(0.5 * np.sin(2 * np.pi * 0.5 * np.arange(len(z)) / 100.0), [1.0, 0.7, 0.5])
+    truth = z.copy()
+    z[2000:2003, 0] += sizes[0]
+    z[2002:2005, 0] += sizes[1]
+    results = run(z)
+    assert results['outlier'][2000:2005, 0].all()
+    out = results['angular_velocity'] + results['bias']
+    assert np.abs(out - truth)[1990:2020].max() < 0.1
+
+
 def test_a_message_that_is_corrupted_as_a_whole_is_held(random):
     z, accelerations = at_rest(random), still_accelerations(random)
     z[2000, 0] += 5.0

@@ -297,6 +297,9 @@ def _reason_behind_held(
     if near and nearer and not away and not beyond:
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
     # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
+    last_accepted = state['last_accepted']
+    if _ends_predicted(doubt, sample, workspace['prediction'], last_accepted):
+        return Reason.STAYED
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
@@ -315,7 +318,7 @@ def _reason_behind_held(
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
-    if _goes_on(doubt, sample, state['last_accepted']):
+    if _goes_on(doubt, sample, last_accepted):
         return Reason.GONE_ON
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
@@ -403,17 +406,33 @@ def _stays(sample: float, prediction: float, last_accepted: float) -> bool:
 
 
 @kernel
+def _ends_predicted(doubt: Doubt, sample: float, prediction: float, last_accepted: float) -> bool:
+    """Return whether a motion has ended while samples were held, so that its prediction ran away.
+
+    The rate lies where the last accepted one did, and not as far from the prediction as the one
+    that is held, as it would in a burst. All rates in rad/s.
+    """
+    offset = doubt['offset']
+    apart = abs(sample - prediction - offset) > AGREEMENT * abs(offset)
+    at_accepted = lies_at_accepted(doubt, sample, last_accepted)
+    return apart and at_accepted and _stays(sample, prediction, last_accepted)
+
+
+@kernel
 def _goes_on(doubt: Doubt, sample: float, last_accepted: float) -> bool:
     """Return whether a sample goes on as those held back: by like steps, as a body that is stopped.
 
-    A burst of outliers begins with a jump that is larger than its steps. Sample and last accepted
-    one in rad/s.
+    A burst of outliers begins with a jump that is larger than its steps, and steps from one burst
+    to another lead back to where the first one came from, and beyond. Sample and last accepted one
+    in rad/s.
     """
     step, before = sample - doubt['last_sample'], doubt['step']
     if step * before <= 0.0:
         return False  # so also where one sample is held, as there is no step before it
-    begun = abs(sample - step - before - last_accepted) / (doubt['held'] - 1.0)
-    largest = max(abs(step), abs(before), begun)
+    begun = (sample - step - before - last_accepted) / (doubt['held'] - 1.0)
+    if begun * step < 0.0:
+        return False
+    largest = max(abs(step), abs(before), abs(begun))
     least = max(STEADY * largest, LARGEST_RATE_CHANGE * doubt['usual_rate_change'])
     return min(abs(step), abs(before)) >= least
 
