@@ -71,7 +71,11 @@ CASES = {
         'a higher cut-off frequency',
     ),
     'changing frame': ({'frame_changes': 1}, {'frame': 'imu'}, 'two sensors on one topic'),
-    'not reported': ({'samples': 900}, {'samples': 901}, 'covariance starts with -1'),
+    'not reported': (
+        {'samples': 900, 'not_reported': 100},
+        {'samples': 900},
+        'covariance starts with -1',
+    ),
     'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
     'noise in degrees': (
         {'rate_deviation_at_rest': 3 * [0.06], 'acceleration_deviation_at_rest': 3 * [0.03]},

@@ -250,7 +250,7 @@ INPUT_RULES = (
     ),
     Rule(
         'not reported',
-        lambda span: span.samples == 0,
+        lambda span: span.samples == 0 and span.now.not_reported > span.before.not_reported,
         'no angular velocity reported (covariance starts with -1): messages are passed on '
         'unfiltered. If the driver does measure rates, have it write 0 or their variance there',
     ),
