@@ -374,8 +374,18 @@ def test_one_topic_is_named_once(command, capsys):
     with pytest.raises(SystemExit) as exit_:
         main([command, 'bag', '--topic', '/a', '--topic', '/b'])
     assert exit_.value.code == 2
-    said = '--topic is given twice, and this command takes one topic: name it once'
-    assert said in ' '.join(capsys.readouterr().err.split())
+    said = '--topic is given twice, and this command takes one\n'
+    assert capsys.readouterr().err.endswith(said)
+
+
+@pytest.mark.parametrize('command', ['replay', 'report', 'explain', 'tune'])
+def test_one_parameter_file_is_named(command, capsys):
+    """All but the last one were passed over without a word."""
+    with pytest.raises(SystemExit) as exit_:
+        main([command, 'bag', '--params', 'a.yaml', '--params', 'b.yaml'])
+    assert exit_.value.code == 2
+    said = '--params is given twice, and this command takes one\n'
+    assert capsys.readouterr().err.endswith(said)
 
 
 @pytest.mark.parametrize('arguments', [[], ['replay'], ['replay', 'bag'], ['frobnicate']])

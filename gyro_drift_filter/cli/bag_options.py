@@ -18,26 +18,9 @@ import argparse
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from gyro_drift_filter.cli.once import Once
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
-
-
-class _Once(argparse.Action):
-    """An option that must not be given again, as only one of its values could count."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option: str | None = None,
-    ) -> None:
-        """Take the value."""
-        if getattr(namespace, self.dest) is not None:
-            parser.error(f'{option} is given twice, and this command takes one topic: name it once')
-        setattr(namespace, self.dest, values)
-
 
 # What a bag may be, in the help of a command.
 BAG = 'rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
@@ -50,7 +33,7 @@ def add_bag_argument(command: argparse.ArgumentParser) -> None:
 
 def add_topic_option(command: argparse.ArgumentParser, bag: str = 'the bag') -> None:
     """Add the option `--topic` of a command that looks at one Imu topic of each bag."""
-    command.add_argument('--topic', action=_Once, help=f'Imu topic, needed where {bag} has several')
+    command.add_argument('--topic', action=Once, help=f'Imu topic, needed where {bag} has several')
 
 
 def distinct_paths(bags: Sequence[Path]) -> list[Path]:

@@ -17,6 +17,7 @@
 import argparse
 from pathlib import Path
 
+from gyro_drift_filter.cli.once import Once
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -25,7 +26,7 @@ from gyro_drift_filter.core.methods import METHOD_NAMES
 def add_params_option(command: argparse.ArgumentParser) -> None:
     """Add the option `--params` to a subcommand."""
     command.add_argument(
-        '--params', type=Path, help='ROS 2 parameter file of the filter; of several the last counts'
+        '--params', type=Path, action=Once, help='ROS 2 parameter file of the filter'
     )
 
 

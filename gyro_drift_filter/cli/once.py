@@ -1,0 +1,34 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Options that a command takes once."""
+
+import argparse
+from typing import Any
+
+
+class Once(argparse.Action):
+    """An option that must not be given again, as only one of its values could count."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        """Take the value."""
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f'{option} is given twice, and this command takes one')
+        setattr(namespace, self.dest, values)
