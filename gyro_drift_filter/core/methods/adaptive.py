@@ -52,8 +52,8 @@ from gyro_drift_filter.core.methods.jolts import (
     FIRST_CHANGE,
     JOLT_SAMPLES,
     feel_jolt,
+    felt_change,
     jump_by_shake,
-    shake_along,
     was_jolted,
 )
 from gyro_drift_filter.core.methods.missed_turns import (
@@ -251,7 +251,7 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
     circumstances = filter_['workspace']['methods']['adaptive']['circumstances']
     rest, force = filter_['state']['bias']['rest'], sample['linear_acceleration']
     still, measured = has_stood_still(rest, STILL_BLOCKS), not is_one_value(force)
-    shake = usual_shake = 0.0
+    shake = shake_before = usual_shake = 0.0
     jolted = jolted_before = False
     for axis in range(3):
         if not states['tracking'][axis]:
@@ -261,14 +261,16 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
             jolted = True
         if was_jolted(jolt):
             jolted_before = True
-        change = shake_along(jolt, still)
+        change = felt_change(jolt, jolt['change'], still)
+        change_before = felt_change(jolt, jolt['change_before'], still)
         shake += change * change
+        shake_before += change_before * change_before
         usual_shake += jolt['usual_change'] * jolt['usual_change']
     circumstances['possibly_missing'] = possibly_missing
     circumstances['may_follow_gap'] = may_follow_gap(filter_['state']['clock'], possibly_missing)
     circumstances['jolted'] = jolted
     circumstances['jolted_before'] = jolted_before
-    circumstances['shake'] = math.sqrt(shake)
+    circumstances['shake'] = math.sqrt(max(shake, shake_before))
     per_jump = filter_['coefficients']['methods']['adaptive']['limits']['shake_per_jump']
     jump = jump_by_shake(circumstances['shake'], math.sqrt(usual_shake), per_jump)
     circumstances['explained_jump'] = 0.0 if still else jump

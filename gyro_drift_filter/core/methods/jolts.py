@@ -80,15 +80,12 @@ def was_jolted(jolt: Jolt) -> bool:
 
 
 @kernel
-def shake_along(jolt: Jolt, still: bool) -> float:
-    """Return by how much the acceleration has changed in m/s^2, now or at the sample before.
+def felt_change(jolt: Jolt, change: float, still: bool) -> float:
+    """Return a change of the acceleration in m/s^2, as far as it is one of the sensor.
 
-    Where the sensor is still, what noise may do counts as none.
+    Where that is still, what noise may do counts as none.
     """
-    change = max(jolt['change'], jolt['change_before'])
-    if not still:
-        return change
-    return 0.0 if change < _change_of_noise(jolt) else change
+    return 0.0 if still and change < _change_of_noise(jolt) else change
 
 
 @kernel
