@@ -127,6 +127,7 @@ def laid_down(random, sensitivity, poses=None, **options):
     return Samples(turns.stamps, rates, turns.accelerations), turns.faults
 
 
+@pytest.mark.slow
 def test_calibrate_finds_it(random):
     recording, faults = laid_down(random, SENSITIVITY)
     found = calibrate([recording])

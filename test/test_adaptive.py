@@ -685,6 +685,7 @@ def test_a_robot_without_an_accelerometer_is_not_always_shaken(nothing, random):
     assert without < 1.1 * with_one
 
 
+@pytest.mark.slow
 def test_a_slow_turn_that_begins_in_motor_vibration_is_given_back(random):
     """It is half of the vibration, so it shows only when it has become a fast turn."""
     rate = np.radians(np.repeat([0.0, 0.55, 20.0], [6000, 200, 3000]))

@@ -259,6 +259,7 @@ def burst(stamps, rates, accelerations):
     stamps += 1000 * np.arange(len(stamps))
 
 
+@pytest.mark.slow
 def test_stamps_of_arrival_are_not_taken_for_the_time_of_samples(random):
     faults, turns = laid_down(random)
     found = calibrate([samples(turns, burst)])

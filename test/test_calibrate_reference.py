@@ -165,7 +165,6 @@ def test_whole_turns_against_an_edge(random):
     assert np.diag(by_gravity.deviation).max() > 1.5 * np.diag(found.deviation).max()
 
 
-@pytest.mark.slow
 def test_whole_turns_without_an_accelerometer(random):
     faults = random_faults(random)
     found = calibrate([whole_turns(random, faults, accelerometer=False)], turns=True)
@@ -206,7 +205,6 @@ def stamped(kind, place, stamp, quaternion):
     return serialize(message_type(kind)(*parts), kind)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     'kind',
     [

@@ -420,6 +420,7 @@ def run_without(modules, *arguments):
     return run_command(sys.executable, '-c', WITHOUT, modules, *arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('module', 'hint'),
     [

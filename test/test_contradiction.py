@@ -93,6 +93,7 @@ def test_then_the_bias_is_that_at_rest():
     np.testing.assert_array_equal(on.bias_shift.shift, 0.0)  # for the next run
 
 
+@pytest.mark.slow
 def test_once_they_are_sound_again_it_is_told_no_more(walk):
     change, filter_ = round(100 * RATE), Filter()
     accelerations = walk.accelerations.copy()
@@ -104,6 +105,7 @@ def test_once_they_are_sound_again_it_is_told_no_more(walk):
     assert np.linalg.norm(error - walk.bias[-1]) < 0.1 * DEGREE
 
 
+@pytest.mark.slow
 def test_garbage_for_a_while_is_no_contradiction(walk):
     """It may have a velocity beyond all robots once."""
     accelerations = walk.accelerations.copy()

@@ -66,6 +66,7 @@ def test_after_the_first_rest(rate, random):
     )
 
 
+@pytest.mark.slow
 def test_noise_that_the_sensor_itself_has_low_passed(random):
     """It averages out less than white noise does."""
     assert_claim(of_drivers(random, ['low-passed']))

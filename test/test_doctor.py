@@ -186,6 +186,7 @@ def test_a_rate_that_is_steady_and_too_large_for_a_bias(found, tmp_path):
     assert 'rests' not in {finding.name for finding in findings}
 
 
+@pytest.mark.slow
 def test_a_wrong_measuring_range_is_found_by_gravity(found):
     simulation = handled()
     findings = found(rates_of(simulation, 0.5 * simulation.angular_velocity))
@@ -210,6 +211,7 @@ def test_stamps_of_arrival(found, random):
     assert faults(findings) == {'arrival stamps'}
 
 
+@pytest.mark.slow
 def test_bursts(found):
     simulation = handled()
     arrival = simulation.stamps[7::8].repeat(8)[: len(simulation.stamps)]
@@ -331,6 +333,7 @@ def test_the_accelerations_of_a_foot_that_never_rests_are_no_fault(random):
     assert judge_accelerometer(seen, columns).verdict == Verdict.UNKNOWN
 
 
+@pytest.mark.slow
 def test_counts_that_are_coarse(found):
     simulation = handled(motions=4)
     count = math.radians(1.0)
@@ -338,6 +341,7 @@ def test_counts_that_are_coarse(found):
     assert faults(findings) == {'resolution'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('is_damaged', [False, True])
 def test_rates_at_the_end_of_the_range(found, is_damaged):
     simulation = handled()

@@ -132,6 +132,7 @@ def test_a_broken_bag_is_a_row_with_its_error(measured):
     assert len(rows) == 2 + 3 * 6
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(small, measured, client, tmp_path):
     run_fleet(client, small, tmp_path / 'again')
     again = tmp_path / 'again' / 'fleet.parquet'
@@ -412,6 +413,7 @@ def test_chance_makes_no_finding(random):
     assert judged_fleets(lambda: random.standard_normal((60, 10)), fleets=30) == 0
 
 
+@pytest.mark.slow
 def test_days_that_are_like_the_one_before_are_no_finding(random):
     """What each sensor does, as with the weather, is nothing that one of them has."""
 

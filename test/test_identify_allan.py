@@ -100,6 +100,7 @@ def test_a_tau_beyond_the_curve_is_an_error(random):
         allan_deviation([white(random, 1000)], PERIOD).at(100.0)
 
 
+@pytest.mark.slow
 def test_a_real_sensor_has_its_known_figures(real):
     stamps, rates, accelerations = real('static_adis16405')
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans

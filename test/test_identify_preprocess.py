@@ -77,6 +77,7 @@ def test_warm_up_takes_order_two(random):
     np.testing.assert_allclose(np.std(result.residuals[0]), NOISE, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_no_trend_is_made_up():
     orders = [
         preprocess(noise(np.random.default_rng(seed)), WHOLE, PERIOD).trend_order

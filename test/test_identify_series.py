@@ -96,6 +96,7 @@ def test_a_long_span_in_parts_has_the_spectrum_of_the_whole(random, monkeypatch)
     assert np.average(parted.power, weights=parted.weight) == pytest.approx(mean, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_tone_is_found_and_coloured_noise_has_none(random):
     noise = np.convolve(random.standard_normal(60_050), np.exp(-np.arange(50) / 8), 'valid')
     assert find_tones([noise], 0.01) == ()
@@ -105,6 +106,7 @@ def test_a_tone_is_found_and_coloured_noise_has_none(random):
     assert tone.amplitude == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_real_sensor_has_its_tone(real):
     _, rates, _ = real('static_adis16405')
     (tone,) = find_tones([rates[:, 2] - rates[:, 2].mean()], 0.01)

@@ -242,6 +242,7 @@ def test_the_covariance_stays_one(random):
             assert motion['bias_at_rest']['untracked_variance'][axis] >= 0.0
 
 
+@pytest.mark.slow
 def test_what_is_left_out_of_a_long_flight_is_in_the_published_variance(random):
     """A gap of 3 s starts the motion anew, with less than its variance tracked from there on."""
     filter_ = Filter()
@@ -482,6 +483,7 @@ def moved(vector, rate, force):
 _SCALE = 0.01, -0.02, 0.015, -0.01, 0.02, 0.005, -0.015, 0.01, 0.02
 
 
+@pytest.mark.slow
 def test_the_transition_is_the_derivative_of_the_motion(random):
     """By differences; that a velocity turns and decays while it grows is left out."""
     rate, force = np.array([0.4, -0.3, 0.8]), np.array([0.5, -0.4, 9.7])

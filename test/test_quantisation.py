@@ -125,6 +125,7 @@ def test_what_is_undone_is_the_middle_of_a_count():
     np.testing.assert_array_equal(filter_.state['checks']['measured'], rates[-1])
 
 
+@pytest.mark.slow
 def test_zeros_of_a_sensor_with_nothing_to_report_are_no_evidence():
     stamps_, rates, accelerations, _ = recording(240.0, 6, 'round')
     random = np.random.default_rng(1)

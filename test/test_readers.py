@@ -114,6 +114,7 @@ def test_chunks_of_the_output_end_where_messages_end(tmp_path, monkeypatch, rand
         )
 
 
+@pytest.mark.slow
 def test_batches_of_many_messages(tmp_path, monkeypatch, random):
     """More than fit in a batch, all within a second."""
     rows = [

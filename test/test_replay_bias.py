@@ -123,6 +123,7 @@ def test_hints_that_do_not_fit_are_refused(tmp_path, random):
         replay(source, tmp_path / 'out', parameters=Parameters(), selection=Selection(hint=TOPIC))
 
 
+@pytest.mark.slow
 def test_the_temperature_beside_the_imu_widens_the_bias(tmp_path, random):
     name = 'sensor_msgs/msg/Temperature'
     data = imus(*at_rest(random, 30))

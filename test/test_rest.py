@@ -133,6 +133,7 @@ def test_a_machine_that_is_switched_on_after_the_first_rest_hides_no_rest(machin
     assert np.abs(results['bias'] - bias)[late].max() < 2.5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('machine', [humming, noisier, shaken])
 def test_a_machine_that_stays_on_between_long_drives_hides_no_rest(machine, random):
     """No three segments of rest come after one another, and none within ten seconds of another."""
@@ -247,6 +248,7 @@ def test_a_gap_beside_a_short_stop_hides_it_not(at, random):
     assert np.abs(error[-1]).max() < 0.06 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('moving', 'still'), [(200.0, 12.5), (100.0, 10.0)])
 def test_the_stands_of_a_sensor_that_lowers_its_rate_there_are_found(moving, still, random):
     """As phones do, a second after they were moved: the blocks that follow have few samples."""
@@ -534,6 +536,7 @@ def driving(random, moves, rate, level=1.0):
     return rates, np.array([0.0, 0.0, 9.81]) + level * push + 0.03 * random.standard_normal((n, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50.0, 100.0])
 def test_a_bias_that_was_learned_on_the_road_is_replaced_where_the_robot_stops(rate):
     """A smooth curve may pass for rest where there was none yet; what is far quieter shows it."""

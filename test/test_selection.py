@@ -89,6 +89,7 @@ def test_several_topics_have_a_filter_each(two, tmp_path):
     assert alone['/right/imu_filtered'] == found['/right/imu_filtered']
 
 
+@pytest.mark.slow
 def test_all_imu_topics_but_those_that_were_written(two, tmp_path):
     source, _ = two
     summaries = run(source, tmp_path / 'once', all_imu=True)
@@ -98,6 +99,7 @@ def test_all_imu_topics_but_those_that_were_written(two, tmp_path):
     assert read(tmp_path / 'twice') == read(tmp_path / 'once')
 
 
+@pytest.mark.slow
 def test_sample_topics_of_two_sensors_in_one_namespace(tmp_path):
     imu = simulated(300)
     source = write(tmp_path / 'in', {('/imu', IMU_TYPE): imu, ('/gyro', IMU_TYPE): imu[:200]})
@@ -327,6 +329,7 @@ def ros1_bag(path, imu):
     return path
 
 
+@pytest.mark.slow
 def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(tmp_path):
     imu = simulated(300)
     source = ros1_bag(tmp_path / 'old.bag', imu)

@@ -250,6 +250,7 @@ def test_a_turn_that_has_been_taken_for_the_bias_is_undone_when_it_ends(speed, r
     np.testing.assert_allclose(results['bias'][-1], bias + turn, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_turn_to_and_fro_passes_the_bias_and_is_none(random):
     """For a minute; docs/bias_measurements.md says how often it is learned, and for how long."""
     learned = []

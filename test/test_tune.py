@@ -183,6 +183,7 @@ def test_spikes_smaller_than_the_default_expects(truth, random):
     assert error(found.chosen).mean() < 0.1 * error(Parameters()).mean()
 
 
+@pytest.mark.slow
 def test_no_time_to_refine_leaves_the_best_that_is_known(monkeypatch):
     def nothing(*_):
         raise TimeIsUpError
@@ -279,6 +280,7 @@ def bag(tmp_path):
     return tmp_path / 'bag'
 
 
+@pytest.mark.slow
 def test_the_command(bag, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('gyro_drift_filter.tune.tuning.BUDGET', 5)
     out, figures = tmp_path / 'out.yaml', tmp_path / 'out.json'

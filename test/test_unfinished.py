@@ -64,6 +64,7 @@ def begin(output, **options):
     return process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['SIGTERM', 'SIGHUP'])
 def test_a_signal_ends_it_and_leaves_nothing(name, tmp_path):
     number = signal.Signals[name]
@@ -78,6 +79,7 @@ def test_a_signal_ends_it_and_leaves_nothing(name, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_signal_that_is_ignored_stays_so(tmp_path):
     """As by nohup."""
     process = begin(

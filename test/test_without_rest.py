@@ -142,6 +142,7 @@ def test_rates_that_are_not_measured_for_a_while_show_no_bias(kind, vehicle, see
     assert largest_bias(of, unmeasured(len(of.stamps), 0.2, seed), kind) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 6])
 def test_delays_that_lose_nothing_hide_no_bias(seed):
     """Stamps of a callback, of which one in a hundred stalls: they may all follow a gap."""
@@ -197,6 +198,7 @@ def test_the_motion_of_one_body_is_no_contradiction(vehicle):
         assert filter_.state['bias']['wide_prior']['innovation_square'] < 1.0
 
 
+@pytest.mark.slow
 def test_a_large_bias_is_no_contradiction():
     """It contradicts the accelerations until it is found."""
     of = started_in_motion('hand', 5, 0.0)
@@ -215,6 +217,7 @@ def test_an_accelerometer_with_other_axes_shows_no_bias(seed):
     assert last_bias(of, ACCELEROMETERS['axes y, z, x'](of.accelerations)) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [1, 6])
 def test_an_accelerometer_that_is_sound_again_shows_the_bias(seed):
     """What the other one has shown is forgotten: 5 deg/s were left in."""
@@ -421,6 +424,7 @@ def test_another_sensor_has_another_bias(seconds):
     assert np.all(np.abs(error) < 3.0 * filter_.bias_deviation)
 
 
+@pytest.mark.slow
 def test_a_bias_that_moves_with_the_temperature_is_followed():
     of = started_in_motion('hand', 6, 0.0)
     change = round(120 * SAMPLE_RATE)
