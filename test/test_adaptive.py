@@ -210,6 +210,20 @@ def test_bursts_that_overlap_are_no_motion(moving, sizes, random):
     assert np.abs(out - truth)[1990:2020].max() < 0.1
 
 
+def test_a_shake_is_that_of_one_sample(random):
+    """Axes that change in turn were taken for one change, which explained larger jumps."""
+    z, accelerations = at_rest(random), still_accelerations(random)
+    moving = 2.0 * np.sin(2 * np.pi * 0.7 * np.arange(2000) / 100.0)
+    z[:2000] += moving[:, None]
+    accelerations[1500:, 0] += 9.0
+    accelerations[1501:, 1] += 8.0
+    filter_ = Filter(Parameters(sample_rate=100.0))
+    filter_.run(START + 10_000_000 * np.arange(1502), z[:1502], accelerations[:1502])
+    circumstances = filter_.record[0]['workspace']['methods']['adaptive']['circumstances']
+    assert not circumstances['still']
+    assert circumstances['shake'] == pytest.approx(9.0, abs=0.2)  # 12.0 before
+
+
 def test_a_message_that_is_corrupted_as_a_whole_is_held(random):
     z, accelerations = at_rest(random), still_accelerations(random)
     z[2000, 0] += 5.0
