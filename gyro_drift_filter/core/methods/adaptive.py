@@ -396,9 +396,9 @@ def update(
     """
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
     doubt, last_accepted = state['doubt'], state['last_accepted']
-    own['reason'] = _judge(state, own, circumstances, sample, coefficients['limits'])
     own['accepted_before'] = last_accepted
     own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
+    own['reason'] = _judge(state, own, circumstances, sample, coefficients['limits'])
     _take_in(state, own, circumstances, coefficients, sample)
     _learn(state, own, circumstances, coefficients, sample)
     return sample - own['prediction'], decision_of(own['reason']) == Decision.HOLD

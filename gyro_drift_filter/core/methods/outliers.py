@@ -296,10 +296,10 @@ def _reason_behind_held(
     nearer = size < change or offset == 0.0
     if near and nearer and not away and not beyond:
         return Reason.RETURNED if _holds_any(doubt) else Reason.EXPECTED
-    # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     last_accepted = state['last_accepted']
-    if _ends_predicted(doubt, sample, workspace['prediction'], last_accepted):
+    if _turns_back(doubt, workspace, sample, last_accepted):
         return Reason.STAYED
+    # Outliers are large: a smaller one that the next sample confirms was the start of a motion.
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
@@ -406,16 +406,18 @@ def _stays(sample: float, prediction: float, last_accepted: float) -> bool:
 
 
 @kernel
-def _ends_predicted(doubt: Doubt, sample: float, prediction: float, last_accepted: float) -> bool:
-    """Return whether a motion has ended while samples were held, so that its prediction ran away.
+def _turns_back(
+    doubt: Doubt, workspace: 'AdaptiveAxisWorkspace', sample: float, last_accepted: float
+) -> bool:
+    """Return whether a motion has turned back while samples were held: its prediction ran away.
 
-    The rate lies where the last accepted one did, and not as far from the prediction as the one
-    that is held, as it would in a burst. All rates in rad/s.
+    The rate lies where the last accepted one did. In a burst of outliers it would be as far from
+    the prediction as the one before it. Sample and last accepted one in rad/s.
     """
-    offset = doubt['offset']
+    prediction, offset = workspace['prediction'], doubt['offset']
     apart = abs(sample - prediction - offset) > AGREEMENT * abs(offset)
-    at_accepted = lies_at_accepted(doubt, sample, last_accepted)
-    return apart and at_accepted and _stays(sample, prediction, last_accepted)
+    stays = workspace['is_at_accepted'] and _stays(sample, prediction, last_accepted)
+    return apart and stays
 
 
 @kernel
