@@ -368,23 +368,19 @@ def test_a_known_error_is_one_line_and_status_1(arguments, message, tmp_path, mo
     assert not (tmp_path / 'out').exists()
 
 
-@pytest.mark.parametrize('command', ['report', 'doctor', 'identify', 'calibrate', 'tune'])
-def test_one_topic_is_named_once(command, capsys):
-    """The last one was taken without a word."""
+@pytest.mark.parametrize(
+    ('option', 'command'),
+    [
+        *(('--topic', name) for name in ('report', 'doctor', 'identify', 'calibrate', 'tune')),
+        *(('--params', name) for name in ('replay', 'report', 'explain', 'tune')),
+    ],
+)
+def test_an_option_of_one_value_is_given_once(option, command, capsys):
+    """All but the last value were passed over without a word."""
     with pytest.raises(SystemExit) as exit_:
-        main([command, 'bag', '--topic', '/a', '--topic', '/b'])
+        main([command, 'bag', option, 'a', option, 'b'])
     assert exit_.value.code == 2
-    said = '--topic is given twice, and this command takes one\n'
-    assert capsys.readouterr().err.endswith(said)
-
-
-@pytest.mark.parametrize('command', ['replay', 'report', 'explain', 'tune'])
-def test_one_parameter_file_is_named(command, capsys):
-    """All but the last one were passed over without a word."""
-    with pytest.raises(SystemExit) as exit_:
-        main([command, 'bag', '--params', 'a.yaml', '--params', 'b.yaml'])
-    assert exit_.value.code == 2
-    said = '--params is given twice, and this command takes one\n'
+    said = f'{option} is given twice, and this command takes one\n'
     assert capsys.readouterr().err.endswith(said)
 
 
