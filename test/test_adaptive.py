@@ -999,6 +999,23 @@ def test_a_jolt_within_a_burst_is_no_knock(random):
     assert np.abs(results['angular_velocity'] - clean).max() < 0.2
 
 
+@pytest.mark.parametrize(
+    ('before', 'shake', 'is_burst'), [(0.0, 10.0, True), (0.0, 20.0, False), (9.0, 10.0, False)]
+)
+def test_a_rate_that_stays_where_it_has_jumped_to(before, shake, is_burst, random):
+    """A body that vibrates is shaken now and then: that makes no motion of a burst of outliers.
+
+    But what stops a body may act close to the sensor, so that it is shaken less.
+    """
+    rates, accelerations = moved_about(random)
+    rates[:2000, 0] += np.minimum(0.05 * np.arange(2000), before)
+    rates[2000:2003, 0] -= 8.0 - before
+    rates[2003:, 0] += before
+    accelerations[2001:, 1] += shake
+    results = with_accelerations(rates, accelerations)
+    assert results['outlier'][2000:2003, 0].tolist() == [1, is_burst, is_burst]
+
+
 def test_a_spike_before_a_motion_turns_nothing(random):
     """It comes with a jolt, and the next sample is back: its angle is not given back as motion."""
     rates = at_rest(random, 3000, 1e-4)

@@ -79,9 +79,10 @@ JOLT_LIMIT = 6.0  # rad/s: what a hit may do to the rate in a sample, ...
 JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_REVERSAL`
 # A foot that strikes the ground, or a body that falls, stops from any rate, with up to 6,000
 # rad/s^2. So in motion a shake excuses a jump of any size, if it explains the jump at this distance
-# from the axis, in levers. Behind a sample that was held back less is enough, as most outliers are
-# alone.
-FIRST_HIT, CONFIRMED_HIT = 1.5, 1.0 / 3.0
+# from the axis, in levers: 4.5 cm, or 1 cm behind a sample that was held back, as most outliers are
+# alone. But a burst of outliers stays where it has jumped to: there it takes 1.5 cm, unless the
+# body is slower than before, as what stops one may act close to the sensor.
+FIRST_HIT, CONFIRMED_HIT, STAYING_HIT = 1.5, 1.0 / 3.0, 0.5
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
 
@@ -303,7 +304,10 @@ def _reason_behind_held(
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
-    if circumstances['explained_jump'] > CONFIRMED_HIT * size:
+    slower = abs(sample) < abs(last_accepted)
+    stays = change <= AGREEMENT * abs(offset)
+    hit = STAYING_HIT if stays and not slower else CONFIRMED_HIT
+    if circumstances['explained_jump'] > hit * size:
         return Reason.PUSHED
     # The first sample of a burst of outliers jumps further than a hit turns a body in a sample.
     jolt_limit = _jolt_limit(circumstances, limits)
