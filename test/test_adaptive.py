@@ -166,6 +166,24 @@ def test_a_foot_that_strikes_the_ground_is_followed(rate, largest, shake, random
     assert np.degrees(np.abs(lost[-1])).max() < 0.1 * largest + 0.3
 
 
+@pytest.mark.parametrize(
+    ('shake', 'sign', 'held'),
+    [(1.0, -1.0, 5), pytest.param(12.0, -1.0, 1, id='stopped'), (12.0, 1.0, 6)],
+)
+def test_a_foot_that_shakes_the_sensor_is_followed_from_its_second_step_on(
+    shake, sign, held, random
+):
+    """By the rates alone, or if the body gained speed, it may be two outliers in a row."""
+    rates, accelerations = at_rest(random), still_accelerations(random)
+    rates[1000:, 1] += np.minimum(0.05 * np.arange(2000), 12.0)
+    accelerations[1000:] += random.uniform(-5.0, 5.0, (2000, 3))
+    rates[2000:, 1] = 12.0 + sign * np.minimum([8.0, 16.0] + [17.0] * 998, 17.0)
+    accelerations[2000] = accelerations[1999]
+    accelerations[2001] = accelerations[2000] + [shake, 0.0, 0.0]
+    results = with_accelerations(rates, accelerations)
+    assert np.flatnonzero(results['outlier'][1990:2020, 1]).tolist() == list(range(10, 10 + held))
+
+
 @pytest.mark.parametrize('noise', [0.02, 0.05, 0.1])
 def test_a_burst_whose_last_sample_meets_the_prediction_is_held(noise, random):
     """The motion turns back meanwhile, while the extrapolation goes on towards the burst."""

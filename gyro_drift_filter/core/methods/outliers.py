@@ -135,7 +135,9 @@ class Doubt(TypedDict):
     agreeing: int  # how many of the latest agree
     growing: int  # how many of the latest were each further away than the one before
     offset: float  # innovation of the last one in rad/s, 0 after a drop-out
-    step: float  # rad/s, from the last but one to the last; 0 where these do not follow each other
+    # rad/s, to the last one from that before it, be it held or accepted; 0 where one of the two was
+    # not measured
+    step: float
     typical_innovation: float  # rad/s, when the first one came
     first_size: float  # rad/s, of its innovation; 0 where it was not measured
     # of every sample
@@ -322,7 +324,7 @@ def _reason_behind_held(
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
-    if _goes_on(doubt, sample, last_accepted):
+    if _goes_on(doubt, circumstances, limits, sample, last_accepted):
         return Reason.GONE_ON
     alike = change <= _agreement(offset, held_jump, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
@@ -425,20 +427,35 @@ def _turns_back(
 
 
 @kernel
-def _goes_on(doubt: Doubt, sample: float, last_accepted: float) -> bool:
+def _goes_on(
+    doubt: Doubt,
+    circumstances: Circumstances,
+    limits: OutlierLimits,
+    sample: float,
+    last_accepted: float,
+) -> bool:
     """Return whether a sample goes on as those held back: by like steps, as a body that is stopped.
 
     A burst of outliers begins with a jump that is larger than its steps, and steps from one burst
-    to another lead back to where the first one came from, and beyond. Sample and last accepted one
-    in rad/s.
+    to another lead back to where the first one came from, and beyond. Two outliers in a row may
+    look like two steps, so behind a single sample the body has to be slower than before, and the
+    accelerometer has to be shaken by as much as explains the larger step 1 cm from the axis. Sample
+    and last accepted one in rad/s.
     """
     step, before = sample - doubt['last_sample'], doubt['step']
     if step * before <= 0.0:
-        return False  # so also where one sample is held, as there is no step before it
-    begun = (sample - step - before - last_accepted) / (doubt['held'] - 1.0)
-    if begun * step < 0.0:
         return False
-    largest = max(abs(step), abs(before), abs(begun))
+    largest = max(abs(step), abs(before))
+    if doubt['held'] == 1:
+        explained = circumstances['shake'] > CONFIRMED_HIT * limits['shake_per_jump'] * largest
+        slower = abs(sample) < abs(last_accepted)
+        if circumstances['still'] or not explained or not slower:
+            return False
+    else:
+        begun = (sample - step - before - last_accepted) / (doubt['held'] - 1.0)
+        if begun * step < 0.0:
+            return False
+        largest = max(largest, abs(begun))
     least = max(STEADY * largest, LARGEST_RATE_CHANGE * doubt['usual_rate_change'])
     return min(abs(step), abs(before)) >= least
 
@@ -472,15 +489,14 @@ def note_held(
 ) -> None:
     """Note a sample that is held back; it and its innovations are in rad/s."""
     change = abs(sample - doubt['last_sample'])
+    follows = not dropout and (doubt['held'] == 0 or doubt['offset'] != 0.0)
+    doubt['step'] = sample - doubt['last_sample'] if follows else 0.0
     if doubt['held'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
         doubt['first_size'] = 0.0 if dropout else abs(innovation)
         doubt['agreeing'] = doubt['growing'] = 0
-        doubt['step'] = 0.0
     else:
-        follows = not dropout and doubt['offset'] != 0.0
-        doubt['step'] = sample - doubt['last_sample'] if follows else 0.0
         if not _continues(doubt, change, dropout, limits):
             doubt['agreeing'] = 0
         further = _grows(doubt, innovation, change, limits)
