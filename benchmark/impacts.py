@@ -16,9 +16,10 @@
 
     python -m benchmark.impacts [--data FOLDER]
 
-A simulated foot that swings and strikes the ground (`scenarios.py`), and recordings. The raw rates
-and the filtered ones, with the bias added, are both integrated; the table has the largest angle
-between the two orientations in deg, and the one in the end, with `outlier.enabled` on and off.
+A simulated foot that swings and strikes the ground, a body that a motor spins up about an axis near
+the sensor (`scenarios.py`), and recordings. The raw rates and the filtered ones, with the bias
+added, are both integrated; the table has the largest angle between the two orientations in deg, and
+the one in the end, with `outlier.enabled` on and off.
 
 FOLDER holds a `.npz` for each recording, with `stamps` (n,) in ns, `rates` (n, 3) in rad/s and
 `accelerations` (n, 3) in m/s^2.
@@ -31,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.scenarios import foot, stamps
+from benchmark.scenarios import foot, spun_up, stamps
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
@@ -47,6 +48,7 @@ Array = NDArray[np.float64]
 
 SAMPLE_RATES = (100.0, 200.0, 400.0, 1000.0)
 SHAKES = (1.0, 10.0, 30.0)  # m/s^2, of the strike
+LEVERS = (0.01, 0.02, 0.05)  # m, from the axis of the motor
 LONGEST_STEP = 3.0  # median steps of the stamps: what lasts longer is a gap, in which nobody knows
 
 
@@ -54,13 +56,14 @@ def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array,
     """Yield a name, stamps, rates and accelerations of each."""
     for rate in SAMPLE_RATES:
         for shake in SHAKES:
+            name = f'foot, {rate:g} Hz, {shake:g} m/s^2'
             rates, accelerations = foot(np.random.default_rng(0), rate, shake)
-            yield (
-                f'foot, {rate:g} Hz, {shake:g} m/s^2',
-                stamps(len(rates), rate),
-                rates,
-                accelerations,
-            )
+            yield name, stamps(len(rates), rate), rates, accelerations
+    for rate in SAMPLE_RATES:
+        for lever in LEVERS:
+            name = f'spun up, {rate:g} Hz, {100.0 * lever:g} cm'
+            rates, accelerations = spun_up(np.random.default_rng(0), rate, lever)
+            yield name, stamps(len(rates), rate), rates, accelerations
     for path in sorted(folder.glob('*.npz')) if folder else []:
         with np.load(path, allow_pickle=False) as data:
             yield path.stem, data['stamps'], data['rates'] * 1.0, data['accelerations'] * 1.0

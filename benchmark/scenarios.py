@@ -237,3 +237,22 @@ def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Array,
     shaken = np.maximum(np.where(phase < 0.4, 1.0, 0.02), struck)[:, None]
     rates = 24.0 * swing * [0.1, 1.0, -0.05] + 0.005 * random.standard_normal((len(time), 3))
     return rates, [0.0, 0.0, GRAVITY] + shaken * random.standard_normal((len(time), 3))
+
+
+def spun_up(random: np.random.Generator, rate: float, lever: float) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a body that sways, and is spun up each second.
+
+    A motor turns it by 8 rad/s more within 10 ms, for 0.4 s, about an axis that lies `lever` m from
+    the sensor. The rates are means over a sample period.
+    """
+    fine = 20
+    time = (np.arange(round(12 * rate) * fine) + 0.5) / (rate * fine)
+    phase = np.where(time < 3.0, 0.9, time % 1.0)
+    spun = np.clip(phase / 0.01, 0.0, 1.0) - np.clip((phase - 0.4) / 0.01, 0.0, 1.0)
+    turned = np.sin(2.0 * np.pi * 0.7 * time)[:, None] * [1.0, 0.5, 0.7]
+    turned = np.where(time < 2.0, 0.0, 1.0)[:, None] * turned + np.outer(8.0 * spun, [0, 0, 1])
+    rates = turned.reshape(-1, fine, 3).mean(axis=1)
+    pushed = lever * np.diff(rates[:, 2], prepend=rates[0, 2]) * rate
+    shake = 0.2 * random.standard_normal((len(rates), 3))
+    accelerations = shake + np.outer(pushed, [0.0, 1.0, 0.0]) + [0.0, 0.0, GRAVITY]
+    return rates + 0.005 * random.standard_normal(rates.shape), accelerations
