@@ -81,7 +81,7 @@ JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_
 # rad/s^2. So in motion a shake excuses a jump of any size, if it explains the jump at this distance
 # from the axis, in levers: 4.5 cm, or 1 cm behind a sample that was held back, as most outliers are
 # alone. But a burst of outliers stays where it has jumped to: there it takes 1.5 cm, unless the
-# body is slower than before, as what stops one may act close to the sensor.
+# body is slower than before, as what stops a body may act close to the sensor.
 FIRST_HIT, CONFIRMED_HIT, STAYING_HIT = 1.5, 1.0 / 3.0, 0.5
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
