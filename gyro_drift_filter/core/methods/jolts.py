@@ -81,10 +81,7 @@ def was_jolted(jolt: Jolt) -> bool:
 
 @kernel
 def felt_change(jolt: Jolt, change: float, still: bool) -> float:
-    """Return a change of the acceleration in m/s^2, as far as it is one of the sensor.
-
-    Where that is still, what noise may do counts as none.
-    """
+    """Return a change of the acceleration (m/s^2), or 0 if it may be noise of a still sensor."""
     return 0.0 if still and change < _change_of_noise(jolt) else change
 
 

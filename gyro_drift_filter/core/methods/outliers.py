@@ -306,9 +306,8 @@ def _reason_behind_held(
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
-    slower = abs(sample) < abs(last_accepted)
-    stays = change <= AGREEMENT * abs(offset)
-    hit = STAYING_HIT if stays and not slower else CONFIRMED_HIT
+    stays = change <= AGREEMENT * abs(offset) and not _is_slower(sample, last_accepted)
+    hit = STAYING_HIT if stays else CONFIRMED_HIT
     if circumstances['explained_jump'] > hit * size:
         return Reason.PUSHED
     # The first sample of a burst of outliers jumps further than a hit turns a body in a sample.
@@ -412,6 +411,15 @@ def _stays(sample: float, prediction: float, last_accepted: float) -> bool:
 
 
 @kernel
+def _is_slower(sample: float, last_accepted: float) -> bool:
+    """Return whether a body turns more slowly than before: something may have stopped it.
+
+    Sample and last accepted one in rad/s.
+    """
+    return abs(sample) < abs(last_accepted)
+
+
+@kernel
 def _turns_back(
     doubt: Doubt, workspace: 'AdaptiveAxisWorkspace', sample: float, last_accepted: float
 ) -> bool:
@@ -448,8 +456,7 @@ def _goes_on(
     largest = max(abs(step), abs(before))
     if doubt['held'] == 1:
         explained = circumstances['shake'] > CONFIRMED_HIT * limits['shake_per_jump'] * largest
-        slower = abs(sample) < abs(last_accepted)
-        if circumstances['still'] or not explained or not slower:
+        if circumstances['still'] or not explained or not _is_slower(sample, last_accepted):
             return False
     else:
         begun = (sample - step - before - last_accepted) / (doubt['held'] - 1.0)
