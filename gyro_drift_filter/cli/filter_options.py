@@ -23,11 +23,9 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 
 
-def add_params_option(command: argparse.ArgumentParser) -> None:
-    """Add the option `--params` to a subcommand."""
-    command.add_argument(
-        '--params', type=Path, action=Once, help='ROS 2 parameter file of the filter'
-    )
+def add_params_option(command: argparse.ArgumentParser, purpose: str = 'of the filter') -> None:
+    """Add the option `--params` to a subcommand; `purpose` says what it does with the file."""
+    command.add_argument('--params', type=Path, action=Once, help=f'ROS 2 parameter file {purpose}')
 
 
 def add_method_option(command: argparse.ArgumentParser) -> None:

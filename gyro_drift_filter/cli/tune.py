@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
-from gyro_drift_filter.cli.filter_options import chosen_parameters
-from gyro_drift_filter.cli.once import Once
+from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import today
 from gyro_drift_filter.cli.printing import tell
@@ -52,12 +51,7 @@ def add_parser(subcommands: Any) -> None:
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
     add_json_option(command, 'all results')
-    command.add_argument(
-        '--params',
-        type=Path,
-        action=Once,
-        help='ROS 2 parameter file to start from; what is not tuned stays',
-    )
+    add_params_option(command, 'to start from; what is not tuned stays')
     command.add_argument(
         '--method',
         choices=tuple(RANGES),
