@@ -249,8 +249,8 @@ def spun_up(random: np.random.Generator, rate: float, lever: float) -> tuple[Arr
     time = (np.arange(round(12 * rate) * fine) + 0.5) / (rate * fine)
     phase = np.where(time < 3.0, 0.9, time % 1.0)
     spun = np.clip(phase / 0.01, 0.0, 1.0) - np.clip((phase - 0.4) / 0.01, 0.0, 1.0)
-    turned = np.sin(2.0 * np.pi * 0.7 * time)[:, None] * [1.0, 0.5, 0.7]
-    turned = np.where(time < 2.0, 0.0, 1.0)[:, None] * turned + np.outer(8.0 * spun, [0, 0, 1])
+    sway = np.where(time < 2.0, 0.0, np.sin(2.0 * np.pi * 0.7 * time))
+    turned = np.outer(sway, [1.0, 0.5, 0.7]) + np.outer(8.0 * spun, [0.0, 0.0, 1.0])
     rates = turned.reshape(-1, fine, 3).mean(axis=1)
     pushed = lever * np.diff(rates[:, 2], prepend=rates[0, 2]) * rate
     shake = 0.2 * random.standard_normal((len(rates), 3))
