@@ -45,7 +45,7 @@ from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 METHODS = Path('gyro_drift_filter/core/methods')
-MODULES = (METHODS / 'outliers.py', METHODS / 'jolts.py')
+MODULES = tuple(METHODS / f'{name}.py' for name in ('outliers', 'outlier_limits', 'doubt', 'jolts'))
 _PACKAGES = ('gyro_drift_filter', 'benchmark')
 _RATES = (100.0, 50.0)  # Hz
 _MOVED = 0.1  # of a bar

@@ -25,7 +25,7 @@ pytest.importorskip('filterpy', reason="the benchmark's other filters are not in
 from benchmark import drivers, quality, speed, thresholds
 from benchmark.figures import Figure
 from benchmark.limits import Trial, left_by_best
-from gyro_drift_filter.core.methods import jolts, outliers
+from gyro_drift_filter.core.methods import doubt, jolts, outlier_limits, outliers
 from gyro_drift_filter.errors import GyroDriftFilterError
 from support.paths import REPOSITORY
 
@@ -86,8 +86,8 @@ def function():
 
 def test_the_constants_of_a_module_are_its_own_numbers():
     assert list(thresholds.constants_of(CONSTANTS)) == ['LIMIT', 'LEAST', 'MOST', 'SHARE']
-    found = 0
-    for path, module in zip(thresholds.MODULES, (outliers, jolts), strict=True):
+    found, modules = 0, (outliers, outlier_limits, doubt, jolts)
+    for path, module in zip(thresholds.MODULES, modules, strict=True):
         own = thresholds.constants_of((REPOSITORY / path).read_text())
         assert {name: vars(module)[name] for name in own} == {
             name: eval(compile(ast.Expression(place), name, 'eval')) for name, place in own.items()

@@ -14,8 +14,8 @@
 
 """Reads that fail at rest, so that a driver gives zeros.
 
-In motion `methods/adaptive.py` tells them by the jump. At rest a bias may be so small that there is
-none, but zeros would pull it towards zero.
+In motion `methods/circumstances.py` tells them by the jump. At rest a bias may be so small that
+there is none, but zeros would pull it towards zero.
 """
 
 from typing import TYPE_CHECKING, TypedDict

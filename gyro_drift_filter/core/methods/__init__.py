@@ -53,7 +53,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, inlined_kernel, kernel, record
-from gyro_drift_filter.core.methods import adaptive, paper, reasons
+from gyro_drift_filter.core.methods import adaptive, circumstances, paper, reasons
 from gyro_drift_filter.core.methods.adaptive import AdaptiveCoefficients, AdaptiveWorkspace
 from gyro_drift_filter.core.methods.adaptive_axis import ADAPTIVE_AXIS, AdaptiveAxis
 from gyro_drift_filter.core.methods.advice import Advice
@@ -185,7 +185,7 @@ def coast(filter_: 'FilterRecord', axis: int) -> None:
 def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing: int) -> None:
     """Look at the accelerometer and at all axes together, before prediction."""
     if filter_['settings']['method'] == ADAPTIVE:
-        adaptive.note_circumstances(filter_, sample, possibly_missing)
+        circumstances.note_circumstances(filter_, sample, possibly_missing)
 
 
 @kernel

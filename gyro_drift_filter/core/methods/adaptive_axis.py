@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import record
+from gyro_drift_filter.core.methods.doubt import Doubt
 from gyro_drift_filter.core.methods.jolts import Jolt
 from gyro_drift_filter.core.methods.mode_set import PerMode, Terms
 from gyro_drift_filter.core.methods.noise import Noise
-from gyro_drift_filter.core.methods.outliers import Doubt, InnovationLimits
+from gyro_drift_filter.core.methods.outlier_limits import InnovationLimits
 
 VarianceKey = Annotated[NDArray[np.float64], np.float64, (4,)]
 ErrorKey = Annotated[NDArray[np.float64], np.float64, (3,)]

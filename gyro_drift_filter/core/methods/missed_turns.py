@@ -28,7 +28,8 @@ from gyro_drift_filter.core.methods.adaptive_axis import (
     AdaptiveAxisWorkspace,
     Bridge,
 )
-from gyro_drift_filter.core.methods.outliers import CONFIRMED_HIT, Circumstances
+from gyro_drift_filter.core.methods.circumstances import Circumstances
+from gyro_drift_filter.core.methods.outliers import CONFIRMED_HIT
 from gyro_drift_filter.core.methods.reasons import Decision, decision_of
 
 # Three angles are given back so that the heading holds: that of held samples that were motion, and
