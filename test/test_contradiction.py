@@ -19,7 +19,7 @@ import pytest
 
 from benchmark.contradictions import ACCELEROMETERS
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride, train
 from support.paths import FLIGHTS
 from support.sensor import DEGREE

@@ -51,7 +51,7 @@ from gyro_drift_filter.core.bias.shared import keep_shared, learn_at_rest, resto
 from gyro_drift_filter.core.bias.shift import BiasShift, shift_of, shift_variance
 from gyro_drift_filter.core.rest.records import REST, REST_LENGTHS, VALUE_SECONDS
 from gyro_drift_filter.core.sample import SampleStatus
-from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.rotations import from_vectors, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START

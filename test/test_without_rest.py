@@ -33,7 +33,7 @@ from benchmark.without_rest import (
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.motion_state import BIAS
 from gyro_drift_filter.core.bias.without_rest import _across
-from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.bias.shift import shift_variance
-from gyro_drift_filter.core.step import doubt_sensor
+from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.core.zeros import RATES
 from support.messages import START
 from support.rests import moving_and_resting, run

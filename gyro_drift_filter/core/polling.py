@@ -86,6 +86,12 @@ def start_polling(polling: Polling) -> None:
 
 
 @kernel
+def message_period(polling: Polling, period: float) -> float:
+    """Return the time in s from one message to the next, from the sample period in s."""
+    return float(period * polling['samples_per_message'])
+
+
+@kernel
 def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> Message:
     """Say what a message of this number is, before `checks` take it in."""
     rate = sample['angular_velocity']

@@ -17,37 +17,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.accelerate import PerAxis, entry_kernel, inlined_kernel, kernel, read_only
+from gyro_drift_filter.accelerate import entry_kernel, inlined_kernel, kernel, read_only
 from gyro_drift_filter.core import methods
-from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest, track_bias
-from gyro_drift_filter.core.bias.contradiction import note_contradiction
-from gyro_drift_filter.core.bias.in_motion import (
-    KNOWN_TURN_SECONDS,
-    lose_direction,
-    miss_turn,
-    track_motion,
-)
-from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
-from gyro_drift_filter.core.bias.motion_state import BIAS, MotionBias, motion_variance
-from gyro_drift_filter.core.bias.records import (
-    bias_variance,
-    forget_contradiction,
-    has_bias,
-    has_learned_bias,
-    has_provisional,
-    widen,
-)
-from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
+from gyro_drift_filter.core.bias.at_rest import leave_rest, track_bias
+from gyro_drift_filter.core.bias.motion_state import BIAS, motion_variance
+from gyro_drift_filter.core.bias.records import bias_variance, has_learned_bias, widen
 from gyro_drift_filter.core.bias.shift import let_shift_vary
-from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
-from gyro_drift_filter.core.clock.envelope import (
-    advance_clock,
-    lengthen_period,
-    note_elapsed,
-)
+from gyro_drift_filter.core.calibration import apply_calibration, subtract_acceleration
+from gyro_drift_filter.core.clock.envelope import advance_clock, note_elapsed
 from gyro_drift_filter.core.clock.losses import possibly_in_gap, possibly_missing
+from gyro_drift_filter.core.learning_in_motion import learn_in_motion, note_body_turn
 from gyro_drift_filter.core.out_of_sequence import (
-    forget_history,
     go_back,
     insert_sample,
     is_overtaken,
@@ -55,7 +35,7 @@ from gyro_drift_filter.core.out_of_sequence import (
     note_backward,
     recall_result,
 )
-from gyro_drift_filter.core.polling import Message, note_message
+from gyro_drift_filter.core.polling import Message, message_period, note_message
 from gyro_drift_filter.core.quantisation import (
     add_half_counts,
     needs_half_counts,
@@ -63,11 +43,9 @@ from gyro_drift_filter.core.quantisation import (
     variance_of_cut,
     variance_of_rounding,
 )
-from gyro_drift_filter.core.records import FILTER, FilterRecord, State
-from gyro_drift_filter.core.rest.noise import doubt_noise, expect_no_noise, forget_noise
+from gyro_drift_filter.core.records import FILTER, FilterRecord
 from gyro_drift_filter.core.rest.records import derive_lengths
 from gyro_drift_filter.core.sample import (
-    LARGEST_ACCELERATION,
     RESULT,
     SAMPLE,
     STARTED,
@@ -78,17 +56,8 @@ from gyro_drift_filter.core.sample import (
     are_equal,
     is_usable,
 )
-from gyro_drift_filter.core.sensor_checks import (
-    are_rates_held,
-    equal_rates,
-    forget_turn,
-    has_fault,
-    may_hang,
-    measures_exact_rest,
-    note_turn,
-    note_values,
-)
-from gyro_drift_filter.core.settings import Settings
+from gyro_drift_filter.core.sensor_changes import adopt_sensor_period, doubt_rest, forget_rest
+from gyro_drift_filter.core.sensor_checks import may_hang, measures_exact_rest, note_values
 from gyro_drift_filter.core.zeros import has_failed_to_read
 
 # The most that one sample adds to the sum: a start of motion may be any number.
@@ -141,7 +110,7 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
     number = state['counts']['samples'] - state['counts']['repeats']
     message = note_message(state['polling'], state['checks'], sample, number)
     if message == Message.POLLING_FOUND:
-        _adopt_sensor_period(filter_)
+        adopt_sensor_period(filter_)
     period, elapsed, missing, jumped = clock['period'], 0.0, 0, False
     needs_half = False
     if message != Message.REPEAT:
@@ -157,12 +126,12 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
         )
         result['status'] = SampleStatus.FILTERED
         needs_half = _look_at_counts(sample, missing == 0 and not jumped, filter_)
-    message_period = _message_period(state)
-    note_values(state['checks'], sample, message_period, state['bias']['rest'])
+    seconds = message_period(state['polling'], clock['period'])
+    note_values(state['checks'], sample, seconds, state['bias']['rest'])
     if state['checks']['comes_alive']:
-        _doubt_rest(filter_)
-    if measures_exact_rest(state['checks'], message_period):
-        _forget_rest(filter_)
+        doubt_rest(filter_)
+    if measures_exact_rest(state['checks'], seconds):
+        forget_rest(filter_)
     if message == Message.REPEAT:
         _repeat_result(result)
         return
@@ -182,14 +151,14 @@ def _filter_sample(
     settings, state = filter_['settings'], filter_['state']
     clock, result, period = state['clock'], state['result'], filter_['coefficients']['period']
     if settings['is_sensitive']:
-        _subtract_acceleration(sample, state['linear_acceleration'], settings)
+        subtract_acceleration(sample, state['linear_acceleration'], settings)
     follows = missing == 0 and not jumped
     possible = possibly_missing(clock, elapsed, period) if follows else 0
     _stop_coasting(sample, missing, jumped, filter_)
     _filter_axes(sample, missing, possible, filter_)
     in_gap = possibly_in_gap(clock, possible)
     _subtract_bias(sample, elapsed, missing, in_gap, jumped, filter_)
-    _apply_calibration(settings, result)
+    apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
         sample['angular_velocity'][axis] = state['checks']['measured'][axis]
@@ -202,75 +171,10 @@ def _filter_sample(
 
 
 @kernel
-def _message_period(state: State) -> float:
-    """Return the time in s from one message to the next."""
-    return float(state['clock']['period'] * state['polling']['samples_per_message'])
-
-
-@kernel
 def _repeat_result(result: Result) -> None:
     """Give the result of the sample before once more."""
     if result['status'] == SampleStatus.FILTERED:
         result['status'] = SampleStatus.REPEATED
-
-
-@kernel
-def _adopt_sensor_period(filter_: FilterRecord) -> None:
-    """Adopt the sensor's own sample period, and start over: each repeat counted as a sample."""
-    state, sample_rate = filter_['state'], filter_['settings']['sample_rate']
-    lengthen_period(state['clock'], 1.0 / state['polling']['samples_per_message'], sample_rate)
-    methods.start_over(filter_)
-    leave_rest(state['bias'])
-    forget_noise(state['bias']['rest'])
-
-
-@kernel
-def _doubt_rest(filter_: FilterRecord) -> None:
-    """Doubt what was learned at rest: an axis has changed for the first time.
-
-    Its device may not have been ready when the driver was, so that it has not measured so far.
-    """
-    bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
-    # A bias that is kept from the last run does not depend on it.
-    if bias['segments'] > 0 or has_provisional(bias):
-        methods.start_over(filter_)
-        doubt_noise(bias['rest'])
-        widen(bias, deviation * deviation)
-        # It comes alive where the robot starts: gravity tells no more than at any start of motion.
-        limit_prior(bias['motion'])
-
-
-@kernel
-def doubt_sensor(filter_: FilterRecord) -> None:
-    """Doubt the bias, and forget how the body lies: another sensor measures from now on."""
-    bias, deviation = filter_['state']['bias'], filter_['settings']['bias_turn_on_deviation']
-    forget_history(filter_)
-    lose_direction(bias['motion'])
-    lose_direction(bias['wide_prior'])
-    forget_scale(bias['motion'])
-    filter_['state']['checks']['living_rates']['count'] = 0
-    # Of sensors that alternate each message is another one's: once between two rests is enough.
-    lacking = deviation * deviation - bias['process_noise']
-    if lacking > 0.0 and has_learned_bias(bias):
-        leave_rest(bias)
-        widen(bias, lacking)
-        limit_prior(bias['motion'])
-    if not has_bias(bias):
-        doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
-    forget_contradiction(bias)
-
-
-@kernel
-def _forget_rest(filter_: FilterRecord) -> None:
-    """Forget the rests there were: a sensor that measures rest exactly has no noise in one."""
-    bias = filter_['state']['bias']
-    # A device that is not ready may do so, too, and a bias of the last run does not depend on it.
-    if bias['known'] and bias['segments'] == 0:
-        return
-    if has_learned_bias(bias):
-        methods.start_over(filter_)
-        forget_bias(bias, filter_['settings']['bias_turn_on_deviation'])
-    expect_no_noise(bias['rest'])
 
 
 @kernel
@@ -288,28 +192,6 @@ def _look_at_counts(sample: Sample, follows: bool, filter_: FilterRecord) -> boo
         if (before or needs_half) and has_learned_bias(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
     return needs_half
-
-
-@kernel
-def _subtract_acceleration(sample: Sample, last: PerAxis, settings: Settings) -> None:
-    """Subtract from the rates what the acceleration adds to them, so that no bias contains it.
-
-    `last` (3,) in m/s^2 is the last usable one, up to this sample.
-    """
-    rate, sensitivity = sample['angular_velocity'], settings['calibration_acceleration_sensitivity']
-    usable, now = True, sample['linear_acceleration']
-    for axis in range(3):
-        usable = usable and abs(now[axis]) <= LARGEST_ACCELERATION  # False for NaN
-    if usable:
-        for axis in range(3):
-            last[axis] = now[axis]
-    for axis in range(3):
-        row = 3 * axis
-        rate[axis] -= (
-            sensitivity[row] * last[0]
-            + sensitivity[row + 1] * last[1]
-            + sensitivity[row + 2] * last[2]
-        )
 
 
 @kernel
@@ -424,9 +306,9 @@ def _subtract_bias(
     track_bias(filter_, sample, trusted, missing, elapsed)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
-    _note_turn(missing, jumped, filter_)
+    note_body_turn(missing, jumped, filter_)
     if settings['bias_in_motion']:
-        _track_motion(sample, missing, in_gap, filter_)
+        learn_in_motion(sample, missing, in_gap, filter_)
     in_motion = settings['bias_in_motion'] and not at_rest and not bias['contradicts']
     refused = result['status'] == SampleStatus.REFUSED
     for axis in range(3):
@@ -449,134 +331,6 @@ def _subtract_bias(
                     let_shift_vary(bias['motion'], axis, rounding)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
-
-
-@kernel
-def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
-    """Note by how much the body turns with a sample, if that is known."""
-    state = filter_['state']
-    bias, checks = state['bias'], state['checks']
-    if bias['rest']['at_rest']:
-        checks['accelerometer_hangs'] = False
-    if bias['rest']['at_rest'] or state['result']['status'] == SampleStatus.REFUSED or jumped:
-        forget_turn(checks)
-        return
-    seconds, period = state['clock']['period'] * (1 + missing), _message_period(state)
-    note_turn(checks, state['filtered'], bias['bias'], has_bias(bias), seconds, period)
-
-
-@kernel
-def _track_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
-    """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
-
-    A rate that a method has flagged for its own lag was measured all the same, if a body can have
-    come to it since the sample before.
-    """
-    state, workspace = filter_['state'], filter_['workspace']['motion']
-    bias, result, force = state['bias'], state['result'], sample['linear_acceleration']
-    if not bias['motion']['directed'] and not abs(force[0]) + abs(force[1]) + abs(force[2]) > 0.0:
-        forget_contradiction(bias)  # there is no accelerometer
-        return
-    seconds = state['clock']['period'] * (1 + missing)
-    largest_change = filter_['settings']['outlier_acceleration'] * seconds
-    workspace['sound'], flags_motion = True, methods.flags_motion(filter_)
-    for axis in range(3):
-        rate = sample['angular_velocity'][axis]
-        follows = abs(rate - state['taken'][axis]) <= largest_change  # False for NaN
-        if result['outlier'][axis] > 0.0 and not (flags_motion and follows):
-            rate = result['angular_velocity'][axis]
-            workspace['sound'] = False
-        workspace['rate'][axis] = rate
-    _note_missed_turn(missing, in_gap, state, workspace)
-    _follow(bias['motion'], sample, seconds, filter_)
-    if has_bias(bias):
-        if has_fault(state['checks']):
-            forget_contradiction(bias)  # nobody knows how the body turns about that axis
-        note_contradiction(bias)
-    else:
-        if has_fault(state['checks']):
-            lose_direction(bias['wide_prior'])  # nobody knows how the body turns about that axis
-        _follow(bias['wide_prior'], sample, seconds, filter_)
-        correct_unknown_bias(bias, filter_['settings']['bias_max'])
-
-
-@kernel
-def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: MotionWorkspace) -> None:
-    """Note in the workspace how the body may have turned where nobody has measured it.
-
-    A rate may be beyond the end of its range. In a gap the body has turned at the rate before it or
-    behind it, whichever is larger, and over samples that only may be missing at the one behind.
-    """
-    period, at_limit = state['clock']['period'], state['checks']['range_end']['at_limit']
-    fastest = before = clipped = 0.0
-    for axis in range(3):
-        rate = abs(workspace['rate'][axis])
-        fastest = max(fastest, rate)
-        if at_limit[axis]:
-            clipped = max(clipped, rate)
-        if missing > 0 and is_usable(state['taken'][axis]):
-            before = max(before, abs(state['taken'][axis]))
-    unmeasured = _unmeasured_seconds(state, missing, fastest)
-    missed = clipped * period * (1 + missing) + max(before, fastest) * unmeasured
-    if period * in_gap > KNOWN_TURN_SECONDS:
-        missed += fastest * period * in_gap
-    workspace['fastest'], workspace['unmeasured_seconds'] = fastest, unmeasured
-    workspace['missed_turn'] = missed
-
-
-@kernel
-def _unmeasured_seconds(state: State, missing: int, fastest: float) -> float:
-    """Return for how long (s) a rate has not been measured by now; 0 where that is no time.
-
-    It is no usable number, samples are missing, or a bus hangs that sends the same rates again.
-    `fastest` is the largest rate of the sample in rad/s.
-    """
-    period, coasted, checks = state['clock']['period'], state['coasted'], state['checks']
-    lasted = period * (1 + max(coasted[0], coasted[1], coasted[2], missing))
-    if not state['bias']['rest']['at_rest'] and are_rates_held(checks, fastest):
-        lasted = max(lasted, _message_period(state) * (1 + equal_rates(checks)))
-    if lasted <= KNOWN_TURN_SECONDS:
-        return 0.0
-    seconds = period * (1 + missing)
-    return float(lasted if lasted - seconds <= KNOWN_TURN_SECONDS else seconds)
-
-
-@kernel
-def _follow(motion: MotionBias, sample: Sample, seconds: float, filter_: FilterRecord) -> None:
-    """Update by the workspace's rates."""
-    state, workspace = filter_['state'], filter_['workspace']['motion']
-    refused = state['result']['status'] == SampleStatus.REFUSED
-    if refused or state['clock']['period'] > KNOWN_TURN_SECONDS:
-        lose_direction(motion)  # nobody knows how the body turns from one sample to the next
-        return
-    if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
-        lose_direction(motion)
-    if workspace['missed_turn'] > 0.0 or motion['missed_turn'] > 0.0:
-        miss_turn(motion, workspace)
-    rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
-    track_motion(motion, workspace, sample, seconds, rest, lengths)
-
-
-@kernel
-def _apply_calibration(settings: Settings, result: Result) -> None:
-    """Turn the rate into M rate, and its covariance, which is diagonal so far, into M C M'."""
-    rate, variance = result['angular_velocity'], result['angular_velocity_variance']
-    covariance, matrix = result['angular_velocity_covariance'], settings['calibration_matrix']
-    if not settings['is_calibrated'] or result['status'] == SampleStatus.REFUSED:
-        for pair in range(3):
-            covariance[pair] = 0.0
-        return
-    x, y, z = rate[0], rate[1], rate[2]
-    u, v, w = variance[0], variance[1], variance[2]
-    pair = 0
-    for i in range(3):
-        a, b, c = matrix[3 * i], matrix[3 * i + 1], matrix[3 * i + 2]
-        rate[i] = a * x + b * y + c * z
-        variance[i] = a * a * u + b * b * v + c * c * w
-        for k in range(i + 1, 3):
-            other = a * u * matrix[3 * k] + b * v * matrix[3 * k + 1] + c * w * matrix[3 * k + 2]
-            covariance[pair] = other
-            pair += 1
 
 
 @kernel

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import PerAxis, entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.records import FILTER, FilterRecord
-from gyro_drift_filter.core.step import doubt_sensor, step
+from gyro_drift_filter.core.sensor_changes import doubt_sensor
+from gyro_drift_filter.core.step import step
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.imu import (
     IMU,
