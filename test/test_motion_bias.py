@@ -108,6 +108,26 @@ def test_gravity_shows_the_shift_of_the_bias_where_the_body_tilts(random):
     assert np.mean(left[True]) < 0.8 * np.mean(left[False])
 
 
+@pytest.mark.slow
+def test_who_has_stood_for_long_follows_the_bias_in_motion_all_the_same(random):
+    """It stands in its dock for half an hour, and warms up as it is carried about.
+
+    The longer it had stood, the less the bias was expected to move: gravity showed nothing of it,
+    and the accelerometer was said to contradict the gyroscope.
+    """
+    stood, carried, rate = 1800.0, 600.0, 100.0
+    motion = motion_below(2.0, random, round(carried * rate), rate)
+    motion *= 1.2 / motion.std() * np.minimum(1.0, np.arange(len(motion)) / rate)[:, None]
+    rates = np.vstack([np.zeros((round(stood * rate), 3)), motion])
+    force = turning_gravity(rates, rate) + 0.02 * random.standard_normal(rates.shape)
+    warmth = 1.0 - np.exp(-np.clip(np.arange(len(rates)) / rate - stood, 0.0, None) / 300.0)
+    bias = 0.3 * DEGREE * np.outer(warmth, [1.0, 0.7, -1.0])
+    filter_ = Filter()
+    results = run(filter_, rates + bias + 5e-4 * random.standard_normal(rates.shape), force)
+    assert not filter_.state['bias']['contradicts']
+    assert np.abs(results['bias'] - bias).max() < 0.15 * DEGREE
+
+
 @pytest.mark.parametrize(('noise', 'largest'), [(1e-5, 3e-6), (1e-4, 1e-4)])
 def test_what_speeds_up_and_brakes_moves_no_bias_of_a_good_sensor(noise, largest, random):
     """It drives at one to two m/s for ten minutes, and such a gyroscope does not walk so far."""

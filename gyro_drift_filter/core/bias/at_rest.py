@@ -77,7 +77,8 @@ if TYPE_CHECKING:
 # At rest the bias walks slower than in motion, in which it may also warm up: share of the variance.
 # With more a quiet sensor's bias follows the slow part of its noise.
 REST_SHARE = 0.003
-# How fast the bias walks is learned from how well it was predicted, with WALK_LEARNING per segment.
+# How fast the bias walks is learned from how well it was predicted, with WALK_LEARNING per segment:
+# in motion from the first segment of a rest, at rest from the others.
 # A squared innovation counts for LARGEST_SURPRISE variances at most, and the variance of the walk
 # is at least LEAST_WALK of what the parameter allows.
 WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
@@ -116,7 +117,7 @@ def start_bias(
     forget_contradiction(state)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
-    state['walk'] = 1.0
+    state['walk'] = state['walk_at_rest'] = 1.0
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['temperature'] = np.nan
@@ -193,7 +194,10 @@ def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
     state['rest_seconds'] = 0.0 if at_rest else state['rest_seconds'] + elapsed
     walked = random_walk * random_walk * elapsed
     state['largest_process_noise'] += walked * max(state['walk'], 1.0)
-    process_noise = walked * state['walk'] * (REST_SHARE if at_rest else 1.0)
+    walk = state['walk']
+    if at_rest:
+        walk = REST_SHARE * state['walk_at_rest'] * max(walk, 1.0)
+    process_noise = walked * walk
     state['process_noise'] += process_noise
     state['motion']['pending_process_noise'] += process_noise
     state['wide_prior']['pending_process_noise'] += process_noise
@@ -383,9 +387,15 @@ def _correct(state: Bias) -> None:
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
     exponent = WALK_LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
-    # Only `_expect_warm_up` lets it be more than the parameter allows.
-    largest = max(state['walk'], 1.0)
-    state['walk'] = min(max(state['walk'] * math.exp(exponent), LEAST_WALK), largest)
+    factor, walk = math.exp(exponent), state['walk']
+    if state['rest_seconds'] > 0.0:
+        # Only `_expect_warm_up` lets it be more than the parameter allows.
+        state['walk'] = min(max(walk * factor, LEAST_WALK), max(walk, 1.0))
+    elif walk > 1.0:
+        state['walk'] = min(max(walk * factor, 1.0), walk)
+    else:
+        # How far it walks in motion a stand at one temperature does not say.
+        state['walk_at_rest'] = min(max(state['walk_at_rest'] * factor, LEAST_WALK), 1.0)
     state['recent'][0]['process_noise'] = state['process_noise']
     state['recent'][0]['largest_process_noise'] = state['largest_process_noise']
 

@@ -70,7 +70,10 @@ class Bias(TypedDict):
     assumed_variance: PerAxis
     contradicts: bool  # rates and accelerations are not of one motion
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
-    walk: float  # share of the random walk's variance that the bias takes
+    # shares of the random walk's variance that the bias takes: in motion, where a warm-up makes it
+    # more than 1, and of what is allowed at rest
+    walk: float
+    walk_at_rest: float
     process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment
     largest_process_noise: float  # (rad/s)^2, the same with all of the random walk
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
