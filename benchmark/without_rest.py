@@ -23,6 +23,9 @@ at the start, and later with `bias.in_motion` off and on; for a sensor with the 
 cheap one, and for a sensor that has none. The last column is the mean over the first 20 s of the
 next run, when the bias has moved by 0.5 deg/s on each axis, without the memory file and with it.
 
+A second table has the error where the robot is switched on in motion with the bias of an earlier
+run, which is right or has moved by 0.5 deg/s on each axis since.
+
 FOLDER holds recordings of flights and walks with a known bias. They are run from 35 s on, with a
 further bias of some sizes in `--seeds` directions.
 """
@@ -40,6 +43,7 @@ from benchmark.vehicles import parsed
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.bias.shift import NO_SHIFT
 from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.sensor import DEGREE
@@ -59,6 +63,9 @@ SOON_KNOWN = [name for name in VEHICLES if name != 'car']
 SENSORS = {'uncalibrated': 2.0 * DEGREE, 'without a bias': 0.0}
 # The error in the end is at most this share of that at the start, or this much, in 1e-3 rad/s.
 LEFT, NOTHING = 0.35, 5.0
+# What has become of a bias of an earlier run, in rad/s; and its error at most, in 1e-3 rad/s, where
+# it is right or where that is more than LEFT of the error at the start.
+MEMORIES, KEPT = {'is right': 0.0, 'has moved': REPEATABILITY}, 3.0
 # Of recordings: where they begin and end, in s, and what is added to their bias, in deg/s. Gravity
 # is the mean acceleration over so many s.
 RECORDED, LANDING, ADDED, GRAVITY_SECONDS = 35.0, 12.0, (0.0, 0.5, 1.0, 2.0), 4.0
@@ -105,6 +112,17 @@ def errors_of_next_run(of: Ride, seed: int) -> Array:
     if learned is not None:
         learned.give(remembered)
     return np.array([errors_of(start, filter_).mean() for filter_ in (forgotten, remembered)])
+
+
+def errors_beside_memory(of: Ride, moved: float, seed: int) -> Array:
+    """Return the errors (n,) in 1e-3 rad/s of a filter that is given a bias of an earlier run.
+
+    Since then it has moved by a deviation in rad/s on each axis.
+    """
+    before = of.bias[0] + moved * np.random.default_rng(seed).standard_normal(3)
+    filter_ = Filter()
+    RememberedBias(before.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    return errors_of(of, filter_)
 
 
 def at_times(errors: Sequence[Array]) -> Array:
@@ -157,6 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsed(__doc__, arguments, list(VEHICLES))
     later = (f'after {seconds} s: off  on' for seconds in AFTER)
     rows = [['', 'at the start', *later, 'next run: forgotten  remembered']]
+    with_memory = [['bias of an earlier run', 'at the start', *(f'{s} s' for s in AFTER)]]
     missed = []
     for name in options.only:
         for kind, turn_on in SENSORS.items():
@@ -173,7 +192,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows.append([f'{name}, {kind}', f'{off[0]:.1f}', *cells, in_next])
             if on[-1] > max(LEFT * off[-1], NOTHING):
                 missed.append(f'{name}, {kind}: an error of {on[-1]:.1f}e-3 rad/s is left')
+        # The rides are those of the sensors without a bias.
+        for kind, moved in MEMORIES.items():
+            tell(f'riding: {name}, with a memory that {kind} ...')
+            errors = [errors_beside_memory(of, moved, seed) for seed, of in enumerate(rides)]
+            start, *after = at_times(errors)
+            with_memory.append([f'{name}: {kind}', *(f'{error:.1f}' for error in (start, *after))])
+            if max(after[-1], 0.0 if moved else max(after)) > max(LEFT * start, KEPT):
+                missed.append(
+                    f'{name}, with a memory that {kind}: {after[-1]:.1f}e-3 rad/s is left'
+                )
     print(table(rows))
+    print(table(with_memory))
     if options.data:
         rows = [['recorded, with another bias of', 'off', 'on', 'on, worst']]
         for added in ADDED:

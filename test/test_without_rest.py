@@ -27,11 +27,13 @@ from benchmark.without_rest import (
     SAMPLE_RATE,
     SECONDS,
     errors_across,
+    errors_beside_memory,
     errors_of,
     started_in_motion,
 )
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.motion_state import BIAS
+from gyro_drift_filter.core.bias.shift import NO_SHIFT
 from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.messages.memory_file import RememberedBias
@@ -274,6 +276,28 @@ def test_the_next_run_begins_with_what_motion_has_shown(walk):
     across = rotate(walk.orientations[start], off)[:, :2]
     raw = rotate(walk.orientations[start], walk.bias[start])[:, :2]
     assert np.linalg.norm(across, axis=1).mean() < 0.3 * np.linalg.norm(raw, axis=1).mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('vehicle', 'seed'), [('drone', 1), ('hand', 1)])
+@pytest.mark.parametrize('moved', [1.0, 2.0])
+def test_a_bias_of_an_earlier_run_that_has_moved_since_is_corrected(vehicle, seed, moved):
+    """It was kept until the first rest, and the accelerometer was said to contradict it."""
+    of = started_in_motion(vehicle, seed, 2.0 * DEGREE)
+    before = of.bias[0] - moved * DEGREE * np.array([0.6, -0.64, 0.48])
+    filter_ = Filter()
+    RememberedBias(before.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    off = rotate(of.orientations, run(of, filter_)['bias'] - of.bias)[:, :2]
+    assert not filter_.state['bias']['contradicts']
+    assert np.linalg.norm(off[-1]) < 0.2 * np.linalg.norm(off[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [4, 10, 15])
+def test_a_car_keeps_the_bias_of_an_earlier_run(seed):
+    """Within its first minute, what it speeds up and brakes by looks like a bias of 0.5 deg/s."""
+    of = started_in_motion('car', seed, 2.0 * DEGREE)
+    assert errors_beside_memory(of, 0.0, seed).max() < 3.0
 
 
 def test_it_is_off_where_the_bias_in_motion_is(walk):

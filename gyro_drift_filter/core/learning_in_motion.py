@@ -25,7 +25,11 @@ from gyro_drift_filter.core.bias.in_motion import (
 )
 from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.motion_state import MotionBias
-from gyro_drift_filter.core.bias.records import forget_contradiction, has_bias
+from gyro_drift_filter.core.bias.records import (
+    forget_contradiction,
+    has_bias,
+    is_remembered,
+)
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.polling import message_period
 from gyro_drift_filter.core.records import FilterRecord, State
@@ -73,6 +77,7 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
         follows = abs(rate - state['taken'][axis]) <= largest_change  # False for NaN
+        bias['motion']['contradictions'] = 0  # an error of the bias may be why
         if result['outlier'][axis] > 0.0 and not (flags_motion and follows):
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
@@ -80,7 +85,7 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
     _note_missed_turn(missing, in_gap, state, workspace)
     _follow(bias['motion'], sample, seconds, filter_)
     faulty = has_fault(state['checks'])  # nobody knows how the body turns about that axis
-    if has_bias(bias):
+    if has_bias(bias) and not is_remembered(bias):
         if faulty:
             forget_contradiction(bias)
         note_contradiction(bias)

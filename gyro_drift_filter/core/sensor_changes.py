@@ -27,6 +27,7 @@ from gyro_drift_filter.core.bias.records import (
     has_learned_bias,
     has_provisional,
     widen,
+    is_remembered,
 )
 from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
 from gyro_drift_filter.core.clock.envelope import lengthen_period
@@ -86,7 +87,7 @@ def forget_rest(filter_: FilterRecord) -> None:
     """Forget the rests there were: a sensor that measures rest exactly has no noise in one."""
     bias = filter_['state']['bias']
     # A device that is not ready may do so, too, and a bias of the last run does not depend on it.
-    if bias['known'] and bias['segments'] == 0:
+    if is_remembered(bias):
         return
     if has_learned_bias(bias):
         methods.start_over(filter_)

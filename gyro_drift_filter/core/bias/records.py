@@ -110,6 +110,12 @@ def bias_variance(state: Bias, axis: int) -> float:
 
 
 @kernel
+def is_remembered(state: Bias) -> bool:
+    """Return whether the bias is one of an earlier run, and no rest of this one has shown it."""
+    return bool(state['known'] and state['segments'] == 0)
+
+
+@kernel
 def has_provisional(state: Bias) -> bool:
     """Return whether the bias is a provisional one (`provisional.py`)."""
     return bool(state['provisional_variance'][0] > 0.0)
