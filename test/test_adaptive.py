@@ -155,6 +155,21 @@ def test_a_knock_is_believed_with_the_second_sample(random):
     assert abs(results['angular_velocity'][2001, 0] - z[2001, 0] - given_back) < 0.05
 
 
+@pytest.mark.parametrize('missing', [0, 2])
+def test_what_is_given_back_turns_with_the_body_while_samples_are_missing(random, missing):
+    """It belongs to an orientation of the past, and turned by one sample period over a gap."""
+    period, rate = 0.01, 5.0
+    rates = 1e-3 * random.standard_normal((500, 3)) + [0.0, 0.0, rate]
+    times, still = START + 10_000_000 * np.arange(500), np.zeros((500, 3))
+    filter_ = Filter()
+    filter_.run(times, rates, still)
+    axes = filter_.state['methods']['adaptive']
+    axes[0]['compensation'] = 0.05
+    filter_.run(times[-1:] + (1 + missing) * 10_000_000, rates[-1:], still[-1:])
+    x, y = axes[0]['compensation'], axes[1]['compensation']
+    assert np.arctan2(y, x) == pytest.approx(-rate * (1 + missing) * period, abs=2e-3)
+
+
 # The largest angle that is lost for some time, in deg: at 100 Hz a sample is 14 deg.
 @pytest.mark.parametrize(('rate', 'largest'), [(100, 18), (200, 5), (400, 2), (1000, 0.5)])
 @pytest.mark.parametrize('shake', [1.0, 10.0, 30.0])

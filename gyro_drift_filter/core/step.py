@@ -252,7 +252,7 @@ def _filter_axes(sample: Sample, missing: int, possible: int, filter_: FilterRec
             methods.predict(filter_, axis)
         else:
             methods.coast(filter_, axis)
-    methods.compare_axes(filter_, sample)
+    methods.compare_axes(filter_, sample, missing)
     for axis in range(3):
         if not tracking[axis]:
             continue

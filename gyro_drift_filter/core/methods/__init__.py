@@ -189,10 +189,13 @@ def note_circumstances(filter_: 'FilterRecord', sample: Sample, possibly_missing
 
 
 @kernel
-def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
-    """Look at the rates of all axes together, between prediction and update."""
+def compare_axes(filter_: 'FilterRecord', sample: Sample, missing: int) -> None:
+    """Look at the rates of all axes together, between prediction and update.
+
+    Before the sample `missing` ones were lost.
+    """
     if filter_['settings']['method'] == ADAPTIVE:
-        adaptive.compare_axes(filter_, sample)
+        adaptive.compare_axes(filter_, sample, missing)
 
 
 @inlined_kernel

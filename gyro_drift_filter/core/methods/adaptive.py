@@ -208,10 +208,11 @@ def coast(state: AdaptiveAxis, workspace: AdaptiveWorkspace, axis: int, modes: M
 
 
 @kernel
-def compare_axes(filter_: 'FilterRecord', sample: Sample) -> None:
-    """Look at the rates of all axes together, between prediction and update."""
+def compare_axes(filter_: 'FilterRecord', sample: Sample, missing: int) -> None:
+    """Turn what is to be given back with the body, and look at the rates of all axes together."""
     state = filter_['state']
-    turn_compensation(state['methods']['adaptive'], state['clock']['period'])
+    seconds = (1 + missing) * state['clock']['period']
+    turn_compensation(state['methods']['adaptive'], seconds)
     note_rates(filter_, sample)
 
 

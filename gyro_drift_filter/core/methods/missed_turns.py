@@ -142,8 +142,8 @@ def _without_denormal(angle: float) -> float:
 
 
 @kernel
-def turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
-    """Turn the angles that are still to be given back against the body, over a period in s.
+def turn_compensation(axes: Sequence[AdaptiveAxis], seconds: float) -> None:
+    """Turn the angles that are still to be given back against the body, which has turned so long.
 
     They belong to an orientation of the past, and stay what they are only in a frame that does not
     turn. The rotation is that of the last sample (Rodrigues).
@@ -151,8 +151,8 @@ def turn_compensation(axes: Sequence[AdaptiveAxis], period: float) -> None:
     x, y, z = axes[0]['compensation'], axes[1]['compensation'], axes[2]['compensation']
     if x == 0.0 and y == 0.0 and z == 0.0:
         return
-    a, b = axes[0]['last_accepted'] * period, axes[1]['last_accepted'] * period
-    c = axes[2]['last_accepted'] * period
+    a, b = axes[0]['last_accepted'] * seconds, axes[1]['last_accepted'] * seconds
+    c = axes[2]['last_accepted'] * seconds
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
     across, within = rotation_terms(square)
     axes[0]['compensation'] = x - across * (b * z - c * y) + within * (a * along - x * square)
