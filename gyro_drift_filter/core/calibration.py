@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of the sensor from a calibration: the effect of accelerations, and the matrix."""
+"""Apply a calibration: subtract the effect of accelerations, and multiply by the matrix.
+
+`calibrate/` finds both. What `~/calibrate` finds is the bias (`commands.py`).
+"""
 
 from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Result, Sample, SampleStatus

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a sample tells of the bias in motion, and of the turn of the body."""
+"""What a sample tells of the bias in motion.
+
+That is the rates that `bias/in_motion.py` follows, and how the body may have turned unmeasured.
+"""
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core import methods
@@ -37,26 +40,9 @@ from gyro_drift_filter.core.sample import Sample, SampleStatus, is_usable
 from gyro_drift_filter.core.sensor_checks import (
     are_rates_held,
     equal_rates,
-    forget_turn,
     has_fault,
     may_hang,
-    note_turn,
 )
-
-
-@kernel
-def note_body_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
-    """Note by how much the body turns with a sample, if that is known."""
-    state = filter_['state']
-    bias, checks = state['bias'], state['checks']
-    if bias['rest']['at_rest']:
-        checks['accelerometer_hangs'] = False
-    if bias['rest']['at_rest'] or state['result']['status'] == SampleStatus.REFUSED or jumped:
-        forget_turn(checks)
-        return
-    period = state['clock']['period']
-    seconds, message = period * (1 + missing), message_period(state['polling'], period)
-    note_turn(checks, state['filtered'], bias['bias'], has_bias(bias), seconds, message)
 
 
 @kernel
@@ -77,7 +63,6 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
     for axis in range(3):
         rate = sample['angular_velocity'][axis]
         follows = abs(rate - state['taken'][axis]) <= largest_change  # False for NaN
-        bias['motion']['contradictions'] = 0  # an error of the bias may be why
         if result['outlier'][axis] > 0.0 and not (flags_motion and follows):
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
@@ -92,6 +77,7 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
     else:
         if faulty:
             lose_direction(bias['wide_prior'])
+        bias['motion']['contradictions'] = 0  # an error of the bias may be why
         _follow(bias['wide_prior'], sample, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 

@@ -14,7 +14,8 @@
 
 """What is forgotten where the sensor turns out to be another than it seemed.
 
-It is polled, an axis was dead so far, it measures rest exactly, or another device measures now.
+The driver polls it faster than it measures, an axis that seemed dead comes alive, it measures rest
+exactly, or the messages come from another sensor.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -26,8 +27,8 @@ from gyro_drift_filter.core.bias.records import (
     has_bias,
     has_learned_bias,
     has_provisional,
-    widen,
     is_remembered,
+    widen,
 )
 from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
 from gyro_drift_filter.core.clock.envelope import lengthen_period

@@ -21,12 +21,17 @@ from gyro_drift_filter.accelerate import entry_kernel, inlined_kernel, kernel, r
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import leave_rest, track_bias
 from gyro_drift_filter.core.bias.motion_state import BIAS, motion_variance
-from gyro_drift_filter.core.bias.records import bias_variance, has_learned_bias, widen
+from gyro_drift_filter.core.bias.records import (
+    bias_variance,
+    has_bias,
+    has_learned_bias,
+    widen,
+)
 from gyro_drift_filter.core.bias.shift import let_shift_vary
 from gyro_drift_filter.core.calibration import apply_calibration, subtract_acceleration
 from gyro_drift_filter.core.clock.envelope import advance_clock, note_elapsed
 from gyro_drift_filter.core.clock.losses import possibly_in_gap, possibly_missing
-from gyro_drift_filter.core.learning_in_motion import learn_in_motion, note_body_turn
+from gyro_drift_filter.core.learning_in_motion import learn_in_motion
 from gyro_drift_filter.core.out_of_sequence import (
     go_back,
     insert_sample,
@@ -57,7 +62,13 @@ from gyro_drift_filter.core.sample import (
     is_usable,
 )
 from gyro_drift_filter.core.sensor_changes import adopt_sensor_period, doubt_rest, forget_rest
-from gyro_drift_filter.core.sensor_checks import may_hang, measures_exact_rest, note_values
+from gyro_drift_filter.core.sensor_checks import (
+    forget_turn,
+    may_hang,
+    measures_exact_rest,
+    note_turn,
+    note_values,
+)
 from gyro_drift_filter.core.zeros import has_failed_to_read
 
 # The most that one sample adds to the sum: a start of motion may be any number.
@@ -290,7 +301,7 @@ def _update_axis(rate: float, axis: int, filter_: FilterRecord) -> None:
 def _subtract_bias(
     sample: Sample, elapsed: float, missing: int, in_gap: int, jumped: bool, filter_: FilterRecord
 ) -> None:
-    """Learn the bias if this is rest, and subtract it from the result.
+    """Learn the bias, at rest or in motion, and subtract it from the result.
 
     Up to `in_gap` samples may be missing in a gap before this one, beside those that are for sure.
     """
@@ -306,7 +317,7 @@ def _subtract_bias(
     track_bias(filter_, sample, trusted, missing, elapsed)
     at_rest = bias['rest']['at_rest']
     result['at_rest'] = at_rest
-    note_body_turn(missing, jumped, filter_)
+    _note_turn(missing, jumped, filter_)
     if settings['bias_in_motion']:
         learn_in_motion(sample, missing, in_gap, filter_)
     in_motion = settings['bias_in_motion'] and not at_rest and not bias['contradicts']
@@ -331,6 +342,21 @@ def _subtract_bias(
                     let_shift_vary(bias['motion'], axis, rounding)
             result['angular_velocity'][axis] -= mean
             result['angular_velocity_variance'][axis] += variance
+
+
+@kernel
+def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
+    """Note by how much the body turns with a sample, if that is known."""
+    state = filter_['state']
+    bias, checks = state['bias'], state['checks']
+    if bias['rest']['at_rest']:
+        checks['accelerometer_hangs'] = False
+    if bias['rest']['at_rest'] or state['result']['status'] == SampleStatus.REFUSED or jumped:
+        forget_turn(checks)
+        return
+    period = state['clock']['period']
+    seconds, message = period * (1 + missing), message_period(state['polling'], period)
+    note_turn(checks, state['filtered'], bias['bias'], has_bias(bias), seconds, message)
 
 
 @kernel

@@ -18,9 +18,9 @@
 `acceptance.py` accepts; `segments.py` judges several of them together, `slow_turn.py` tells a slow
 turn from a bias that has jumped, `shaken_stand.py` has one of a robot that says that it stands and
 is never still, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias
-in motion by gravity, and `without_rest.py` finds it by that alone where there is no rest; its
-filter has its state in `motion_state.py`, and prediction and correction in `motion_filter.py`.
-`shared.py` is what is done to the bias in motion and to that at rest together, `shift.py` what the
-one is above the other, and `vibration.py` measures what moves them apart. `records.py` declares the
-state.
+in motion by gravity, by what `core/learning_in_motion.py` gives it, and `without_rest.py` finds it
+by that alone where there is no rest; its filter has its state in `motion_state.py`, and prediction
+and correction in `motion_filter.py`. `shared.py` is what is done to the bias in motion and to that
+at rest together, `shift.py` what the one is above the other, and `vibration.py` measures what moves
+them apart. `records.py` declares the state.
 """

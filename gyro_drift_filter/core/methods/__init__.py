@@ -35,13 +35,14 @@ For each sample `step.py` calls the first of these lines on all axes, then the s
 So the first sample goes through `predict` and `update`, too; the paper's methods skip both there,
 by `starting`. Coefficients are those of the sample period before the step; if the clock finds
 another one in the step, `change_period` is called at its end. The other verbs are for methods that
-need them: `note_circumstances` and `compare_axes` for what all axes show together, `change_period`
-for what is counted per sample, `start_over`, `learned_noise`, `noise_block_seconds` and
-`is_noise_known` for noise that is learned (`is_noise_known` is asked after `update`, but is about
-the innovation variance that was predicted before), `divergences` for a method that starts anew
-where it has diverged, `reason`, `innovation_limits` and `is_undecided` for one that judges samples
-by several rules, `flags_motion` for one that flags samples as it lags behind motion, `change_model`
-for what parameters replace, and `take_over` for a start at the rate of another method.
+need them: `note_circumstances` (of `adaptive` in `circumstances.py`) and `compare_axes` for what
+all axes show together, `change_period` for what is counted per sample, `start_over`,
+`learned_noise`, `noise_block_seconds` and `is_noise_known` for noise that is learned
+(`is_noise_known` is asked after `update`, but is about the innovation variance that was predicted
+before), `divergences` for a method that starts anew where it has diverged, `reason`,
+`innovation_limits` and `is_undecided` for one that judges samples by several rules, `flags_motion`
+for one that flags samples as it lags behind motion, `change_model` for what parameters replace, and
+`take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of the seven listed first, also where it

@@ -66,7 +66,8 @@ SURPRISE_DEVIATIONS = 3.0
 class Circumstances(TypedDict):
     """What is known of a sample beside its rate on the axis at hand."""
 
-    possibly_missing: int  # samples before it, which its stamp and earlier losses do not rule out
+    # samples before it, which its stamp and earlier losses do not rule out; 0 behind known ones
+    possibly_missing: int
     may_follow_gap: bool  # samples were missing before, and may be again before this one
     dropout: bool  # the sensor had nothing to report
     repeated: bool  # the sensor has not measured since the sample before

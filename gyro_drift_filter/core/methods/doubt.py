@@ -37,7 +37,7 @@ LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 
 
 class Doubt(TypedDict):
-    """The samples of one axis that are held back, and the last one."""
+    """The samples of one axis that are held back, the last one, and what is usual."""
 
     held: int  # consecutive samples that were held back or are missing
     unmeasured: int  # consecutive samples that were not measured, up to the last one
@@ -205,6 +205,9 @@ def _continues(doubt: Doubt, change: float, dropout: bool, limits: OutlierLimits
 
 
 @kernel
-def agreement(offset: float, jump: float, limits: OutlierLimits) -> float:
-    """Return the difference in rad/s up to which two held samples agree."""
-    return float(max(min(AGREEMENT * abs(offset), limits['agreement_limit']), jump))
+def agreement(offset: float, threshold: float, limits: OutlierLimits) -> float:
+    """Return the difference in rad/s up to which two held samples agree: by noise, or by motion.
+
+    `threshold` in rad/s is what noise does, `offset` in rad/s the jump of the first of the two.
+    """
+    return float(max(min(AGREEMENT * abs(offset), limits['agreement_limit']), threshold))

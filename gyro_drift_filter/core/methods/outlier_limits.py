@@ -43,10 +43,10 @@ JOLT_ACCELERATION = 300.0  # rad/s^2: ... or in a longer period, up to `LARGEST_
 class OutlierLimits(TypedDict):
     """Limits for one sample period."""
 
-    threshold: float  # typical or usual innovations
+    threshold: float  # outlier.threshold: a number of typical or usual innovations
     acceleration_limit: float  # rad/s, by `outlier.acceleration` in a sample period
-    least_jump: float  # rad/s,
-    least_jump_while_still: float  # rad/s, the same where the sensor is still
+    least_jump: float  # rad/s, in motion
+    least_jump_while_still: float  # rad/s
     growth_limit: float  # rad/s
     agreement_limit: float  # rad/s
     body_limit: float  # rad/s
@@ -57,7 +57,11 @@ class OutlierLimits(TypedDict):
 
 
 class InnovationLimits(TypedDict):
-    """What the innovation of the sample at hand has to exceed to be doubtful, in rad/s."""
+    """What the sample at hand has to exceed to be doubtful, in rad/s.
+
+    Its innovation has to exceed the first two. The last one is for its distance from the
+    prediction, the last accepted sample or the one before the last restart, whichever is nearest.
+    """
 
     innovation_threshold: float  # `outlier.threshold` typical or usual innovations
     least_jump: float  # by `outlier.acceleration`, or less where the sensor is still

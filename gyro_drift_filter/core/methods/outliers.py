@@ -50,7 +50,7 @@ from gyro_drift_filter.core.methods.reasons import Reason
 EXTRAPOLATION_POWER = 1.5  # the error of an extrapolation over n samples grows as n to this power
 GROWTH = 1.3  # motion that has only begun goes on growing by this factor a sample
 GROWTH_START = 4.0  # thresholds: a motion begins with a smaller step than that
-BODY_LIMIT_SAMPLES = 2  # more than other jumps have to agree where one is beyond `BODY_LIMIT`
+BODY_LIMIT_SAMPLES = 2  # so many more have to agree where a jump is beyond `body_limit`
 LARGEST_SHARE_HELD = 0.25  # of the samples: above it the doubt is wrong, not the samples
 # A foot that strikes the ground, or a body that falls, stops from any rate, with up to 6,000
 # rad/s^2. So in motion a shake excuses a jump of any size, if it explains the jump at this distance
@@ -81,8 +81,8 @@ def find_reason(
     held = doubt['held']
     if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
-    apart = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
-    beyond = apart > innovation_limits['body_jump']
+    nearest = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
+    beyond = nearest > innovation_limits['body_jump']
     threshold = innovation_limits['innovation_threshold']
     doubtful = beyond or (size > threshold and size > innovation_limits['least_jump'])
     if _is_within_reach(state, workspace, circumstances, limits, sample) and not dropout:
@@ -133,9 +133,10 @@ def _reason_behind_held(
     sample: float,
     beyond: bool,
 ) -> Reason:
-    """Return the reason for the decision on a sample that comes behind some that were held back.
+    """Return the reason for the decision on a sample behind some that were held back or missing.
 
-    Arguments as for `find_reason`; `beyond` is true of a sample that no body reaches.
+    `held` counts both. Arguments as for `find_reason`; `beyond` is true of a sample that no body
+    reaches.
     """
     doubt, innovation = state['doubt'], sample - workspace['prediction']
     size, threshold = abs(innovation), workspace['innovation_limits']['innovation_threshold']
@@ -146,8 +147,8 @@ def _reason_behind_held(
         goes_on = lasted or doubt['agreeing'] > limits['run']
         return Reason.DROPOUT_GOES_ON if goes_on else Reason.DROPOUT
     same_side = innovation * offset > 0.0
-    held_jump = limits['threshold'] * doubt['typical_innovation']
-    near = size <= held_jump * (held + 1.0) ** EXTRAPOLATION_POWER
+    held_threshold = limits['threshold'] * doubt['typical_innovation']
+    near = size <= held_threshold * (held + 1.0) ** EXTRAPOLATION_POWER
     # Beyond the prediction, on its other side, it is back as well: the prediction was off.
     away = same_side and size > 0.5 * threshold and size > RETURN * abs(offset)
     change = abs(sample - doubt['last_sample'])
@@ -175,13 +176,13 @@ def _reason_behind_held(
     if doubt['growing'] > 0 and goes_further(doubt, innovation, change, limits):
         return Reason.GROWN_AGAIN
     grows = same_side and size > GROWTH * abs(offset)
-    starts = abs(offset) < GROWTH_START * held_jump * (held * 1.0) ** EXTRAPOLATION_POWER
+    starts = abs(offset) < GROWTH_START * held_threshold * (held * 1.0) ** EXTRAPOLATION_POWER
     alone = doubt['agreeing'] <= 1  # a burst that lasts does not grow
     if grows and starts and alone and change < limits['growth_limit']:
         return Reason.GROWN
     if _goes_on(doubt, circumstances, limits, sample, last_accepted):
         return Reason.GONE_ON
-    alike = change <= agreement(offset, held_jump, limits)
+    alike = change <= agreement(offset, held_threshold, limits)
     run = limits['run'] + (BODY_LIMIT_SAMPLES if abs(offset) > limits['body_limit'] else 0)
     if alike and doubt['agreeing'] >= run:
         return Reason.AGREED

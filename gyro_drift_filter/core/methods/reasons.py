@@ -23,7 +23,7 @@ from gyro_drift_filter.accelerate import kernel
 class Decision(IntEnum):
     """What is to be done with a sample."""
 
-    ACCEPT = 0
+    ACCEPT = 0  # it corrects the modes; a CONSTANT starts them anew
     HOLD = 1  # back, until the samples after it say what it was
     START_ANEW = 2  # at this sample: what was held back was motion
     BRIDGE = 3  # nothing was measured, the prediction stands in for it
@@ -33,6 +33,8 @@ class Decision(IntEnum):
 class Reason(IntEnum):
     """Why a decision is what it is: `REASONS` says it, and `decision_of` which one it is.
 
+    The order matters, as `decision_of` and `limits_of` compare the numbers: a new one comes at the
+    end of its group.
     `outliers.py` judges a sample by its innovation. `adaptive` overrules it where the rate says
     nothing: for CONSTANT, REPEATED and AT_LIMIT. It also tells KNOCKED from RETURNED.
     """
@@ -79,7 +81,8 @@ REASONS: Mapping[int, str] = {
     'accelerometer felt; its angle is given back',
     Reason.CONSTANT: 'accepted: it has come so often in a row that it is the rate',
     Reason.FAR: 'beyond outlier.threshold and outlier.acceleration',
-    Reason.FAR_WHILE_STILL: 'beyond outlier.threshold, and the sensor stood still until then',
+    Reason.FAR_WHILE_STILL: 'beyond outlier.threshold, and the rate had been as steady as at rest '
+    'until then',
     Reason.BEYOND_BODY: 'a jump that no body makes within a sample period unless it is hit',
     Reason.BEYOND_REACH: 'beyond outlier.threshold, and further away than a body can have come '
     'since the last sample that was measured',
@@ -100,7 +103,7 @@ REASONS: Mapping[int, str] = {
     Reason.CROWDED_WHILE_HELD: 'taken for motion: too many were held back of late for all of them '
     'to be outliers',
     Reason.DROPOUT_GOES_ON: 'passed on: reads have failed for as long as samples are held back',
-    Reason.UNCONFIRMED: 'accepted: nothing speaks for the sample that the filter started at',
+    Reason.UNCONFIRMED: 'started anew: nothing speaks for the sample that the filter started at',
     Reason.REPEATED: 'bridged: the sensor has not measured since the sample before',
     Reason.AT_LIMIT: 'passed on: the rate is taken for the end of the range',
 }
