@@ -43,7 +43,7 @@ from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import OTHER_QOS, read, simulated, write
-from support.messages import STORE, TEXT, imu_fields, offset_of_doubles, text
+from support.messages import STORE, TEXT, doubles_of, imu_fields, offset_of_doubles, text
 
 
 def expected(messages):
@@ -561,8 +561,8 @@ def test_real_recordings(recording, tmp_path):
     check_unchanged_but_rate(before[TOPIC], after['/imu/data_filtered'])
     assert summary.written == len(before[TOPIC])
     assert [row for row in new_order if row[0] in before] == order
-    for _, data in after['/imu/data_filtered']:
-        assert np.isfinite(imu_fields(data).angular_velocity).all()
+    rates = [doubles_of(data)[13:16] for _, data in after['/imu/data_filtered']]
+    assert np.isfinite(rates).all()
     with next(Path(tmp_path / 'out').glob('*.mcap')).open('rb') as stream:
         statistics = make_reader(stream).get_summary().statistics
         assert statistics.message_count == len(new_order)
