@@ -22,7 +22,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.sample import SampleStatus
+from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, autoregressive, simulate
 from support.dense import dense_filter
 
@@ -162,23 +162,24 @@ def test_no_input_breaks_a_covariance_or_the_output(
             outlier_enabled=enabled,
         )
     )
-    for stamp, sample in zip(10**18 + 10_000_000 * np.cumsum(steps), z, strict=True):
-        result = filter_.step(int(stamp), sample, (0.0, 0.0, 0.0))
-        for name in result.dtype.names:
-            assert np.isfinite(result[name]).all(), name
-        states = filter_.state['methods']
-        for state in states['paper'][states['tracking'] == 1]:
-            p00, p01, p11 = (
-                state[name] for name in ('rate_variance', 'covariance', 'drift_variance')
-            )
-            assert p00 >= 0
-            assert p11 >= 0
-            assert p01 * p01 <= p00 * p11 * (1 + 1e-12) + 1e-300
-            assert state['process_noise'] > 0
-            assert state['measurement_noise'] > 0
-        if result['status'] == SampleStatus.FILTERED:
-            assert (result['innovation_variance'] > 0).all()
-            assert (result['angular_velocity_variance'] >= 0).all()
+    results = np.empty(len(z), RESULT)
+    states = np.empty(len(z), filter_.state['methods'].dtype)
+    stamps = 10**18 + 10_000_000 * np.cumsum(steps)
+    for k, (stamp, sample) in enumerate(zip(stamps, z, strict=True)):
+        results[k] = filter_.step(int(stamp), sample, (0.0, 0.0, 0.0))
+        states[k] = filter_.state['methods']
+    tracked = states['paper'][states['tracking'] == 1]
+    for name in results.dtype.names:
+        assert np.isfinite(results[name]).all(), name
+    p00, p01, p11 = (tracked[name] for name in ('rate_variance', 'covariance', 'drift_variance'))
+    assert (p00 >= 0).all()
+    assert (p11 >= 0).all()
+    assert (p01 * p01 <= p00 * p11 * (1 + 1e-12) + 1e-300).all()
+    assert (tracked['process_noise'] > 0).all()
+    assert (tracked['measurement_noise'] > 0).all()
+    filtered = results[results['status'] == SampleStatus.FILTERED]
+    assert (filtered['innovation_variance'] > 0).all()
+    assert (filtered['angular_velocity_variance'] >= 0).all()
 
 
 @pytest.mark.slow
