@@ -297,14 +297,15 @@ def test_the_swing_is_measured_by_its_means(random):
     lengths['block'], lengths['block_seconds'] = 12, 0.125
     amplitude, period = 0.01, 20.0
     truth = amplitude * np.sin(2.0 * np.pi * 0.125 * np.arange(blocks) / period)
+    values = noise * random.standard_normal((blocks, SIGNALS, 12))
+    values[:, 0] += truth[:, None]
+    sums, squares = values.sum(axis=2), np.square(values).sum(axis=2)
+    signals = rest['signals']
+    signals['variance'], signals['scatter'] = noise**2, noise**2 / 12
+    rest['count'] = 12
     variances, steps = [], []
-    for rate in truth:
-        for index in range(SIGNALS):
-            values = noise * random.standard_normal(12) + (rate if index == 0 else 0.0)
-            signal_ = rest['signals'][index]
-            signal_['variance'], signal_['scatter'] = noise**2, noise**2 / 12
-            signal_['sum'], signal_['squares'] = values.sum(), np.square(values).sum()
-        rest['count'] = 12
+    for block in range(blocks):
+        signals['sum'], signals['squares'] = sums[block], squares[block]
         note_swing(swing, rest, lengths)
         variances.append(swing['variance'][0])
         steps.append(swing['step_variance'][0])
