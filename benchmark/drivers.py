@@ -37,6 +37,7 @@ from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.rotations import from_vectors, running_products
 
 BARS = read_bars('bars_drivers.json')
 LEGEND = """\
@@ -261,12 +262,7 @@ def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, f
 def _orientation(delivery: Delivery, rates: Array) -> Rotation:
     """Return the rotation that rates (n, 3) in the body's axes add up to, by the stamps."""
     steps = np.diff(delivery.stamps, prepend=delivery.stamps[0]) * 1e-9
-    turns = Rotation.from_rotvec(rates * steps[:, None])
-    while len(turns) > 1:
-        if len(turns) % 2:
-            turns = Rotation.concatenate([turns, Rotation.identity(1)])
-        turns = turns[::2] * turns[1::2]
-    return turns[0]
+    return Rotation.from_quat(running_products(from_vectors(rates * steps[:, None]))[-1])
 
 
 def misses(world: str, figures: dict[str, list[float]]) -> list[str]:
