@@ -36,7 +36,7 @@ from gyro_drift_filter.core.bias.motion_state import BIAS
 from gyro_drift_filter.core.bias.shift import NO_SHIFT
 from gyro_drift_filter.core.bias.without_rest import _across
 from gyro_drift_filter.core.sensor_changes import doubt_sensor
-from gyro_drift_filter.messages.memory_file import RememberedBias
+from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES
 from support.messages import START
@@ -495,15 +495,22 @@ def test_real_flights_and_walks_that_begin_in_motion(name):
 
 def test_the_benchmark_fails_where_much_is_left(monkeypatch, capsys):
     monkeypatch.setattr(benchmark, 'started_in_motion', lambda *arguments: None)
-    left = {False: 40.0, True: 20.0}
+    left, beside_memory = {False: 40.0, True: 20.0}, {0.0: 2.0, REPEATABILITY: 9.0}
     monkeypatch.setattr(
         benchmark,
         'errors_across',
         lambda of, followed: np.full(round(SECONDS * SAMPLE_RATE), left[followed]),
     )
     monkeypatch.setattr(benchmark, 'errors_of_next_run', lambda of, seed: np.array([50.0, 12.0]))
+    monkeypatch.setattr(
+        benchmark,
+        'errors_beside_memory',
+        lambda of, moved, seed: np.full(round(SECONDS * SAMPLE_RATE), beside_memory[moved]),
+    )
     assert benchmark.main(['--only', 'hand', '--seeds', '2', '--check']) == 1
-    assert 'FALLS SHORT  hand, uncalibrated: an error of 20.0' in capsys.readouterr().out
-    left[True] = 4.0
+    printed = capsys.readouterr().out
+    assert 'FALLS SHORT  hand, uncalibrated: an error of 20.0' in printed
+    assert 'hand, with a memory that has moved: 9.0e-3 rad/s is left' in printed
+    left[True], beside_memory[REPEATABILITY] = 4.0, 2.0
     assert benchmark.main(['--only', 'hand', '--seeds', '2', '--check']) == 0
     assert 'benchmark.without_rest' in (REPOSITORY / 'Makefile').read_text()
