@@ -194,10 +194,10 @@ def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
     state['rest_seconds'] = 0.0 if at_rest else state['rest_seconds'] + elapsed
     walked = random_walk * random_walk * elapsed
     state['largest_process_noise'] += walked * max(state['walk'], 1.0)
-    walk = state['walk']
+    share = state['walk']
     if at_rest:
-        walk = REST_SHARE * state['walk_at_rest'] * max(walk, 1.0)
-    process_noise = walked * walk
+        share = REST_SHARE * state['walk_at_rest'] * max(state['walk'], 1.0)
+    process_noise = walked * share
     state['process_noise'] += process_noise
     state['motion']['pending_process_noise'] += process_noise
     state['wide_prior']['pending_process_noise'] += process_noise
