@@ -122,6 +122,8 @@ class Filter:
     ) -> None:
         """Start with a bias from elsewhere, and forget what was learned of rest.
 
+        Until a rest has shown one, motion replaces it where it contradicts gravity.
+
         Args:
             bias: (3,) in rad/s.
             deviation: (3,) its standard deviation in rad/s; None where it is a mere guess that the

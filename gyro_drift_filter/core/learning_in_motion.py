@@ -70,14 +70,13 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
     _note_missed_turn(missing, in_gap, state, workspace)
     _follow(bias['motion'], sample, seconds, filter_)
     faulty = has_fault(state['checks'])  # nobody knows how the body turns about that axis
-    if has_bias(bias) and not is_remembered(bias):
+    if has_bias(bias):
         if faulty:
             forget_contradiction(bias)
         note_contradiction(bias)
-    else:
+    if not has_bias(bias) or is_remembered(bias):
         if faulty:
             lose_direction(bias['wide_prior'])
-        bias['motion']['contradictions'] = 0  # an error of the bias may be why
         _follow(bias['wide_prior'], sample, seconds, filter_)
         correct_unknown_bias(bias, filter_['settings']['bias_max'])
 

@@ -22,7 +22,7 @@ is known, `in_motion.py` adapts to any velocity, and one that no robot has tells
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import lose_direction
-from gyro_drift_filter.core.bias.records import Bias
+from gyro_drift_filter.core.bias.records import Bias, is_remembered
 from gyro_drift_filter.core.bias.shared import start_motion_bias, start_wide_prior
 from gyro_drift_filter.core.bias.shift import replace_shift
 
@@ -43,7 +43,8 @@ LEAST_CONTRADICTIONS = 2
 def note_contradiction(state: Bias) -> None:
     """Note whether rates contradict accelerations, beside a bias that is known.
 
-    What gravity has shown of it in motion is taken back where that begins, and where it ends.
+    What gravity has shown of it in motion is taken back where that begins, and where it ends; and
+    a bias of an earlier run that motion has corrected since.
     """
     motion = state['motion']
     contradicts = motion['contradictions'] >= LEAST_CONTRADICTIONS
@@ -52,6 +53,9 @@ def note_contradiction(state: Bias) -> None:
     state['contradicts'] = contradicts
     for axis in range(3):
         replace_shift(motion, axis, 0.0, motion['rectified'][axis])
+        if is_remembered(state):
+            state['bias'][axis] = state['assumed_bias'][axis]
+            state['variance'][axis] = state['assumed_variance'][axis]
     _start_motion_bias_anew(state)
 
 

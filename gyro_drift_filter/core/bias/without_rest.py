@@ -14,17 +14,20 @@
 
 """The bias of a robot that has moved since power-on: gravity alone shows a part of it.
 
-`in_motion.py` corrects a bias of which something is known. Here nothing is, or it is of an earlier
-run and may have moved since. So the same filter runs a second time with a wide prior: all of the
-turn-on deviation, or of that of the memory. What it finds misleads where the body is faster than a
-hand, as an acceleration that lasts looks like a tilt. About the vertical it finds nothing, and a
-body that leans by some degrees shows hardly more. So what it finds counts
+`in_motion.py` corrects a bias of which something is known. Here nothing is, so that the same filter
+runs a second time with a wide prior: all of the turn-on deviation. What it finds misleads where the
+body is faster than a hand, as an acceleration that lasts looks like a tilt. About the vertical it
+finds nothing, and a body that leans by some degrees shows hardly more. So what it finds counts
 
 - across the vertical of the body, as it was on the mean of the motion, unless it leans far;
 - after so much motion that accelerations have come and gone;
 - where it is far enough from what is subtracted: by more, the faster the body is, and the more it
   turns one way;
 - while rates and accelerations are those of one motion (`contradiction.py`).
+
+A bias of an earlier run may have moved since. So the filter runs beside it, too, but what it finds
+counts only where rates and accelerations contradict each other, and once: if they go on to do so,
+it was not the bias.
 """
 
 import math
@@ -40,15 +43,12 @@ from gyro_drift_filter.core.bias.in_motion import (
     MOTION_BLOCK_SECONDS,
 )
 from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
-from gyro_drift_filter.core.bias.records import Bias, is_remembered
+from gyro_drift_filter.core.bias.records import Bias, forget_contradiction, is_remembered
 from gyro_drift_filter.core.bias.shared import start_motion_bias
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
-# Motion in s until it counts beside a bias of an earlier run, which is better kept where it may be
-# right: within a minute a car that speeds up and brakes shows a bias that is not there.
-MOTION_BESIDE_MEMORY = 120.0
 # The gates in standard deviations: the second one once a first correction has shown that the
 # assumed bias is wrong.
 FIRST_GATE, NEXT_GATE = 3.0, 1.0
@@ -81,13 +81,17 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     for axis in range(3):
         step = wide_prior['state_vector'][DIRECTION + axis] - state['vertical'][axis]
         state['vertical'][axis] += share * step
-    note_contradiction_without_bias(state)
-    if state['contradicts']:
-        return
+    remembered = is_remembered(state)
+    if remembered:
+        if not state['contradicts'] or state['corrected'] > 0:
+            return
+    else:
+        note_contradiction_without_bias(state)
+        if state['contradicts']:
+            return
     x, y, z = state['vertical'][0], state['vertical'][1], state['vertical'][2]
     length = vector_length(x, y, z)
-    least = MOTION_BESIDE_MEMORY if is_remembered(state) else LEAST_MOTION
-    if wide_prior['moving_seconds'] < least or length == 0.0:
+    if wide_prior['moving_seconds'] < LEAST_MOTION or length == 0.0:
         return
     # At rest, too, it is more than a bias can be; or the driver takes gravity off.
     if state['segments_beyond_max'] > 0 or not _is_carried(wide_prior):
@@ -110,6 +114,8 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
         unseen = (0.0, 0.0, 0.0)
     if changed:
         state['corrected'] += 1
+        if remembered:
+            forget_contradiction(state)
         _start_anew(state, unseen)
 
 
