@@ -32,6 +32,7 @@ from benchmark.without_rest import (
     started_in_motion,
 )
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.core.bias.contradiction import LEAST_CONTRADICTIONS
 from gyro_drift_filter.core.bias.motion_state import BIAS
 from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
 from gyro_drift_filter.core.bias.without_rest import _across
@@ -322,6 +323,57 @@ def test_an_accelerometer_that_contradicts_a_bias_of_an_earlier_run_is_told(seed
         told = told or bool(filter_.state['bias']['contradicts'])
     assert told
     assert np.abs(results['bias'][-1] - bias[-1]).max() < 0.1 * DEGREE
+
+
+def with_a_wrong_memory():
+    """Return a filter beside a memory that motion has replaced, and what was remembered."""
+    memory = np.array([0.01, -0.02, 0.005])
+    filter_ = Filter()
+    RememberedBias(memory.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    state = filter_.state['bias']
+    state['corrected'] = 1
+    state['bias'] += 0.01
+    state['motion']['contradictions'] = LEAST_CONTRADICTIONS
+    return filter_, memory
+
+
+def test_a_memory_is_restored_where_its_correction_contradicts_gravity_too(walk):
+    filter_, memory = with_a_wrong_memory()
+    before = RememberedBias(memory.tolist(), (0.0, 0.0, 0.0), NO_SHIFT)
+    run(walk, filter_, 1.0)
+    state = filter_.state['bias']
+    assert state['contradicts']
+    assert state['corrected'] == 0
+    assert state['bias'] == pytest.approx(memory)
+    assert RememberedBias.of(filter_, before) is before
+    # It is not corrected again, though the walk has another bias.
+    for second in range(1, 60):
+        part = slice(round(second * SAMPLE_RATE), round((second + 1) * SAMPLE_RATE))
+        filter_.run(walk.stamps[part], walk.rates[part], walk.accelerations[part])
+        state['motion']['contradictions'] = LEAST_CONTRADICTIONS
+    assert state['wide_prior']['moving_seconds'] > 40.0
+    assert state['bias'] == pytest.approx(memory)
+
+
+def test_another_sensor_shows_its_own_bias_beside_a_memory(walk):
+    filter_, _ = with_a_wrong_memory()
+    state = filter_.state['bias']
+    state['motion']['contradictions'] = 0
+    run(walk, filter_, 30.0)
+    assert state['wide_prior']['moving_seconds'] > 20.0
+    doubt_sensor(filter_.record[0])
+    assert state['wide_prior']['moving_seconds'] == 0.0
+    assert state['corrected'] == 0
+
+
+def test_a_rest_ends_the_contradiction_of_a_wrong_memory(random):
+    filter_, memory = with_a_wrong_memory()
+    rates, accelerations = at_rest(random, 8.0, memory + 0.02)
+    filter_.run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    state = filter_.state['bias']
+    assert state['segments'] > 0
+    assert not state['contradicts']
+    assert state['bias'] == pytest.approx(memory + 0.02, abs=1e-3)
 
 
 @pytest.mark.slow

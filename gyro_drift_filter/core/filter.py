@@ -122,7 +122,7 @@ class Filter:
     ) -> None:
         """Start with a bias from elsewhere, and forget what was learned of rest.
 
-        Until a rest has shown one, motion replaces it where it contradicts gravity.
+        With a deviation, motion replaces it before the first rest only if it contradicts gravity.
 
         Args:
             bias: (3,) in rad/s.

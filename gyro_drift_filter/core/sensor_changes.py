@@ -78,7 +78,10 @@ def doubt_sensor(filter_: FilterRecord) -> None:
         leave_rest(bias)
         widen(bias, lacking)
         limit_prior(bias['motion'])
-    if not has_bias(bias):
+    if is_remembered(bias):
+        bias['corrected'] = 0
+        bias['restored'] = False
+    if not has_bias(bias) or is_remembered(bias):
         doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
     forget_contradiction(bias)
 

@@ -84,10 +84,13 @@ class RememberedBias:
         """
         state = filter_.state['bias']
         at_rest, in_motion = state['segments'] > 0, state['corrected'] > 0
+        if state['restored'] and not at_rest:
+            return before  # in place of what motion had shown meanwhile
         if not (at_rest or in_motion or state['provisional_variance'][0] > 0.0):
             return None
-        # One that does not fit what a rest has shown before is not taken, see `provisional.py`.
-        shown = at_rest or (before is not None and not before.provisional)
+        # A provisional one is taken only if it fits what a rest has shown before, and what motion
+        # shows only if it does not.
+        shown = at_rest or (before is not None and not before.provisional and not in_motion)
         bias, deviation = state['bias'].tolist(), filter_.bias_deviation.tolist()
         return cls(bias, deviation, filter_.bias_shift, provisional=not shown)
 

@@ -120,6 +120,7 @@ def start_bias(
     state['walk'] = state['walk_at_rest'] = 1.0
     state['doubted_segments'] = 0
     state['corrected'] = 0
+    state['restored'] = False
     state['temperature'] = np.nan
     state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])
@@ -429,6 +430,8 @@ def _settle(state: Bias) -> None:
     for axis in range(3):
         state['provisional_variance'][axis] = 0.0
     state['rest_beyond_max'] = False
+    if state['segments'] == 0:
+        state['motion']['contradictions'] = 0  # what is replaced may have been why
     state['segments'] += 1
     state['rest_seconds'] = 0.0
     state['process_noise'] = state['largest_process_noise'] = 0.0

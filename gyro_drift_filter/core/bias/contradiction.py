@@ -16,8 +16,9 @@
 
 An accelerometer with other axes than the gyroscope, or one that is late, contradicts it, and what
 explains that best is a bias. So gravity shows no bias then, and a warning of `/diagnostics` says
-why. Where nothing is known of the bias the normalised innovations of the wide prior tell. Where it
-is known, `in_motion.py` adapts to any velocity, and one that no robot has tells.
+why. But a bias of an earlier run may be what is wrong: motion replaces it once. Where nothing is
+known of the bias the normalised innovations of the wide prior tell. Where it is known,
+`in_motion.py` adapts to any velocity, and one that no robot has tells.
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -43,8 +44,8 @@ LEAST_CONTRADICTIONS = 2
 def note_contradiction(state: Bias) -> None:
     """Note whether rates contradict accelerations, beside a bias that is known.
 
-    What gravity has shown of it in motion is taken back where that begins, and where it ends; and
-    a bias of an earlier run that motion has corrected since.
+    Where that begins, and where it ends, what gravity has shown in motion is taken back. A bias of
+    an earlier run that motion has replaced is restored.
     """
     motion = state['motion']
     contradicts = motion['contradictions'] >= LEAST_CONTRADICTIONS
@@ -53,9 +54,9 @@ def note_contradiction(state: Bias) -> None:
     state['contradicts'] = contradicts
     for axis in range(3):
         replace_shift(motion, axis, 0.0, motion['rectified'][axis])
-        if is_remembered(state):
-            state['bias'][axis] = state['assumed_bias'][axis]
-            state['variance'][axis] = state['assumed_variance'][axis]
+    if is_remembered(state) and state['corrected'] > 0:
+        state['restored'] = True
+        _assume_bias(state)
     _start_motion_bias_anew(state)
 
 
@@ -76,11 +77,17 @@ def note_contradiction_without_bias(state: Bias) -> None:
     elif enough and square < USUAL_INNOVATION_SQUARE:
         state['contradicts'] = False
     if state['contradicts']:
-        state['corrected'] = 0
-        for axis in range(3):
-            state['bias'][axis] = state['assumed_bias'][axis]
-            state['variance'][axis] = state['assumed_variance'][axis]
+        _assume_bias(state)
         _start_motion_bias_anew(state)
+
+
+@kernel
+def _assume_bias(state: Bias) -> None:
+    """Go back to the bias that motion has corrected."""
+    state['corrected'] = 0
+    for axis in range(3):
+        state['bias'][axis] = state['assumed_bias'][axis]
+        state['variance'][axis] = state['assumed_variance'][axis]
 
 
 @kernel

@@ -64,16 +64,16 @@ class Bias(TypedDict):
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
     motion: MotionBias  # the bias in motion
-    wide_prior: MotionBias  # the same from a wide prior, while there is nothing else
+    # the same from a wide prior, until a rest of this run has shown a bias, or there is a
+    # provisional one
+    wide_prior: MotionBias
     # those that the wide prior began with, in rad/s and (rad/s)^2
     assumed_bias: PerAxis
     assumed_variance: PerAxis
     contradicts: bool  # rates and accelerations are not of one motion
     vertical: PerAxis  # mean direction of gravity in motion, of length one and less
-    # shares of the random walk's variance that the bias takes: in motion, where a warm-up makes it
-    # more than 1, and of what is allowed at rest
-    walk: float
-    walk_at_rest: float
+    walk: float  # share of the random walk's variance that the bias takes; in a warm-up above 1
+    walk_at_rest: float  # the same at rest, of what is allowed there
     process_noise: float  # (rad/s)^2, by which the variance has grown since the last segment
     largest_process_noise: float  # (rad/s)^2, the same with all of the random walk
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
@@ -98,6 +98,7 @@ class Bias(TypedDict):
     segments_beyond_max: int  # with a rate that no bias has
     segments_turning: int  # with a rate that the bias can't have come to
     corrected: int  # times that motion alone has shown another bias
+    restored: bool  # one of an earlier run is, after motion had shown another one
 
 
 BIAS_RECORD = record(Bias)
