@@ -43,7 +43,7 @@ from benchmark.vehicles import parsed
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
-from gyro_drift_filter.core.bias.shift import NO_SHIFT
+from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
 from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.sensor import DEGREE
@@ -116,15 +116,20 @@ def errors_of_next_run(of: Ride, seed: int) -> Array:
     return np.array([errors_of(start, filter_).mean() for filter_ in (forgotten, remembered)])
 
 
+def remembering(bias: Array, shift: BiasShift = NO_SHIFT) -> Filter:
+    """Return a filter that is given a bias (3,) in rad/s of an earlier run, known exactly then."""
+    filter_ = Filter()
+    RememberedBias(bias.tolist(), (0.0, 0.0, 0.0), shift).give(filter_)
+    return filter_
+
+
 def errors_beside_memory(of: Ride, moved: float, seed: int) -> Array:
     """Return the errors (n,) in 1e-3 rad/s of a filter that is given a bias of an earlier run.
 
     Since then it has moved by a deviation in rad/s on each axis.
     """
     before = of.bias[0] + moved * np.random.default_rng(seed).standard_normal(3)
-    filter_ = Filter()
-    RememberedBias(before.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
-    return errors_of(of, filter_)
+    return errors_of(of, remembering(before))
 
 
 def at_times(errors: Sequence[Array]) -> Array:

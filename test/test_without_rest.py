@@ -29,6 +29,7 @@ from benchmark.without_rest import (
     errors_across,
     errors_beside_memory,
     errors_of,
+    remembering,
     started_in_motion,
 )
 from gyro_drift_filter.core import Filter, Parameters
@@ -286,8 +287,7 @@ def test_a_bias_of_an_earlier_run_that_has_moved_since_is_corrected(vehicle, see
     """It was kept until the first rest, and the accelerometer was said to contradict it."""
     of = started_in_motion(vehicle, seed, 2.0 * DEGREE)
     before = of.bias[0] - moved * DEGREE * np.array([0.6, -0.64, 0.48])
-    filter_ = Filter()
-    RememberedBias(before.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    filter_ = remembering(before)
     errors = errors_of(of, filter_)
     assert not filter_.state['bias']['contradicts']
     assert errors[-1] < 0.2 * errors[0]
@@ -299,10 +299,7 @@ def test_a_robot_keeps_the_bias_and_the_shift_of_an_earlier_run(seed):
     """What it has in motion is the bias at rest and the shift, which must not count twice."""
     of = started_in_motion('legged', seed, 2.0 * DEGREE)
     shift = np.array([0.6, -0.64, 0.48]) * DEGREE
-    filter_ = Filter()
-    RememberedBias(
-        (of.bias[0] - shift).tolist(), (0.0, 0.0, 0.0), BiasShift(shift.tolist(), 3 * [1e-3])
-    ).give(filter_)
+    filter_ = remembering(of.bias[0] - shift, BiasShift(shift.tolist(), 3 * [1e-3]))
     assert errors_of(of, filter_).max() < 5.0
 
 
@@ -314,8 +311,7 @@ def test_an_accelerometer_that_contradicts_a_bias_of_an_earlier_run_is_told(seed
     part = slice(4000, -1400)
     bias, stamps, rates = whole.bias[part], whole.stamps[part], whole.rates[part]
     flipped = whole.accelerations[part] * [-1.0, 1.0, 1.0]
-    filter_ = Filter()
-    RememberedBias(bias[0].tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    filter_ = remembering(bias[0])
     told = False
     for second in np.array_split(np.arange(len(stamps)), 600):
         filter_.hint(True)
@@ -328,8 +324,7 @@ def test_an_accelerometer_that_contradicts_a_bias_of_an_earlier_run_is_told(seed
 def with_a_wrong_memory():
     """Return a filter beside a memory that motion has replaced, and what was remembered."""
     memory = np.array([0.01, -0.02, 0.005])
-    filter_ = Filter()
-    RememberedBias(memory.tolist(), (0.0, 0.0, 0.0), NO_SHIFT).give(filter_)
+    filter_ = remembering(memory)
     state = filter_.state['bias']
     state['corrected'] = 1
     state['bias'] += 0.01
