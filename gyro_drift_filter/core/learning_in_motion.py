@@ -29,9 +29,9 @@ from gyro_drift_filter.core.bias.in_motion import (
 from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
 from gyro_drift_filter.core.bias.motion_state import MotionBias
 from gyro_drift_filter.core.bias.records import (
+    follows_wide_prior,
     forget_contradiction,
     has_bias,
-    is_remembered,
 )
 from gyro_drift_filter.core.bias.without_rest import correct_unknown_bias
 from gyro_drift_filter.core.polling import message_period
@@ -74,7 +74,7 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
         if faulty:
             forget_contradiction(bias)
         note_contradiction(bias)
-    if not has_bias(bias) or is_remembered(bias):
+    if follows_wide_prior(bias):
         if faulty:
             lose_direction(bias['wide_prior'])
         _follow(bias['wide_prior'], sample, seconds, filter_)

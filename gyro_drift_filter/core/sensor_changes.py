@@ -23,8 +23,8 @@ from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.at_rest import forget_bias, leave_rest
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.records import (
+    follows_wide_prior,
     forget_contradiction,
-    has_bias,
     has_learned_bias,
     has_provisional,
     is_remembered,
@@ -81,7 +81,7 @@ def doubt_sensor(filter_: FilterRecord) -> None:
     if is_remembered(bias):
         bias['corrected'] = 0
         bias['restored'] = False
-    if not has_bias(bias) or is_remembered(bias):
+    if follows_wide_prior(bias):
         doubt_wide_prior(bias['wide_prior'], bias['bias'], bias['variance'], deviation)
     forget_contradiction(bias)
 

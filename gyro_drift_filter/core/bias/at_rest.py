@@ -194,10 +194,9 @@ def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
         forget_stand(state['shaken_stand'])
     state['rest_seconds'] = 0.0 if at_rest else state['rest_seconds'] + elapsed
     walked = random_walk * random_walk * elapsed
-    state['largest_process_noise'] += walked * max(state['walk'], 1.0)
-    share = state['walk']
-    if at_rest:
-        share = REST_SHARE * state['walk_at_rest'] * max(state['walk'], 1.0)
+    largest = max(state['walk'], 1.0)
+    state['largest_process_noise'] += walked * largest
+    share = REST_SHARE * state['walk_at_rest'] * largest if at_rest else state['walk']
     process_noise = walked * share
     state['process_noise'] += process_noise
     state['motion']['pending_process_noise'] += process_noise
@@ -389,11 +388,11 @@ def _correct(state: Bias) -> None:
         state['variance'][axis] = (1.0 - gain) * variance
     exponent = WALK_LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
     factor, walk = math.exp(exponent), state['walk']
-    if state['rest_seconds'] > 0.0:
+    rest_begins = state['rest_seconds'] > 0.0
+    if rest_begins or walk > 1.0:
         # Only `_expect_warm_up` lets it be more than the parameter allows.
-        state['walk'] = min(max(walk * factor, LEAST_WALK), max(walk, 1.0))
-    elif walk > 1.0:
-        state['walk'] = min(max(walk * factor, 1.0), walk)
+        least = LEAST_WALK if rest_begins else 1.0
+        state['walk'] = min(max(walk * factor, least), max(walk, 1.0))
     else:
         # How far it walks in motion a stand at one temperature does not say.
         state['walk_at_rest'] = min(max(state['walk_at_rest'] * factor, LEAST_WALK), 1.0)

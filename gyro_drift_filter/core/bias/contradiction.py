@@ -25,7 +25,7 @@ from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.records import Bias, is_remembered
 from gyro_drift_filter.core.bias.shared import start_motion_bias, start_wide_prior
-from gyro_drift_filter.core.bias.shift import replace_shift
+from gyro_drift_filter.core.bias.shift import forget_shift
 
 # Without a bias: motion in s until anything counts, as a large bias contradicts sound accelerations
 # until it has been found.
@@ -52,8 +52,7 @@ def note_contradiction(state: Bias) -> None:
     if contradicts == state['contradicts']:
         return
     state['contradicts'] = contradicts
-    for axis in range(3):
-        replace_shift(motion, axis, 0.0, motion['rectified'][axis])
+    forget_shift(motion)
     if is_remembered(state) and state['corrected'] > 0:
         state['restored'] = True
         _assume_bias(state)

@@ -98,7 +98,7 @@ class Bias(TypedDict):
     segments_beyond_max: int  # with a rate that no bias has
     segments_turning: int  # with a rate that the bias can't have come to
     corrected: int  # times that motion alone has shown another bias
-    restored: bool  # one of an earlier run is, after motion had shown another one
+    restored: bool  # that of an earlier run is in use again, after motion had shown another
 
 
 BIAS_RECORD = record(Bias)
@@ -114,6 +114,12 @@ def bias_variance(state: Bias, axis: int) -> float:
 def is_remembered(state: Bias) -> bool:
     """Return whether the bias is one of an earlier run, and no rest of this one has shown it."""
     return bool(state['known'] and state['segments'] == 0)
+
+
+@kernel
+def follows_wide_prior(state: Bias) -> bool:
+    """Return whether the wide prior is followed: no bias is known but one of an earlier run."""
+    return bool(not has_bias(state) or is_remembered(state))
 
 
 @kernel

@@ -95,6 +95,13 @@ def replace_shift(state: MotionBias, axis: int, shift: float, variance: float) -
 
 
 @kernel
+def forget_shift(state: MotionBias) -> None:
+    """Forget the shift but for how far it may go; start the bias in motion anew after it."""
+    for axis in range(3):
+        replace_shift(state, axis, 0.0, state['rectified'][axis])
+
+
+@kernel
 def limit_shift(state: MotionBias, axis: int, variance: float) -> bool:
     """Let the variance of the shift be what vibration and the noise at rest let it be.
 

@@ -23,7 +23,7 @@ finds nothing, and a body that leans by some degrees shows hardly more. So what 
 - after so much motion that accelerations have come and gone;
 - where it is far enough from what is subtracted: by more, the faster the body is, and the more it
   turns one way;
-- while rates and accelerations are those of one motion (`contradiction.py`), without a memory.
+- without a memory, while rates and accelerations are those of one motion (`contradiction.py`).
 
 A bias of an earlier run may have moved since. So the filter runs beside it, too, but what it finds
 counts only where rates and accelerations contradict each other, and once: if they go on to do so,
@@ -45,7 +45,7 @@ from gyro_drift_filter.core.bias.in_motion import (
 from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
 from gyro_drift_filter.core.bias.records import Bias, forget_contradiction, is_remembered
 from gyro_drift_filter.core.bias.shared import start_motion_bias
-from gyro_drift_filter.core.bias.shift import replace_shift
+from gyro_drift_filter.core.bias.shift import forget_shift
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
@@ -116,17 +116,9 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     if changed:
         state['corrected'] += 1
         if remembered:
-            _forget_memory(state)
+            forget_contradiction(state)
+            forget_shift(state['motion'])
         _start_anew(state, unseen)
-
-
-@kernel
-def _forget_memory(state: Bias) -> None:
-    """Forget what was found beside a bias of an earlier run, which is replaced."""
-    motion = state['motion']
-    forget_contradiction(state)
-    for axis in range(3):
-        replace_shift(motion, axis, 0.0, motion['rectified'][axis])
 
 
 @kernel

@@ -143,7 +143,7 @@ def _without_denormal(angle: float) -> float:
 
 @kernel
 def turn_compensation(axes: Sequence[AdaptiveAxis], seconds: float) -> None:
-    """Turn the angles that are still to be given back against the body, over some s of its turn.
+    """Turn the angles that are still to be given back against the body as it turns.
 
     They belong to an orientation of the past, and stay what they are only in a frame that does not
     turn. The rotation is that of the last sample (Rodrigues).
