@@ -25,6 +25,7 @@ from hypothesis import strategies as st
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.bias.records import Hint
+from gyro_drift_filter.core.filter import layout_of
 from gyro_drift_filter.core.methods import (
     METHOD_NAMES,
     METHOD_STATES,
@@ -116,6 +117,17 @@ def test_restore_refuses_another_version():
     for other in (b'short', b'', snapshot[:-1], snapshot + b'x', bytes(32) + snapshot[32:]):
         with pytest.raises(GyroDriftFilterError, match='another version'):
             Filter().restore(other)
+
+
+def test_a_snapshot_of_other_reasons_is_one_of_another_version():
+    """It holds their numbers, which a new one moves."""
+    *others, adaptive = METHODS
+    moved = {number + 1: text for number, text in adaptive.reasons.items()}
+    layout = layout_of([*others, adaptive._replace(reasons=moved)])
+    snapshot = Filter().snapshot()
+    assert snapshot.startswith(layout_of(METHODS))
+    with pytest.raises(GyroDriftFilterError, match='another version'):
+        Filter().restore(layout + snapshot[len(layout) :])
 
 
 def test_restore_refuses_another_method():

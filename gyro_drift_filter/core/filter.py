@@ -27,7 +27,7 @@ from gyro_drift_filter.core import commands
 from gyro_drift_filter.core.bias.at_rest import HINT_SECONDS
 from gyro_drift_filter.core.bias.records import BIAS_RECORD, Hint
 from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
-from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS
+from gyro_drift_filter.core.methods import METHOD_NAMES, METHODS, Method
 from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.core.records import FILTER, HISTORY, STATE, WORKSPACE, State
 from gyro_drift_filter.core.sample import RESULT, SAMPLE, Result
@@ -35,9 +35,18 @@ from gyro_drift_filter.core.settings import settings_of
 from gyro_drift_filter.core.step import step_samples
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-# At the front of a snapshot: other fields, or in another order, may be of the same size.
-_LAYOUT = hashlib.sha256(repr((STATE, HISTORY)).encode()).digest()
 
+def layout_of(methods: Sequence[Method]) -> bytes:
+    """Return what stands for the fields of a state, and for the numbers in them.
+
+    Other fields, or in another order, may be of the same size; and a new reason of a method moves
+    the numbers of others.
+    """
+    reasons = [sorted(method.reasons.items()) for method in methods]
+    return hashlib.sha256(repr((STATE, HISTORY, reasons)).encode()).digest()
+
+
+_LAYOUT = layout_of(METHODS)  # at the front of a snapshot
 _SIZE = STATE.itemsize + HISTORY.itemsize  # of what follows
 
 
