@@ -267,6 +267,21 @@ def test_the_benchmark_of_contradictions_fails_where_a_bias_is_found(monkeypatch
     assert 'FALLS SHORT  axes y, z, x: a bias of 1.20 deg/s is found' in capsys.readouterr().out
 
 
+def test_what_the_temperature_has_moved_stays_uncertain_where_gravity_shows_nothing():
+    """The deviation of the bias about the vertical was that before the change of temperature."""
+    drone = started_in_motion('drone', 3, 2.0 * DEGREE)
+    filter_ = Filter(Parameters(bias_temperature_coefficient=2e-3))
+    for temperature in (20.0, 60.0):
+        filter_.note_temperature(temperature)
+    bias, turn_on = filter_.state['bias'], filter_.parameters.bias_turn_on_deviation
+    variance = turn_on**2 + float(bias['process_noise'])
+    results = run(drone, filter_, 90.0)
+    assert bias['corrected'] > 0
+    published = float(np.sum(results['angular_velocity_variance'][-1]))
+    assert published > 0.9 * variance
+    assert np.sum(filter_.bias_deviation**2) > 0.9 * variance
+
+
 def test_the_next_run_begins_with_what_motion_has_shown(walk):
     first, second = Filter(), Filter()
     run(walk, first, 120.0)

@@ -154,3 +154,16 @@ def widen(state: Bias, variance: float) -> None:
     state['motion']['pending_process_noise'] += variance
     state['wide_prior']['pending_process_noise'] += variance
     state['largest_process_noise'] += variance
+
+
+@kernel
+def take_process_noise_in(state: Bias) -> None:
+    """Count what the bias has walked by now as uncertainty of where it began.
+
+    Motion replaces only a part of the bias, and nothing is known of how the rest has walked.
+    """
+    for axis in range(3):
+        state['variance'][axis] += state['process_noise']
+        state['assumed_variance'][axis] += state['process_noise']
+    state['largest_process_noise'] -= state['process_noise']
+    state['process_noise'] = 0.0

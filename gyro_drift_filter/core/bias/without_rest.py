@@ -43,7 +43,12 @@ from gyro_drift_filter.core.bias.in_motion import (
     MOTION_BLOCK_SECONDS,
 )
 from gyro_drift_filter.core.bias.motion_state import BIAS, DIRECTION, SPEED, MotionBias
-from gyro_drift_filter.core.bias.records import Bias, forget_contradiction, is_remembered
+from gyro_drift_filter.core.bias.records import (
+    Bias,
+    forget_contradiction,
+    is_remembered,
+    take_process_noise_in,
+)
 from gyro_drift_filter.core.bias.shared import start_motion_bias
 from gyro_drift_filter.core.bias.shift import forget_shift
 from gyro_drift_filter.core.gate import is_beyond_gate
@@ -201,6 +206,7 @@ def _start_anew(state: Bias, unseen: Vector) -> None:
     its share of that direction, as the variances are those of axes.
     """
     motion, wide_prior = state['motion'], state['wide_prior']
+    take_process_noise_in(state)
     for axis in range(3):
         variance = _error_variance(wide_prior, wide_prior['covariance'][BIAS + axis, BIAS + axis])
         variance += unseen[axis] * unseen[axis] * state['variance'][axis]
