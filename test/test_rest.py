@@ -172,6 +172,29 @@ def test_vibration_in_a_curve_that_is_driven_again_and_again_is_no_rest(speed, r
     assert np.abs(results['bias'][1000:, 2]).max() < 0.1 * DEGREE
 
 
+def test_a_shuttle_that_rolls_evenly_on_its_rails_does_not_stand(random):
+    """Pushed for two seconds, it shakes within bounded angles: a third of its way was called rest.
+
+    Its block means scatter even less than white noise would.
+    """
+    parts = [at_rest(random, 10)]
+    moving = [np.zeros(1000, bool)]
+    for rolls in random.uniform(4.0, 12.0, 16):
+        for seconds, acceleration in ((2.0, 0.8), (rolls, 0.0), (2.0, -0.8), (5.0, 0.0)):
+            rates, accelerations = at_rest(random, seconds)
+            rolling = acceleration != 0.0 or seconds == rolls
+            if rolling:
+                angles = 0.02 * DEGREE * motion_below(25.0, random, len(rates), 100.0)[:, :2]
+                rates[:, :2] += 100.0 * np.diff(angles, axis=0, prepend=angles[:1])
+                accelerations[:, 0] += acceleration
+            parts.append((rates, accelerations))
+            moving.append(np.full(len(rates), rolling))
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results, moves = run(Filter(), rates, accelerations), np.concatenate(moving)
+    assert results['at_rest'][moves].mean() < 0.03
+    assert results['at_rest'][~moves].mean() > 0.4
+
+
 def test_wheels_that_shake_a_steady_turn_are_no_machine(random):
     """Three segments of one drive were taken for rest, and the turns were smoothed as noise is."""
     spells = [(4, 0.0)]

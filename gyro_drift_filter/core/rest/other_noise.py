@@ -39,6 +39,9 @@ CONFIRMING = 3  # segments
 # The variance of values over the known one: below this the noise that is known finds the rest, and
 # two segments have one and the same noise.
 NOISIER = 2.0
+# A machine that starts shakes gravity for so many blocks at most. If it is shaken for longer, the
+# body has been pushed, and may roll for so many s.
+LONGEST_START, LONGEST_ROLL = 4, 60.0
 # What has been neither rest nor of that noise for so long was motion. The detector may learn
 # another noise then; segments that had this one still count.
 FORGET_OTHER_NOISE_SECONDS = 10.0
@@ -89,8 +92,30 @@ def confirm_other_noise(
     else:
         noise['segments'] = 0
     stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
+    stands = stands and not _may_roll(rest, other, lengths['block_seconds'])
     if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
         _take_noise(rest, other)
+
+
+@kernel
+def _may_roll(rest: Rest, other: Rest, block_seconds: float) -> bool:
+    """Return whether the body may have been pushed out of the last rest, and roll since.
+
+    It does so as steadily as it stood, if the ground lets it; but rolling shakes its rates.
+    """
+    since_rest = rest['restless'] * block_seconds
+    pushed = since_rest - rest['steady_seconds'] > LONGEST_START * block_seconds
+    return bool(pushed and since_rest < LONGEST_ROLL and _is_noisier(rest, other, 3))
+
+
+@kernel
+def _is_noisier(rest: Rest, other: Rest, signals: int) -> bool:
+    """Return whether any of the first signals varies more than the known noise does."""
+    noisier = False
+    for i in range(signals):
+        variance = rest['signals'][i]['variance']
+        noisier = noisier or other['signals'][i]['variance'] > NOISIER * variance
+    return noisier
 
 
 @kernel
@@ -110,15 +135,12 @@ def _is_of_a_machine(rest: Rest, other: Rest) -> bool:
 
     In a slow turn the means alone vary more, and in a vehicle far more than its vibration says.
     """
-    noisier = False
     for i in range(SIGNALS):
         before, now = rest['signals'][i], other['signals'][i]
-        if now['variance'] > NOISIER * before['variance']:
-            noisier = True
         risen = max(now['variance'] / before['variance'], 1.0)
         if now['scatter'] > LARGEST_EXCESS * risen * before['scatter']:
             return False
-    return noisier
+    return _is_noisier(rest, other, SIGNALS)
 
 
 @kernel
