@@ -30,9 +30,11 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.report import shortest_names
 from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.fleet.measuring import Job, measure
+from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report import pictures
-from gyro_drift_filter.report.figures import autocorrelation, reduced
+from gyro_drift_filter.report.figures import Drawer, autocorrelation, reduced
 from gyro_drift_filter.report.page import LARGEST_PAGE, points_for
 from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
 from gyro_drift_filter.report.signals import Signals
@@ -260,7 +262,8 @@ def test_time_that_stamps_tell_late_counts_once(places):
     """Samples of 100 Hz, with the stamps that belong to these places."""
     stamps = 10**18 + 10**7 * places
     steps, times = np.empty(3000), no_sample_times()
-    each_sample_seconds(stamps, 0.01, 1000.0, times, steps)
+    times['period'], times['longest'] = 0.01, 1000.0
+    each_sample_seconds(stamps, stamps, times, steps)
     assert steps.sum() == pytest.approx(30.0, abs=0.2)
     assert (np.cumsum(steps) < 0.01 * np.arange(3000) + 0.2).all()
 
@@ -287,6 +290,35 @@ def test_a_recording_without_rest_or_with_a_dead_axis_has_a_page(tmp_path):
     cut, _ = report(tmp_path / 'in', tmp_path / 'cut', *options)
     # Of less than a second nothing is known of what is changed in motion.
     assert shown(cut, 'largest_change') == shown(cut, 'change_in_motion.0') == '-'
+
+
+@pytest.mark.slow
+def test_page_and_row_are_by_log_times_where_stamps_are_zero(tmp_path, random):
+    rates = 0.002 * random.standard_normal((800, 3))
+    messages = [
+        (10**18 + 5 * 10**7 * k, imu_message(0, rate, (0, 0, 9.8))) for k, rate in enumerate(rates)
+    ]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages})
+    text, _ = report(source, tmp_path)
+    assert '800 Imu messages of 800, 20 Hz' in Cells(text).text
+    (bag,) = find_bags([str(source)], None)
+    row = measure(bag, Job(Parameters())).rows[0]
+    assert row['sample_rate'] == pytest.approx(20.0)
+    assert 25.0 < row['rest'] < 41.0
+
+
+def test_the_spectrum_is_by_log_times_where_stamps_stand(random):
+    rates, n = 0.002 * random.standard_normal((800, 3)), 800
+    stamps = 10**18 + 5 * 10**4 * np.arange(n)
+    messages = imu_messages(stamps, rates, (0.0, 0.0, 9.8))
+    imus = imus_of(piece_of([message for _, message in messages]))
+    filter_ = Filter()
+    imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
+    signals = Signals(filter_)
+    signals.take(imus, 10**18 + 5 * 10**7 * np.arange(n))
+    figures = Drawer({'adaptive': signals}, 10**18, 10_000).figures()
+    (spectrum,) = (figure for figure in figures if figure.name == 'spectrum')
+    assert spectrum.panels['x'][0].x[-1] == pytest.approx(10.0, rel=0.01)
 
 
 def shown(page, name):

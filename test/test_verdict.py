@@ -150,6 +150,40 @@ def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batc
     assert 26.0 < verdict.rests.seconds <= verdict.seconds
 
 
+def unstamped(path, stamp_scale, rate=20, parameters=None):
+    """Write and judge a bag that rests for 40 of 60 s, and turns by 1 rad/s between.
+
+    Its log times are right, and its stamps are the time since the first message on a scale.
+    """
+    random = np.random.default_rng(0)
+    rates, accelerations = at_rest(random, 60, rate=rate)
+    rates[20 * rate : 40 * rate, 2] += 1.0
+    accelerations[20 * rate : 40 * rate] += 0.5 * random.standard_normal((20 * rate, 3))
+    log_times = START + 10**9 // rate * np.arange(len(rates))
+    stamps = ((log_times - START) * stamp_scale).astype(np.int64)
+    stamped = imu_messages(stamps, rates, accelerations)
+    messages = [(int(time), data) for time, (_, data) in zip(log_times, stamped, strict=True)]
+    return judged(write(path / 'in', {(TOPIC, IMU_TYPE): messages}), path, parameters)
+
+
+@pytest.mark.parametrize(
+    'stamp_scale', [pytest.param(0.0, id='zero'), pytest.param(1e-3, id='in microseconds')]
+)
+def test_time_is_that_of_the_log_where_stamps_tell_none(stamp_scale, tmp_path):
+    verdict = unstamped(tmp_path, stamp_scale)
+    assert verdict.period == pytest.approx(0.05, rel=1e-3)
+    # At the 100 Hz that the filter assumes it takes five times as long to find a rest.
+    assert verdict.rests.needed == 12
+    assert 12.0 < verdict.rests.seconds < 41.0
+    assert verdict.heading.turned == pytest.approx(20.0, rel=0.1)
+
+
+def test_a_rate_that_was_given_counts_where_stamps_tell_none(tmp_path):
+    verdict = unstamped(tmp_path, 0.0, parameters=Parameters(sample_rate=40.0))
+    assert verdict.period == pytest.approx(0.025)
+    assert verdict.heading.turned == pytest.approx(10.0, rel=0.1)
+
+
 def filtered(rates, accelerations):
     """Return the stamps of samples at 100 Hz, and their messages with the filter's results."""
     stamps = START + 10**7 * np.arange(len(rates))
@@ -169,8 +203,9 @@ def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     both = []
     for cuts in ([0, len(imus)], [0, 1, 333, 334, 901, len(imus)]):
         sums = no_sums()
+        sums['times']['period'], sums['times']['longest'] = 0.01, 1.0
         for first, stop in pairwise(cuts):
-            add_run(imus[first:stop], stamps[first:stop], matrix, 0.01, 1.0, sums)
+            add_run(imus[first:stop], stamps[first:stop], matrix, sums)
         end_run(sums)
         both.append(sums)
     assert both[0].tobytes() == both[1].tobytes()
@@ -201,7 +236,8 @@ def test_an_acceleration_that_the_filter_does_not_use_is_no_gravity(random):
     accelerations[:], accelerations[100] = [0.0, 0.0, 9.8], [1e5, 0.0, 0.0]
     stamps, imus = filtered(rates, accelerations)
     sums = no_sums()
-    add_run(imus, stamps, np.eye(3).ravel(), 0.01, 1.0, sums)
+    sums['times']['period'], sums['times']['longest'] = 0.01, 1.0
+    add_run(imus, stamps, np.eye(3).ravel(), sums)
     np.testing.assert_allclose(sums[0]['up_seconds'], [0.0, 0.0, 2.0], rtol=1e-9)
 
 

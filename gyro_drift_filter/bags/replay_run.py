@@ -88,7 +88,8 @@ class Summary:
         left_out: Topics of the input that were not copied, and why.
         outliers: Samples flagged, per axis (3,).
         unusable: Samples without a usable rate, per axis (3,).
-        period: Sample period at the end, in s.
+        period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
+            that it was given or assumes.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
         seconds: From then to its last message.

@@ -162,10 +162,11 @@ def filter_recording(
 def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
     """Return where the report comes from: pairs of what and which."""
     summary = next(iter(filtered.summaries.values()))
+    period = next(iter(filtered.signals.values())).watch.period
     return [
         ('bag', str(bag)),
         ('topic', f'{summary.topic}, frame {filtered.frame}'),
-        when_recorded(summary, f' of {filtered.messages}'),
+        when_recorded(summary, period, f' of {filtered.messages}'),
         ('command', command),
         ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
     ]

@@ -37,5 +37,5 @@ def shown_topic(
     """Return what the page shows of one Imu topic of a bag."""
     method = parameters.method
     drawer = Drawer({method: signals}, summary.start, _POINTS)
-    facts = [('topic', summary.topic), when_recorded(summary)]
+    facts = [('topic', summary.topic), when_recorded(summary, signals.watch.period)]
     return DrawnRecording.of(name, drawer, {method: summary}, parameters, facts, [])

@@ -46,7 +46,7 @@ from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.recordings.examined import Reading
 from gyro_drift_filter.report.page import DrawnRecording, page
 from gyro_drift_filter.report.signals import Signals
-from gyro_drift_filter.report.verdict import BiasSource, RunWatch, Verdict
+from gyro_drift_filter.report.verdict import BiasSource, RunWatch
 from gyro_drift_filter.whole_file import write_whole
 
 Row = dict[str, Any]
@@ -233,7 +233,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
         reading, temperatures = readings[summary.topic]
         rows += _rows_of_topic(
             summary,
-            watches[summary.topic].verdict(summary),
+            watches[summary.topic],
             filter_.messages.report(),
             reading.finish(),
             temperatures.mean(),
@@ -257,7 +257,7 @@ def written_path(bags: Path, bag: Bag) -> Path:
 
 def _rows_of_topic(
     summary: Summary,
-    verdict: Verdict,
+    watch: RunWatch,
     report: MessageReport,
     examined: Examined,
     temperature: float | None,
@@ -273,11 +273,11 @@ def _rows_of_topic(
     if not len(examined.stamps):
         error = f'topic {summary.topic} has no message with an angular velocity'
         return [common | {'error': error}]
-    findings, state = examine(examined), report.telemetry
-    stamps = np.asarray(examined.stamps if state.has_stamps else examined.log_times)
+    verdict, findings, state = watch.verdict(summary), examine(examined), report.telemetry
+    stamps = np.asarray(examined.log_times if watch.is_by_log else examined.stamps)
     noises = identify_noise(stamps, examined.rates, examined.accelerations)
     common |= {
-        'sample_rate': 1.0 / summary.period,
+        'sample_rate': 1.0 / verdict.period,
         'jitter': _value(findings, 'jitter_seconds'),
         'gaps': state.gaps,
         'missing_samples': state.missing_samples,

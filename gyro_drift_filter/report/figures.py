@@ -137,7 +137,7 @@ class Drawer:
         """Return all figures, the ones over time first."""
         drawn = [self._rates(), self._angles(), self._bias(), self._innovations(), self._noise()]
         longest = max(self.rests, key=lambda rest: rest[1] - rest[0], default=(0, 0))
-        period = float(self.main.filter.state['clock']['mean_period'])
+        period = self.main.watch.period
         if (longest[1] - longest[0]) * period >= _SHORTEST:
             drawn += [self._spectrum(longest, period), self._allan(longest, period)]
         drawn += self._whiteness()

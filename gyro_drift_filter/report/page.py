@@ -101,17 +101,18 @@ class DrawnRecording:
         )
 
 
-def when_recorded(run: Run, among: str = '') -> tuple[str, str]:
+def when_recorded(run: Run, period: float, among: str = '') -> tuple[str, str]:
     """Return the fact when a recording was made, how long it is, and what is in it.
 
     Args:
         run: Of a filter over the recording.
+        period: Of its samples in s.
         among: What its Imu messages are among, as the end of a clause.
     """
     begin = datetime.fromtimestamp(run.start * 1e-9, UTC)
     return 'recorded', (
         f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {run.seconds:.1f} s, '
-        f'{run.received} Imu messages{among}, {1.0 / run.period:.4g} Hz'
+        f'{run.received} Imu messages{among}, {1.0 / period:.4g} Hz'
     )
 
 

@@ -99,13 +99,11 @@ class RunSums(TypedDict):
 RUN_SUMS = record(RunSums)
 
 
-@entry_kernel(IMU, read_only(np.int64), read_only(np.float64), float, float, RUN_SUMS)
+@entry_kernel(IMU, read_only(np.int64), read_only(np.float64), RUN_SUMS)
 def add_run(
     imus: Sequence[Imu],
     log_times: NDArray[np.int64],
     matrix: NDArray[np.float64],
-    period: float,
-    longest: float,
     all_sums: Sequence[RunSums],
 ) -> None:
     """Add filtered messages to the sums.
@@ -114,8 +112,6 @@ def add_run(
         imus: (n,) IMU with their results.
         log_times: (n,) in ns.
         matrix: (9,) that turns raw rates into calibrated ones.
-        period: Of the samples in s, for steps that the stamps do not tell.
-        longest: Step in s beyond which stamps have jumped.
         all_sums: (1,).
     """
     sums = all_sums[0]
@@ -127,7 +123,7 @@ def add_run(
         sample, raw = imu['sample'], imu['sample']['angular_velocity']
         if not (is_usable(raw[0]) and is_usable(raw[1]) and is_usable(raw[2])):
             continue
-        step = sample_seconds(sample['stamp'], period, longest, sums['times'])
+        step = sample_seconds(sample['stamp'], log_times[i], sums['times'])
         for axis in range(3):
             if sums['samples'] == 0 or raw[axis] < sums['least'][axis]:
                 sums['least'][axis] = raw[axis]

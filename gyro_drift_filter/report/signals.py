@@ -26,7 +26,11 @@ from gyro_drift_filter.identify.series import Stored, append_rows, stored_column
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
-from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times
+from gyro_drift_filter.report.sample_times import (
+    each_sample_seconds,
+    no_sample_times,
+    note_pace,
+)
 from gyro_drift_filter.report.verdict import RunWatch
 
 Floats = NDArray[np.float64]
@@ -83,7 +87,7 @@ class Signals:
             'bias': result['bias'],
             'outlier': result['outlier'],
         }
-        steps = self._steps(sample['stamp'])[:, None]
+        steps = self._steps(sample['stamp'], log_times[kept])[:, None]
         for name, total in self._angles.items():
             turns = np.nan_to_num(values[name]) * steps
             values[f'{name}_angle'] = total + np.cumsum(turns, axis=0)
@@ -100,13 +104,13 @@ class Signals:
         self.report_times.append(self._seconds)
         self.bias_deviations.append(span.now.telemetry.bias_deviation)
 
-    def _steps(self, stamps: NDArray[np.int64]) -> Floats:
+    def _steps(self, stamps: NDArray[np.int64], log_times: NDArray[np.int64]) -> Floats:
         """Return the time in s that each sample stands for."""
+        note_pace(self._times, self.filter)
         steps = np.empty(len(stamps))
         each_sample_seconds(
             np.ascontiguousarray(stamps),
-            float(self.filter.state['clock']['period']),
-            self.filter.parameters.gap_limit,
+            np.ascontiguousarray(log_times, np.int64),
             self._times,
             steps,
         )

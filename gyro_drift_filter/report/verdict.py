@@ -31,6 +31,7 @@ from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
+from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
 
 Floats = NDArray[np.float64]
 
@@ -178,7 +179,7 @@ class Verdict:
         written: Of them filtered or passed on.
         not_reported: Of them passed on, as they state no rate.
         seconds: From the first message of the recording to the last, in log time.
-        period: Of the samples in s.
+        period: Of the samples in s; by the log times where stamps are 0 or stand.
         rests: The rests.
         bias: The bias.
         heading: The drift of the heading.
@@ -228,12 +229,28 @@ class RunWatch:
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
-        period = float(self._filter.state['clock']['period'])
-        longest = self._filter.parameters.gap_limit
-        times = np.ascontiguousarray(log_times, np.int64)
         if self._sums[0]['samples'] == 0:
             self._note_given(imus)
-        add_run(imus, times, self._matrix, period, longest, self._sums)
+        note_pace(self._sums['times'], self._filter)
+        add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
+
+    @property
+    def is_by_log(self) -> bool:
+        """Whether it is log times that tell the time, as stamps are 0 or stand."""
+        return is_by_log(self._sums['times'])
+
+    @property
+    def period(self) -> float:
+        """Time between samples in s; by the log times where it is they that tell the time."""
+        return sample_period(self._sums['times'], self._filter)
+
+    def _seconds_needed(self) -> float:
+        """Return for how long in s the sensor had to stand still to be found at rest."""
+        needed = float(self._filter.record['coefficients']['rest']['least_rest'][0])
+        if self.is_by_log:
+            # The filter counts samples, and takes them to be as far apart as it assumes.
+            needed *= self.period / float(self._filter.state['clock']['period'])
+        return needed
 
     def _note_given(self, imus: Any) -> None:
         """Note whether the first sample has a bias taken off that the recording before has left."""
@@ -259,7 +276,7 @@ class RunWatch:
         sums = self._sums.copy()
         end_run(sums)
         filter_, total = self._filter, sums[0]
-        rests = _rests(total, filter_)
+        rests = _rests(total, self._seconds_needed())
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
         outliers = _flagged_outliers(total['outliers'], filter_.parameters.outlier_enabled, run)
@@ -284,7 +301,7 @@ class RunWatch:
             written=run.written,
             not_reported=run.not_reported,
             seconds=run.seconds,
-            period=run.period,
+            period=self.period,
             rests=rests,
             bias=bias,
             heading=heading,
@@ -338,7 +355,7 @@ class RunWatch:
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
 
 
-def _rests(total: Any, filter_: Filter) -> Rests:
+def _rests(total: Any, needed: float) -> Rests:
     noise, unknown = total['noise'], np.full(3, np.nan)
     raw, filtered = unknown, unknown
     if noise['count'] >= _FEWEST:
@@ -349,7 +366,7 @@ def _rests(total: Any, filter_: Filter) -> Rests:
     return Rests(
         int(total['rests']),
         float(total['rest_seconds']),
-        math.ceil(filter_.record['coefficients']['rest']['least_rest'][0]),
+        math.ceil(needed),
         int(noise['count']),
         raw,
         filtered,
