@@ -43,7 +43,9 @@ from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
+from support.bags import read, simulated, write
 from support.fleets import SECRET, cluster, run_fleet
 
 JOB = Job(Parameters())
@@ -112,6 +114,24 @@ def test_the_report_on_a_bag_is_there_whole_or_not_at_all(small, tmp_path):
     assert 'can not be written' in result.rows[0]['error']
     assert not result.lasting
     assert list(reports.iterdir()) == [page]
+
+
+@pytest.mark.slow
+def test_raw_and_fused_imu_beside_each_other_are_both_measured(tmp_path):
+    """The pair of REP-145, whose filtered topics would have one name."""
+    imu = simulated(300)
+    topics = [('/imu/data_raw', IMU_TYPE), ('/imu/data', IMU_TYPE)]
+    write(tmp_path / 'in', dict.fromkeys(topics, imu))
+    (bag,) = find_bags([str(tmp_path / 'in')], None)
+    rows = measure(bag, Job(Parameters(), bags=tmp_path / 'bags')).rows
+    expected = [(topic, axis) for topic in ('/imu/data', '/imu/data_raw') for axis in 'xyz']
+    assert [(row['topic'], row['axis']) for row in rows] == expected
+    written = written_path(tmp_path / 'bags', bag)
+    outputs = {'/imu/data_filtered', '/imu/data_raw_filtered'}
+    assert outputs < set(read(written)[0])
+    # What was written is not filtered once more.
+    (again,) = find_bags([str(written)], None)
+    assert {row['topic'] for row in measure(again, JOB).rows} == {'/imu/data', '/imu/data_raw'}
 
 
 @pytest.mark.slow

@@ -35,6 +35,8 @@ class Selection:
     Attributes:
         imu_topics: To be filtered, each by a filter of its own.
         all_imu: Whether all there are shall be, but for what an earlier run has written.
+        apart: Whether of topics that would be filtered to one name each gets its whole name, so
+            that /imu/data_raw beside /imu/data gives /imu/data_raw_filtered; else they are refused.
         output_topic: What the filtered topic is called, where only one is filtered.
         kept: Topics that are copied; None for all.
         start: In s of log time since the first message of the recording.
@@ -44,6 +46,7 @@ class Selection:
 
     imu_topics: tuple[str, ...] = ()
     all_imu: bool = False
+    apart: bool = False
     output_topic: str | None = None
     kept: tuple[str, ...] | None = None
     start: float = 0.0
@@ -77,6 +80,8 @@ class Selection:
         else:
             chosen = [choose_topic(recording, None)]
         inputs = _with_distinct_nodes({topic: Topics.of(topic) for topic in chosen})
+        if self.apart:
+            inputs = _with_distinct_outputs(inputs)
         if self.output_topic is not None:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
@@ -188,7 +193,7 @@ def _all_imus(recording: Recording) -> list[str]:
     if not imus:
         listed = ', '.join(f'{topic} ({kind})' for topic, kind in sorted(types.items()))
         raise BagError(f'no topic of type {IMU_TYPE} in the bag; it holds {listed}')
-    outputs = {Topics.of(topic).filtered for topic in imus}
+    outputs = {names.filtered for topic in imus for names in _possible_names(topic)}
     return [topic for topic in imus if topic not in outputs] or imus
 
 
@@ -204,6 +209,20 @@ def _checked_name(wanted: str, recording: Recording) -> str:
     if name in {*topic_types(recording), DIAGNOSTICS}:
         raise BagError(f'there is a topic {name} already: choose another name for the output')
     return name
+
+
+def _possible_names(topic: str) -> tuple[Topics, Topics]:
+    names = Topics.of(topic)
+    return names, names.with_full_name(topic)
+
+
+def _with_distinct_outputs(inputs: dict[str, Topics]) -> dict[str, Topics]:
+    """Return the names with the whole name of the input, where several topics give one."""
+    outputs = [names.filtered for names in inputs.values()]
+    return {
+        topic: names if outputs.count(names.filtered) == 1 else names.with_full_name(topic)
+        for topic, names in inputs.items()
+    }
 
 
 def _with_distinct_nodes(inputs: dict[str, Topics]) -> dict[str, Topics]:

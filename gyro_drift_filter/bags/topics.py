@@ -47,6 +47,10 @@ class Topics:
             filtered = f'{parent}/data_filtered'
         return cls(filtered, f'{parent}/{NODE_NAME}', f'{parent}/temperature')
 
+    def with_full_name(self, topic: str) -> 'Topics':
+        """Return the same with a filtered topic that has the whole name of the input in it."""
+        return replace(self, filtered=f'{absolute_name(topic)}_filtered')
+
     def with_own_node(self, topic: str) -> 'Topics':
         """Return the same with a node that is named after the input topic."""
         return replace(self, node=f'{self.node}_{topic.strip("/").replace("/", "_")}')
