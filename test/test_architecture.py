@@ -86,10 +86,14 @@ STORAGE = """
 from pathlib import Path
 import numpy as np
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.fleet.measuring import Job, measure
+from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.simulation.bag import imu_message
 
-log = Path('one.imulog')
+log = Path('logs/one.imulog')
+log.parent.mkdir()
 with log.open('wb') as file:
     for k in range(300):
         message = imu_message(10**18 + 10_000_000 * k, (0.1, 0.2, 0.3), (0.0, 0.0, 9.8))
@@ -97,6 +101,12 @@ with log.open('wb') as file:
         file.write(message)
 (summary,) = replay(log, Path('out'), parameters=Parameters())
 assert (summary.received, summary.written) == (300, 300), summary
+(summary,) = replay(log, Path('part'), parameters=Parameters(), selection=Selection(end=1.0))
+assert summary.received == 101, summary
+(bag,) = find_bags(['logs'], None)
+rows = measure(bag, Job(Parameters(), bags=Path('bags'))).rows
+assert [row['messages'] for row in rows] == [300, 300, 300], rows
+assert Path('bags/one').is_dir()
 """
 
 
@@ -117,28 +127,41 @@ def section(title):
     ],
 )
 def test_what_the_page_adds_works(title, files, code, tmp_path):
+    assert len(apply(title, tmp_path)) == files
+    environment = {'PYTHONPATH': str(tmp_path), 'NUMBA_DISABLE_JIT': '1'}
+    done = run_command(sys.executable, '-c', code, environment=environment, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_storage_that_the_page_adds_is_a_recording_to_mypy(tmp_path):
+    touched = apply('A storage', tmp_path)
+    shutil.copy(REPOSITORY / 'mypy.ini', tmp_path)
+    done = run_command(sys.executable, '-m', 'mypy', *sorted(touched), cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+
+
+def apply(title, folder):
+    """Make what a section of the page adds in a copy of the package; return the files of it."""
     for name in ('gyro_drift_filter', 'tools', 'config', 'docs'):
         shutil.copytree(
-            REPOSITORY / name, tmp_path / name, ignore=shutil.ignore_patterns('__pycache__')
+            REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns('__pycache__')
         )
     body, blocks = section(title)
     touched = set()
     for language, text in blocks:
         if language == 'python':
             (path,) = re.findall(r'^`(gyro_drift_filter/.*\.py)`$', body, re.MULTILINE)
-            (tmp_path / path).write_text(text)
+            (folder / path).write_text(text)
             touched.add(path)
         else:
-            applied = run_command('git', 'apply', '-', input=text, cwd=tmp_path)
+            applied = run_command('git', 'apply', '-', input=text, cwd=folder)
             assert applied.returncode == 0, (
                 f'the code has changed: make the change of docs/architecture.md, "{title}", anew, '
                 f'and put in what `git diff -U1` shows\n{applied.stderr}'
             )
             touched |= set(re.findall(r'^\+\+\+ b/(.*)$', text, re.MULTILINE))
-    assert len(touched) == files
-    environment = {'PYTHONPATH': str(tmp_path), 'NUMBA_DISABLE_JIT': '1'}
-    done = run_command(sys.executable, '-c', code, environment=environment, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    return touched
 
 
 def test_each_test_that_docs_robustness_names_exists():

@@ -47,6 +47,8 @@ class StoredPath(RPath, Protocol):
 
 
 _log = logging.getLogger(__name__)
+# What the name of a bag ends with that is a single file.
+FILE_SUFFIXES = ('.mcap', '.db3', '.bag')
 _MAGIC_OF_ROS1 = b'#ROSBAG V'  # whatever the version, which rosbags judges
 
 

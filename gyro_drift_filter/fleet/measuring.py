@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, Recording, are_among, is_cdr
 from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary
@@ -250,9 +250,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
 def written_path(bags: Path, bag: Bag) -> Path:
     """Return where the filtered bag is written: below a folder as the bag is below its source."""
     below = Path(bag.below)
-    return (
-        bags / below.with_suffix('') if below.suffix in ('.mcap', '.db3', '.bag') else bags / below
-    )
+    return bags / (below.with_suffix('') if below.suffix in FILE_SUFFIXES else below)
 
 
 def _rows_of_topic(

@@ -23,11 +23,11 @@ from typing import Any
 
 from fsspec.core import url_to_fs
 
+from gyro_drift_filter.bags.opening import FILE_SUFFIXES
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.addresses import is_remote, shown
 from gyro_drift_filter.fleet.streamed import Content, StreamedPath
 
-_SUFFIXES = ('.mcap', '.db3', '.bag')
 # No question mark: behind it addresses have what they are signed with.
 _PATTERN = re.compile(r'[*\[]')
 _METADATA = 'metadata.yaml'
@@ -142,7 +142,7 @@ def _bags_in(
 ) -> Iterator[Bag]:
     """Yield the bags that a path `top` of a file system is or holds, named from `above` on."""
     named = files.info(top)
-    is_bag = named['type'] == 'file' and shown(top).endswith(_SUFFIXES)
+    is_bag = named['type'] == 'file' and shown(top).endswith(FILE_SUFFIXES)
     details = {top: named} if is_bag else files.find(top, detail=True)
     folders = {path.rpartition('/')[0] for path in details if path.endswith(f'/{_METADATA}')}
     bags: dict[str, dict[str, Any]] = {}
@@ -152,7 +152,7 @@ def _bags_in(
             continue
         if folder in folders:
             bags.setdefault(folder, {})[path[len(folder) + 1 :]] = detail
-        elif shown(path).endswith(_SUFFIXES):
+        elif shown(path).endswith(FILE_SUFFIXES):
             bags[path] = {'': detail}
     for path, of_bag in bags.items():
         address = path
