@@ -32,6 +32,7 @@ from gyro_drift_filter.core import Filter, GyroDriftFilterError, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.fleet.measuring import Job, measure
 from gyro_drift_filter.fleet.sources import find_bags
+from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.report import pictures
 from gyro_drift_filter.report.figures import Drawer, autocorrelation, reduced
@@ -307,18 +308,51 @@ def test_page_and_row_are_by_log_times_where_stamps_are_zero(tmp_path, random):
     assert 25.0 < row['rest'] < 41.0
 
 
-def test_the_spectrum_is_by_log_times_where_stamps_stand(random):
-    rates, n = 0.002 * random.standard_normal((800, 3)), 800
-    stamps = 10**18 + 5 * 10**4 * np.arange(n)
+def figures_of(rates, step, stamp_step):
+    """Return the figures by name, and what the filter made of the samples.
+
+    Steps are those of log times and of stamps, in ns.
+    """
+    n = len(rates)
+    stamps = 10**18 + stamp_step * np.arange(n)
     messages = imu_messages(stamps, rates, (0.0, 0.0, 9.8))
     imus = imus_of(piece_of([message for _, message in messages]))
     filter_ = Filter()
     imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
     signals = Signals(filter_)
-    signals.take(imus, 10**18 + 5 * 10**7 * np.arange(n))
-    figures = Drawer({'adaptive': signals}, 10**18, 10_000).figures()
-    (spectrum,) = (figure for figure in figures if figure.name == 'spectrum')
-    assert spectrum.panels['x'][0].x[-1] == pytest.approx(10.0, rel=0.01)
+    signals.take(imus, 10**18 + step * np.arange(n))
+    drawer = Drawer({'adaptive': signals}, 10**18, 10_000)
+    return {figure.name: figure for figure in drawer.figures()}, imus['result']
+
+
+def test_the_spectrum_is_by_log_times_where_stamps_stand(random):
+    figures, _ = figures_of(0.002 * random.standard_normal((800, 3)), 5 * 10**7, 5 * 10**4)
+    assert figures['spectrum'].panels['x'][0].x[-1] == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.slow
+def test_outliers_and_the_end_of_a_rest_are_no_noise_in_its_curves(random):
+    n, deviation = 4000, 0.002
+    rates = deviation * random.standard_normal((n, 3))
+    rates[1000:2500:300] += 0.5
+    rates[1500] = np.nan
+    rates[3000:] += 0.02 * np.arange(1000)[:, None] / 100
+    figures, result = figures_of(rates, 10**7, 10**7)
+    first, last = np.flatnonzero(result['at_rest'] > 0)[[0, -1]]
+    assert 3000 < last < n - 1
+    assert (result['outlier'][1000:2500:300] > 0).all()
+    # Whole seconds but the last one, as the noise of a rest is counted.
+    places = np.arange(first, first + 100 * ((last + 1 - first) // 100 - 1))
+    assert places[-1] < 3000
+    for axis, name in enumerate('xyz'):
+        good = places[np.isfinite(rates[places, axis]) & (result['outlier'][places, axis] == 0)]
+        expected = np.interp(places, good, rates[good, axis])
+        (allan,) = (trace for trace in figures['allan'].panels[name] if trace.role == 'raw')
+        deviations = 3600 * np.degrees(allan_deviation([expected], 0.01).deviations)
+        np.testing.assert_allclose(allan.y, deviations, rtol=1e-4)
+        (power,) = (trace for trace in figures['spectrum'].panels[name] if trace.role == 'raw')
+        # Of white noise the density is twice its variance over the rate.
+        assert np.median(power.y) == pytest.approx(2 * np.degrees(deviation) ** 2 / 100, rel=0.3)
 
 
 def shown(page, name):

@@ -29,8 +29,10 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.identify.blocks import runs_of
 from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.series import Stretch
 from gyro_drift_filter.identify.spectrum import spectrum
+from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS
 from gyro_drift_filter.report.signals import Signals
 
 Floats = NDArray[np.float64]
@@ -42,6 +44,7 @@ BAND = 3.0
 _LARGEST = 10.0
 # A rest that is shorter, in s, has no spectrum worth drawing.
 _SHORTEST = 5.0
+_OF_REST = 'Of the longest rest, without outliers, and without its end, where motion may begin'
 _LAGS = 40
 _LARGEST_FOURIER = 1 << 18
 _BINS = np.linspace(-6.0, 6.0, 61)
@@ -136,8 +139,9 @@ class Drawer:
     def figures(self) -> list[Figure]:
         """Return all figures, the ones over time first."""
         drawn = [self._rates(), self._angles(), self._bias(), self._innovations(), self._noise()]
-        longest = max(self.rests, key=lambda rest: rest[1] - rest[0], default=(0, 0))
         period = self.main.watch.period
+        calm = (self._without_end(rest, period) for rest in self.rests)
+        longest = max(calm, key=lambda rest: rest[1] - rest[0], default=(0, 0))
         if (longest[1] - longest[0]) * period >= _SHORTEST:
             drawn += [self._spectrum(longest, period), self._allan(longest, period)]
         drawn += self._whiteness()
@@ -149,6 +153,17 @@ class Drawer:
         if self._recorded is not None:
             named['recorded'] = 'filtered, as recorded'
         return named | {'outlier': 'outliers', 'rest': 'at rest'}
+
+    def _without_end(self, rest: tuple[int, int], period: float) -> tuple[int, int]:
+        """Return a rest without what may be motion already, as the noise is counted without it.
+
+        Of the last rest nothing is: the recording ends before anybody moves the sensor.
+        """
+        first, stop = rest
+        if stop == len(self.times):
+            return first, stop
+        block = max(round(REST_BLOCK_SECONDS / period), 1)
+        return first, first + max((stop - first) // block - 1, 0) * block
 
     def rest_times(self) -> list[tuple[float, float]]:
         """Return begin and end of each rest in s."""
@@ -281,7 +296,7 @@ class Drawer:
         figure = Figure(
             'spectrum',
             'Power spectral density at rest',
-            'Of the longest rest. Lines that stand out are motors or fans; the filter takes off '
+            f'{_OF_REST}. Lines that stand out are motors or fans; the filter takes off '
             'what is fast.',
             '(deg/s)^2/Hz',
             'frequency (Hz)',
@@ -300,7 +315,7 @@ class Drawer:
         figure = Figure(
             'allan',
             'Overlapping Allan deviation at rest',
-            'Of the longest rest: how much the mean over a time changes from one such time to the '
+            f'{_OF_REST}: how much the mean over a time changes from one such time to the '
             'next. The falling part is noise, the lowest point the bias instability.',
             'deg/h',
             'averaging time (s)',
@@ -318,14 +333,17 @@ class Drawer:
         return figure
 
     def _at_rest(self, rest: tuple[int, int], axis: int) -> list[tuple[str, Floats]]:
-        """Return role and rates of a rest, without gaps: what is no number is left out."""
+        """Return role and rates of a rest; lines are drawn over outliers and what is no number."""
         first, stop = rest
+        flagged = Stretch(self.main.columns['outlier'][axis], first, stop)[:] > 0
         of_runs = [(method, run.columns['filtered']) for method, run in self.runs.items()]
         found = []
         for role, columns in [('raw', self.main.columns['raw']), *of_runs]:
             values = np.asarray(Stretch(columns[axis], first, stop)[:], np.float64)
-            found.append((role, values[np.isfinite(values)]))
-        return [(role, values) for role, values in found if len(values) > 1 and np.ptp(values) > 0]
+            good = np.isfinite(values) & ~flagged
+            if good.any():
+                found.append((role, bridged(values, good)))
+        return [(role, values) for role, values in found if np.ptp(values) > 0]
 
     def _whiteness(self) -> list[Figure]:
         correlation = Figure(
