@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import pytest
 
+from gyro_drift_filter.cli.main import main
 from support.bags import simulated_folder
 from support.paths import PACKAGE, REPOSITORY
 from support.processes import run_command
@@ -92,6 +93,14 @@ def test_commands_of_a_page_work(page, recordings, tmp_path):
         assert done.returncode == 0, (
             f'{page.name}, line {block.line}:\n{block.text}\n{done.stdout}\n{done.stderr}'
         )
+
+
+@pytest.mark.slow
+def test_the_verdict_that_the_page_shows_is_that_of_the_program(real_bag, tmp_path, capsys):
+    source = real_bag('multiposition_xsens')
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 0
+    shown = [b.text for b in blocks(REPOSITORY / 'docs' / 'report.md') if b.language == 'text']
+    assert f'\n\n{shown[0]}\n' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
