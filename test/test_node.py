@@ -29,6 +29,7 @@ import rclpy
 from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
@@ -41,6 +42,7 @@ from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import DESCRIPTIONS
+from gyro_drift_filter.errors import ParameterError
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.ros import command, neighbours
@@ -458,6 +460,68 @@ def test_of_several_sections_the_node_and_replay_take_the_same(tmp_path):
             )
             assert LiveParameters(node, print, [file]).current == read_parameters(file)
             node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+_GROUP = '/**: {ros__parameters: {bias: {%s}}}\n'
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        # Given twice: a group, a section, a value, a name with and without its group.
+        '/**: {ros__parameters: {bias: {max: 0.1, memory: false}, bias: {max: 0.2}}}',
+        _GROUP % 'max: 0.1' + _GROUP % 'memory: false' + _GROUP % 'max: 0.2',
+        _GROUP % 'max: 0.1, max: 0.2',
+        '/**: {ros__parameters: {bias.max: 0.1, bias: {max: 0.2}}}',
+        '/**: {ros__parameters: {bias: {max: 0.1}, bias.max: 0.2}}',
+        _GROUP % 'initial: [0.1, 0.2, 0.3], initial: [0.3, 0.2, 0.1]',
+        '/**: {ros__parameters: {method: kalman}, ros__parameters: {method: sage_husa}}',
+        # In a section whose name is there twice, with another one between.
+        'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
+        '/**: {ros__parameters: {epsilon: 3.0}}\n'
+        'gyro_drift_filter: {ros__parameters: {epsilon: 5.0, method: kalman}}',
+        # Of other types than they look.
+        _GROUP % 'initial: [0, 0.0, 1]',
+        _GROUP % 'initial: [0, 0, 1]',
+        *(_GROUP % f'max: {value}' for value in ('!!float "0.1"', '!!float 0.1', "'0.1'", '+.1')),
+        *(_GROUP % f'max: {value}' for value in ('1e-1', '0x1', '1_0', '08', '0:1.5', '{}', '')),
+        *(_GROUP % f'enabled: {value}' for value in ('y', 'N', 'Off', 'on', 'nO', '!!bool 3')),
+        _GROUP % '<<: {enabled: false}',
+        '/**: {ros__parameters: {outlier.run: 010}}',
+        '/**:\n  ros__parameters:\n    bias.max: |\n      0.1\n',
+        '/**: {ros__parameters: {method: !ours kalman}}',
+        '/**: {ros__parameters: {wheels: {}}}',
+    ],
+)
+def test_the_node_and_replay_read_the_same_in_a_file(text, tmp_path):
+    """Or both refuse it."""
+    context, file = rclpy.Context(), tmp_path / 'p.yaml'
+    rclpy.init(context=context, domain_id=own_domain())
+    file.write_text(text)
+
+    def live():
+        node = Node(
+            'gyro_drift_filter',
+            context=context,
+            cli_args=['--ros-args', '--params-file', str(file)],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        try:
+            return LiveParameters(node, print, []).current
+        finally:
+            node.destroy_node()
+
+    def taken(read):
+        try:
+            return read()
+        # What rclpy finds without a value is a ValueError.
+        except (ParameterError, ValueError, rclpy_implementation.RCLInvalidROSArgsError):
+            return 'refused'
+
+    try:
+        assert taken(live) == taken(lambda: read_parameters(file))
     finally:
         context.try_shutdown()
 

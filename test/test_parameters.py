@@ -211,6 +211,31 @@ def test_of_several_sections_for_the_node_the_last_one_wins(tmp_path):
         assert (parameters.epsilon, parameters.method) == (epsilon, 'kalman')
 
 
+def test_what_is_given_twice_is_joined(tmp_path):
+    """As for the node: test_node.py compares more of such files with it."""
+    group = '/**:\n  ros__parameters:\n    bias: {max: 0.1, memory: false}\n    bias: {max: 0.2}\n'
+    section = '/**: {ros__parameters: {epsilon: 7.0}}\n'
+    parameters = read_parameters(write(tmp_path, section + group))
+    assert (parameters.bias_max, parameters.bias_memory) == (0.2, False)
+    assert parameters.epsilon == 7.0
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        ('{epsilon: 1, epsilon: 2.0}', "'epsilon' is given twice, with values of different types"),
+        ('{model.phi: [0, 0, 0], model: {phi: [0.1, 0.1, 0.1]}}', "'model.phi' is given twice"),
+        ('{bias.initial: [0, 0.0, 1]}', "'bias.initial' is a list of whole and other numbers: wri"),
+        ('{bias: {}}', "'bias' has no value"),
+        ('{bias: }', "'bias' has no value"),
+        ('{}, ros__parameters: {}', r"section '/\*\*' has 'ros__parameters' twice: join them"),
+    ],
+)
+def test_what_rcl_refuses_or_mistakes_is_refused(content, message, tmp_path):
+    with pytest.raises(ParameterError, match=message):
+        read_parameters(write(tmp_path, f'/**: {{ros__parameters: {content}}}'))
+
+
 def test_sections_of_several_robots_are_not_mixed(tmp_path):
     text = (
         '/robot1/gyro_drift_filter: {ros__parameters: {method: kalman}}\n'

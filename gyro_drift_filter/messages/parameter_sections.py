@@ -15,6 +15,7 @@
 """A ROS 2 parameter file: sections, each with the parameters of one node or of many."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,10 @@ from gyro_drift_filter.core.parameters import is_misspelt, unknown_name
 from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError, yaml_reason
 
 LARGEST_FILE = 1_000_000  # bytes
+
+_CONTENT = 'ros__parameters'
+# A mapping of YAML, in which a key may be there several times.
+_Pairs = tuple[tuple[Any, Any], ...]
 
 
 class NoSectionsError(ParameterError):
@@ -31,17 +36,19 @@ class NoSectionsError(ParameterError):
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Return the full name of each section, and its parameters by their full names.
 
-    In a name `*` stands for one part and `**` for any number.
+    In a name `*` stands for one part and `**` for any number. What is given twice is joined, be it
+    a section or a group; of a parameter that is, the last value counts.
 
     Raises:
         NoSectionsError: The file holds none.
-        ParameterError: It can't be read.
+        ParameterError: It can't be read, or rcl would refuse a value, or take another of two.
         GyroDriftFilterError: PyYAML is missing.
     """
-    sections: dict[str, dict[str, Any]] = {}
-    for name, values in _sections('', _load(path)):
-        sections.setdefault(name, {}).update(_flat('', values))
-    return sections
+    pairs = _load(path)
+    try:
+        return _joined(pairs)
+    except ParameterError as error:
+        raise ParameterError(f'parameter file {path}: {error}') from error
 
 
 def is_section_of(section: str, node: str) -> bool:
@@ -62,37 +69,25 @@ def note_unknown(name: str, sections: list[str]) -> str:
     return f"unknown parameter '{name}': taken to be for another node, as its section is for many"
 
 
-def _load(path: Path) -> dict[Any, Any]:
+def _load(path: Path) -> _Pairs:
     try:
         import yaml
+
+        from gyro_drift_filter.messages.rcl_yaml import RclLoader
     except ImportError as error:
         raise GyroDriftFilterError(
             "parameter files need the Python package PyYAML: install it with 'pip install PyYAML' "
             "or 'apt install python3-yaml'"
         ) from error
 
-    class Loader(yaml.SafeLoader):
-        """YAML as rcl reads it: 2e-5 is a number, where PyYAML wants 2.0e-5, and no aliases."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            # A few lines of them can stand for more values than there is memory.
-            if self.check_event(yaml.AliasEvent):
-                raise yaml.YAMLError('aliases (*name) are not taken')
-            return super().compose_node(parent, index)
-
-    Loader.add_implicit_resolver(
-        'tag:yaml.org,2002:float',
-        re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
-        list('-+0123456789.'),
-    )
     try:
         # A subclass of SafeLoader.
-        document = yaml.load(_text(path), Loader)
+        document = yaml.load(_text(path), RclLoader)
     except OSError as error:
         raise ParameterError(f'parameter file {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
         raise ParameterError(f'parameter file {path} is no YAML: {yaml_reason(error)}') from error
-    if not isinstance(document, dict):
+    if not isinstance(document, tuple):
         raise NoSectionsError(f'parameter file {path} holds no node names')
     return document
 
@@ -105,27 +100,50 @@ def _text(path: Path) -> str:
     return data.decode('utf-8')
 
 
-def _sections(prefix: str, document: dict[Any, Any]) -> list[tuple[str, dict[Any, Any]]]:
-    """Return node names and their parameters; namespaces may be nested or joined by slashes."""
-    found = []
-    for key, value in document.items():
-        if not isinstance(value, dict):
+def _joined(document: _Pairs) -> dict[str, dict[str, Any]]:
+    sections: dict[str, dict[str, Any]] = {}
+    for section, pairs in _sections('', document):
+        content = sections.setdefault(section, {})
+        for name, value in _flat('', pairs):
+            if why := _why_refused(value, content.get(name, value)):
+                raise ParameterError(f"parameter '{name}' {why}")
+            content[name] = value
+    return sections
+
+
+def _sections(prefix: str, document: _Pairs) -> Iterator[tuple[str, _Pairs]]:
+    """Yield node names and their parameters; namespaces may be nested or joined by slashes."""
+    for key, value in document:
+        if not isinstance(value, tuple):
             continue
         name = f'{prefix}/{str(key).strip("/")}'
-        content = value.get('ros__parameters')
-        if isinstance(content, dict):
-            found.append((name, content))
-        nested = {k: v for k, v in value.items() if k != 'ros__parameters'}
-        found += _sections(name, nested)
-    return found
+        contents = [content for inner, content in value if inner == _CONTENT]
+        if len(contents) > 1:
+            raise ParameterError(f"section '{key}' has '{_CONTENT}' twice: join them")
+        yield from ((name, content) for content in contents if isinstance(content, tuple))
+        yield from _sections(name, tuple(pair for pair in value if pair[0] != _CONTENT))
 
 
-def _flat(prefix: str, values: dict[Any, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
+def _flat(prefix: str, pairs: _Pairs) -> Iterator[tuple[str, Any]]:
+    for key, value in pairs:
         name = f'{prefix}{key}'
-        if isinstance(value, dict):
-            flat |= _flat(f'{name}.', value)
+        if isinstance(value, tuple) and value:
+            yield from _flat(f'{name}.', value)
         else:
-            flat[name] = value
-    return flat
+            yield name, value
+
+
+def _why_refused(value: Any, before: Any) -> str:
+    """Return why a parameter is refused, given its value and one that it was given before."""
+    if value is None or value == ():
+        return 'has no value'
+    if {int, float} <= _types(value):
+        return 'is a list of whole and other numbers: write 0.0, not 0, where others have a point'
+    # rcl keeps one value of each type, and takes the whole number though another one came later.
+    if _types(value) != _types(before):
+        return 'is given twice, with values of different types: leave one'
+    return ''
+
+
+def _types(value: Any) -> set[type]:
+    return {list, *map(type, value)} if isinstance(value, list) else {type(value)}

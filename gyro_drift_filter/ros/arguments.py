@@ -70,12 +70,13 @@ def reporting_rcl(arguments: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        for path in parameter_files(arguments) if 'params file' in str(error) else ():
-            with suppress(NoSectionsError):
-                read_sections(path)
         reason = reason_of_rcl(error)
         if 'should be of same type' in reason:
             reason += ': in a list write 0.0, not 0, where others have a decimal point'
+        elif 'params file' in reason:
+            for path in parameter_files(arguments):
+                with suppress(NoSectionsError):
+                    read_sections(path)
         raise GyroDriftFilterError(reason) from error
 
 
