@@ -326,6 +326,7 @@ def start(*arguments, until=None, domain=None):
         ('model: {phi: [0.1, 0.2]}', "'model.phi' must be a list of three numbers"),
         ('model: {phi: []}', 'a parameter was given no value'),
         ('model: {fi: [0.0, 0.1, 0.2]}', "unknown parameter 'model.fi': did you mean 'model.phi'?"),
+        ('bias: 3', "'bias' is a group of parameters, such as 'bias.enabled', and has no value of"),
         ('wheel_radius: 0.3', "unknown parameter 'wheel_radius'"),
         ('model: {phi: [0, 0.1, 0.2]}', 'Sequence should be of same type'),
         (

@@ -174,6 +174,16 @@ def test_a_stranger_in_a_section_for_all_nodes_draws_a_warning(tmp_path, caplog)
     assert "unknown parameter 'publish_rate'" in caplog.text
 
 
+def test_a_value_for_a_group_is_an_error(tmp_path, caplog):
+    """Another node may have a parameter of that name."""
+    message = "'bias' is a group of parameters, such as 'bias.enabled', and has no value of its own"
+    content = 'ros__parameters: {bias: 3}'
+    with pytest.raises(ParameterError, match=message):
+        read_parameters(write(tmp_path, f'gyro_drift_filter: {{{content}}}'))
+    read_parameters(write(tmp_path, f'/**: {{{content}}}'))
+    assert f'{message}: taken to be for another node' in caplog.text
+
+
 def test_a_slip_in_a_section_for_all_nodes_is_an_error(tmp_path):
     with pytest.raises(ParameterError, match="'epsilonn': did you mean 'epsilon'"):
         read_parameters(write(tmp_path, '/**: {ros__parameters: {epsilonn: 7.0}}'))

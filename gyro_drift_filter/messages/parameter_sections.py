@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from gyro_drift_filter.core.parameters import is_misspelt, unknown_name
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS, is_misspelt, unknown_name
 from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError, yaml_reason
 
 LARGEST_FILE = 1_000_000  # bytes
@@ -61,12 +61,19 @@ def note_unknown(name: str, sections: list[str]) -> str:
     """Return what to say of a parameter that does not exist, given in these sections.
 
     Raises:
-        ParameterError: It is meant for this node: by the name of a section, or by its own, which
-            is nearly that of one that exists. In a section for many nodes it may be for another.
+        ParameterError: It is meant for this node: by the name of a section, or by its own, which is
+            nearly that of one that exists. In a section for many nodes it may be for another.
     """
+    is_group = name in GROUPS
     if is_misspelt(name) or not all(section.endswith('*') for section in sections or ['']):
-        raise ParameterError(unknown_name(name))
-    return f"unknown parameter '{name}': taken to be for another node, as its section is for many"
+        raise ParameterError(_without_value(name) if is_group else unknown_name(name))
+    unknown = _without_value(name) if is_group else f"unknown parameter '{name}'"
+    return f'{unknown}: taken to be for another node, as its section is for many'
+
+
+def _without_value(group: str) -> str:
+    first = next(each.name for each in DESCRIPTIONS if each.name.startswith(f'{group}.'))
+    return f"'{group}' is a group of parameters, such as '{first}', and has no value of its own"
 
 
 def _load(path: Path) -> _Pairs:
