@@ -339,6 +339,17 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
             ['replay', 'in', '-o', 'out', '--json', 'a', '--bias-memory', './a'],
             '--json and --bias-memory name the same path, a',
         ),
+        *(
+            (
+                ['replay', 'in', '-o', output, '--force', option, name],
+                f'{option} {name} lies within -o {output}, which holds nothing else than what',
+            )
+            for output, option, name in (
+                ('out', '--bias-memory', 'out/metadata.yaml'),
+                ('out', '--bias-memory', 'old/../out/a/bias.json'),
+                ('old', '--json', 'old/verdict.json'),
+            )
+        ),
         (['replay', 'in', '-o', 'out', '--bias-memory', '/proc/a/b'], '/proc can not be written'),
         (['report', 'in', '-o', 'out', '--png', 'out'], '--output and --png name the same path'),
         (['simulate', '-o', 'out', '--rate', '0'], '--rate must be 1 to 10000 Hz'),
@@ -354,6 +365,7 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
 def test_a_known_error_is_one_line_and_status_1(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
+    write(tmp_path / 'old', {(TOPIC, IMU_TYPE): simulated(9)})
     write(tmp_path / 'words', {('/words', TEXT): [(1, text('a'))]})
     silent = [(10**18 + k, imu_message(10**18 + k, (0, np.nan, 0), (0, 0, 9.8))) for k in range(9)]
     write(tmp_path / 'silent', {(TOPIC, IMU_TYPE): silent})

@@ -63,9 +63,11 @@ def check_targets(
         files: By the options that name them; they must not exist.
         pictures: Folders that pictures are written into; there must be none in them.
         others: Paths whose writers look themselves at what is there, as they replace some of it.
+            What is in a folder of these is theirs alone.
 
     Raises:
-        GyroDriftFilterError: It can't, or two of the options name the same path.
+        GyroDriftFilterError: It can't, or two of the options name the same path, or one lies within
+            another.
     """
     if files.get('--json') == _STANDARD_OUTPUT:
         files = {**files, '--json': None}
@@ -76,6 +78,7 @@ def check_targets(
         first = named.setdefault(os.path.realpath(path), option)
         if first != option:
             raise GyroDriftFilterError(f'{first} and {option} name the same path, {path}')
+        _check_lies_beside(path, option, others)
     for path in filter(None, files.values()):
         if path.is_dir():
             raise GyroDriftFilterError(f'{path} is a folder: name a file')
@@ -96,6 +99,15 @@ def check_targets(
     for option, path in others.items():
         if path is not None:
             _check_can_be_made(option, path.absolute().parent)
+
+
+def _check_lies_beside(path: Path, option: str, folders: Mapping[str, Path | None]) -> None:
+    for name, folder in folders.items():
+        if folder and Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents:
+            raise GyroDriftFilterError(
+                f'{option} {path} lies within {name} {folder}, which holds nothing else than what '
+                'is made there: choose another name'
+            )
 
 
 def check_no_pictures(option: str, folder: Path) -> None:
