@@ -18,6 +18,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
@@ -59,3 +60,9 @@ def write_whole(path: Path, text: str) -> None:
     """Write a text as `whole_file` does."""
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding='utf-8')
+
+
+def draw_whole(path: Path, figure: Any) -> None:
+    """Write a figure of matplotlib as a PNG file, as `whole_file` does."""
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, format='png', dpi=110)

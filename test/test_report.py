@@ -14,6 +14,7 @@
 
 """The report page: its figures, its text, and how it does in a real browser."""
 
+import errno
 import json
 import re
 import shutil
@@ -198,6 +199,26 @@ def test_the_figures_as_pictures(source, tmp_path):
     pictures = list((tmp_path / 'png').glob('*.png'))
     assert {'rates.png', 'angles.png', 'bias.png'} < {path.name for path in pictures}
     assert all(path.read_bytes().startswith(b'\x89PNG') for path in pictures)
+
+
+@pytest.mark.slow
+def test_pictures_that_the_disk_does_not_take_cost_no_other_result(
+    source, tmp_path, monkeypatch, capsys
+):
+    def savefig(figure, path, **_):
+        Path(path).write_bytes(b'a part')
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('matplotlib.figure.Figure.savefig', savefig)
+    page, results, folder = (tmp_path / name for name in ('page.html', 'results.json', 'png'))
+    files = ['-o', str(page), '--json', str(results), '--png', str(folder)]
+    assert main(['report', str(source), *files, '--start', '15', '--end', '25']) == 1
+    printed = capsys.readouterr()
+    assert f'{folder}/rates.png can not be written: No space left on device\n' in printed.err
+    assert printed.out.endswith(f'\nwrote {page}\n      {results}\n')
+    assert page.read_text().endswith('</html>\n')
+    assert json.loads(results.read_text())['verdicts']
+    assert list(folder.iterdir()) == []
 
 
 def test_points_share_the_room():

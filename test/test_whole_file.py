@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 from gyro_drift_filter.errors import GyroDriftFilterError
-from gyro_drift_filter.whole_file import whole_file, write_whole
+from gyro_drift_filter.whole_file import draw_whole, whole_file, write_whole
 
 
 @pytest.fixture
@@ -82,3 +82,17 @@ def test_an_interrupt_leaves_the_old_file(path):
         write_a_part()
     assert path.read_text() == 'old'
     assert list(path.parent.iterdir()) == [path]
+
+
+class Figure:
+    """A figure, or what a test needs of one, that a full disk takes a part of."""
+
+    def savefig(self, path, **_):
+        path.write_bytes(b'a part')
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+
+def test_a_figure_that_the_disk_does_not_take_is_named_and_leaves_nothing(tmp_path):
+    with pytest.raises(GyroDriftFilterError, match=r'a.png can not be written: No space left on'):
+        draw_whole(tmp_path / 'figures' / 'a.png', Figure())
+    assert list((tmp_path / 'figures').iterdir()) == []

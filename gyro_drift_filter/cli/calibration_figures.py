@@ -23,6 +23,7 @@ import numpy as np
 from gyro_drift_filter.calibrate.calibration import Samples
 from gyro_drift_filter.calibrate.results import Calibration
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.whole_file import draw_whole
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
@@ -42,7 +43,6 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
     Returns:
         The files written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     written = []
     figure, panels = plt.subplots(
         len(recordings), 1, figsize=(9, 3.5 * len(recordings)), layout='constrained', squeeze=False
@@ -59,7 +59,7 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
         panel.legend(loc='best', fontsize=8)
     figure.suptitle('Turns, shaded, between rests')
     written.append(folder / 'turns.png')
-    figure.savefig(written[-1], dpi=110)
+    draw_whole(written[-1], figure)
     plt.close(figure)
     figure, closures = plt.subplots(figsize=(9, 4), layout='constrained')
     place = np.arange(len(result.legs))
@@ -76,6 +76,6 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
     closures.grid(alpha=0.3, axis='y')
     figure.suptitle('How the turns close')
     written.append(folder / 'closures.png')
-    figure.savefig(written[-1], dpi=110)
+    draw_whole(written[-1], figure)
     plt.close(figure)
     return written

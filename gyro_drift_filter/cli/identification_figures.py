@@ -29,6 +29,7 @@ from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Reading
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts, seconds_at
 from gyro_drift_filter.identify.spectrum import spectrum
+from gyro_drift_filter.whole_file import draw_whole
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
@@ -59,7 +60,6 @@ def draw(
     Returns:
         The files written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     period = result.timing.period
     motionless = sum(map(len, result.quiet.spans)) > _MOTIONLESS * len(stamps)
     title = 'Static output (figure 1 of the paper)' if motionless else 'Recording, rests shaded'
@@ -98,7 +98,7 @@ def draw(
         panels[-1].set_xlabel(label)
         figure.suptitle(title)
         path = folder / f'{name}.png'
-        figure.savefig(path, dpi=110)
+        draw_whole(path, figure)
         plt.close(figure)
         written.append(path)
     return written

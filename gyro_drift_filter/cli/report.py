@@ -17,6 +17,7 @@
 import argparse
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +31,9 @@ from gyro_drift_filter.cli.result_files import (
     add_json_option,
     check_no_pictures,
     check_targets,
-    give_results,
+    saying,
     verdicts_of,
+    write_json,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -109,7 +111,6 @@ def run(options: argparse.Namespace) -> None:
         all_parameters = [parameters.with_names({'method': method}) for method in methods]
         recordings.append(_recording(bag, name, all_parameters, selection, options))
     verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
-    write_whole(options.output, page(recordings))
     text = ''
     if not options.quiet:
         texts = [
@@ -117,9 +118,16 @@ def run(options: argparse.Namespace) -> None:
             for name, of_methods in verdicts.items()
             for verdict in of_methods
         ]
-        text = '\n\n'.join(texts) + f'\n\nwrote {options.output}'
+        text = '\n\n'.join(texts)
     bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
-    give_results(text, options.json, verdicts_of(bags))
+    results = verdicts_of(bags)
+    with saying(text, options.json, results) as written:
+        write_whole(options.output, page(recordings))
+        written.append(options.output)
+        written += write_json(options.json, results)
+        if options.png:
+            _draw(options.png, recordings)
+            written.append(options.png)
 
 
 def shortest_names(bags: list[Path]) -> list[str]:
@@ -142,7 +150,7 @@ def _recording(
     selection: 'Selection',
     options: argparse.Namespace,
 ) -> 'DrawnRecording':
-    """Return what the page shows of a bag; pictures of it are written."""
+    """Return what the page shows of a bag."""
     from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
     from gyro_drift_filter.report.figures import Drawer
     from gyro_drift_filter.report.page import DrawnRecording, points_for
@@ -166,9 +174,12 @@ def _recording(
     )
     command = shlex.join(['gyro_drift', *sys.argv[1:]])
     facts = facts_of(bag, filtered, command)
-    recording = DrawnRecording.of(name, drawer, filtered.summaries, parameters[0], facts, notes)
-    if options.png:
-        from gyro_drift_filter.report import pictures
+    return DrawnRecording.of(name, drawer, filtered.summaries, parameters[0], facts, notes)
 
-        pictures.draw(options.png / name if len(options.bag) > 1 else options.png, recording)
-    return recording
+
+def _draw(folder: Path, recordings: Sequence['DrawnRecording']) -> None:
+    """Write pictures, of several recordings into a folder for each."""
+    from gyro_drift_filter.report import pictures
+
+    for recording in recordings:
+        pictures.draw(folder / recording.name if len(recordings) > 1 else folder, recording)

@@ -146,15 +146,16 @@ def saying(report: str, json_file: Path | None, value: Any) -> Iterator[list[Pat
     took long to find.
 
     Args:
-        report: The results as text.
+        report: The results as text; empty where nothing is to be said.
         json_file: What `--json` names: `-` has the value said in place of the text.
         value: The results for programs.
     """
     written: list[Path] = []
     try:
         yield written
-        report += '\n\nwrote ' + '\n      '.join(map(str, written))
     finally:
+        if report and written:
+            report += '\n\nwrote ' + '\n      '.join(map(str, written))
         _say_one(report, json_file, value)
 
 

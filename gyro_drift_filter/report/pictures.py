@@ -20,6 +20,7 @@ import matplotlib as mpl
 import numpy as np
 
 from gyro_drift_filter.report.page import DrawnRecording
+from gyro_drift_filter.whole_file import draw_whole
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt
@@ -41,7 +42,6 @@ _REST = '#009e73'
 
 def draw(folder: Path, recording: DrawnRecording) -> None:
     """Draw each figure; files of the same names in the folder, made if missing, are replaced."""
-    folder.mkdir(parents=True, exist_ok=True)
     methods = enumerate(recording.verdicts)
     colours = _COLOURS | {m: METHOD_COLOURS[k % len(METHOD_COLOURS)] for k, m in methods}
     names = recording.roles | {
@@ -91,5 +91,5 @@ def draw(folder: Path, recording: DrawnRecording) -> None:
             handles, labels, loc='outside upper right', ncols=max(len(labels), 1), fontsize=9
         )
         drawn.suptitle(figure.title, x=0.01, ha='left')
-        drawn.savefig(folder / f'{figure.name}.png', dpi=110)
+        draw_whole(folder / f'{figure.name}.png', drawn)
         plt.close(drawn)
