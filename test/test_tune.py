@@ -322,7 +322,12 @@ def test_truth_on_a_topic(tmp_path, capsys):
     bag = write(tmp_path / 'bag', {('/true', IMU_TYPE): true, (TOPIC, IMU_TYPE): raw})
     options = ['--topic', TOPIC, '--truth', '/true', '--seconds', '0.001']
     assert main(['tune', str(bag), '-o', str(tmp_path / 'out.yaml'), *options]) == 0
-    assert 'The time limit has cut it short' in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert 'The time limit has cut it short' in printed.out
+    # The truth of another recording that began at the same stamp would look like that, too.
+    count = len(stamps)
+    known = f'{count - 100} of {count} samples, from 1.000 to {(count - 1) / 100:.3f}'
+    assert f'warning: the truth is known at {known} s, and only these are judged' in printed.err
 
 
 @pytest.mark.parametrize(

@@ -148,8 +148,17 @@ def _truth(
             for column in rates.T
         ]
     )
-    if not np.isfinite(out).all(axis=1).any():
+    known = np.isfinite(out).all(axis=1)
+    if not known.any():
         raise GyroDriftFilterError('the truth is of another time than the samples')
+    if not known.all():
+        # What measures the truth often begins later, or loses sight of the body.
+        first, last = 1e-9 * (stamps[known][[0, -1]] - origin)
+        tell(
+            f'warning: the truth is known at {known.sum()} of {len(known)} samples, from '
+            f'{first:.3f} to {last:.3f} s, and only these are judged: is it the truth of this '
+            'recording?'
+        )
     return out
 
 
