@@ -39,7 +39,8 @@ running robot. This page is made from their own help.
 | status | meaning |
 |---|---|
 | 0 | done |
-| 1 | an error, explained in one line on the standard error; some values out of range, too |
+| 1 | an error, explained in one line on the standard error; some values out of range, too; \
+without a line, the reader of the output has left before its end, as `head` may |
 | 2 | an option that does not exist, is missing, comes too often, or can not have that value |
 | 3 | `doctor` has found a fault in the recording; `calibrate` does not know all entries well |
 | 130 | interrupted by Ctrl-C |
