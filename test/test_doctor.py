@@ -236,6 +236,8 @@ def test_repeats_count_from_the_second_sample_on(random):
     values[:, 1:41] = values[:, :1]
     found = judge_repeats(tuple(values[:3]), tuple(values[3:]))
     assert (found.values['repeated'], found.values['times']) == (40, 1)
+    # There are three values without an accelerometer, and six with one.
+    assert found.text.startswith('every value is that of the sample before in 40 samples')
 
 
 def test_a_driver_that_polls_repeats_samples(found):

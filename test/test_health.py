@@ -53,7 +53,7 @@ CASES = {
     'silent': ({'received': 900}, {'received': 901}, 'is the driver running'),
     'own output': ({'own_outputs': 1}, {}, 'come back on the input'),
     'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
-    'never usable': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
+    'no usable rate': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
     'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
     'zero': ({'stuck': True, 'all_zero': True}, {'all_zero': True}, 'exactly 0'),
     'stuck': ({'stuck': True}, {}, 'stayed the same'),

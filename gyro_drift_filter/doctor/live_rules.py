@@ -198,7 +198,7 @@ def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
         low_pass = sound('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
     return [
         (
-            {'malformed', 'not reported', 'never usable', 'unusable', 'changing frame'},
+            {'malformed', 'not reported', 'no usable rate', 'unusable', 'changing frame'},
             sound(
                 'messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'
             ),

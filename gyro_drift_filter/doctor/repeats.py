@@ -15,8 +15,9 @@
 """Whether the driver now and then sends the values of the previous sample once more.
 
 The filter counts rates that repeat where noise or motion forbid it. Here all six values are
-compared, over the whole recording. How often they are equal by chance is known from the sample two
-before: by chance a sample equals that one as often as the previous one.
+compared, over the whole recording; without an accelerometer the three rates. How often they are
+equal by chance is known from the sample two before: by chance a sample equals that one as often as
+the previous one.
 """
 
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
@@ -36,7 +37,7 @@ def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
         return sound('repeats', 'no sample is repeated', found)
     return fault(
         'repeats',
-        f'all six values are those of the sample before in {repeats.repeated} samples '
+        f'every value is that of the sample before in {repeats.repeated} samples '
         f'({100.0 * repeats.share:.3g} %), {repeats.runs} times',
         'the bus or the driver hangs, or polls faster than the sensor measures: poll on its '
         'data-ready signal, and do not publish the same sample twice',

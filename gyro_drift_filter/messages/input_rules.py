@@ -212,7 +212,7 @@ INPUT_RULES = (
         level=Level.ERROR,
     ),
     Rule(
-        'never usable',
+        'no usable rate',
         lambda span: increase(span, 'refused') == span.samples > 0,
         'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is published; '
         'look at the driver',
