@@ -250,6 +250,20 @@ def test_an_output_that_takes_nothing_is_no_traceback(redirection, status, told,
     assert (bag.parent / 'out' / 'metadata.yaml').exists()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('options', 'told'),
+    [('', 'the standard'), ('--json a.json', 'all is written, but the standard')],
+)
+def test_a_page_that_is_not_taken_is_not_said_to_be_written(options, told, tmp_path):
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
+    command = f'{sys.executable} -m gyro_drift_filter.cli.main doctor in {options} >/dev/full'
+    done = run_command('sh', '-c', command, cwd=tmp_path, timeout=300)
+    assert done.returncode == 1
+    assert f'gyro_drift doctor: {told} output can not be' in done.stderr
+    assert (tmp_path / 'a.json').exists() == bool(options)
+
+
 @pytest.mark.parametrize(
     'arguments',
     [
@@ -324,6 +338,10 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
         (
             ['replay', 'in', '-o', '.'],
             '. exists already: choose another name, as it is no rosbag2 folder',
+        ),
+        (
+            ['replay', 'in/in.mcap', '-o', '.', '--force'],
+            '. is the bag to be read, or holds it: choose another name',
         ),
         (
             ['replay', 'in', '-o', '/dev/full'],

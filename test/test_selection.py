@@ -302,7 +302,7 @@ def test_the_options_of_the_command(two, tmp_path, capsys):
     assert '/right/imu -> /right/imu_filtered: 600 messages' in printed
     assert main([*arguments, '--start', '3', '--end', '3', '--force']) == 1
     assert '--start 3 is not before --end 3' in capsys.readouterr().err
-    for wrong in ('-5', 'nan', 'soon'):
+    for wrong in ('-5', 'nan', 'inf', 'soon'):
         with pytest.raises(SystemExit):
             main([*arguments, '--start', wrong, '--force'])
         assert f'--start: {wrong} is no time since the first' in capsys.readouterr().err

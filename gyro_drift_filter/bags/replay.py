@@ -104,7 +104,7 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     read, written = (Path(os.path.realpath(path)) for path in (source, destination))
     is_source = written in (read, *read.parents)
     if force and is_source:
-        raise BagError(f'{destination} is the bag to be read: choose another name')
+        raise BagError(f'{destination} is the bag to be read, or holds it: choose another name')
     if read in written.parents:
         raise BagError(f'{destination} lies within the bag to be read: choose another name')
     if force or not destination.exists():

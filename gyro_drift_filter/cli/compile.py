@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
             'to install it'
         )
     if is_extension():
-        say('compiled already')
+        say('compiled already', after_files=False)
         return
     from gyro_drift_filter.accelerate.ahead import build_extension
 

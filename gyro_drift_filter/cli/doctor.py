@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     sound = is_sound(findings)
     text = page(f'{options.bag.absolute().name}, topic {topic}', findings)
     plain = {'bag': str(options.bag), 'topic': topic, 'sound': sound, 'findings': findings}
-    give_results(text, options.json, plain)
+    give_results(text, options.json, plain, after_files=False)
     return 0 if sound else FOUND
 
 

@@ -117,7 +117,7 @@ def run(options: argparse.Namespace) -> None:
         'flagged': sequences,
         'unflagged': unflagged,
     }
-    give_results(text, options.json, plain)
+    give_results(text, options.json, plain, after_files=False)
 
 
 def page(

@@ -25,8 +25,12 @@ from gyro_drift_filter.errors import GyroDriftFilterError
 _COLOURS = {'helped': '1;32', 'useless': '1;33', 'harmed': '1;31'}
 
 
-def say(text: str) -> None:
+def say(text: str, after_files: bool = True) -> None:
     """Print a result, when all else is done.
+
+    Args:
+        text: To be printed.
+        after_files: Whether files have been written before, which a user may else take for lost.
 
     Raises:
         GyroDriftFilterError: The standard output can't be written.
@@ -39,9 +43,10 @@ def say(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             raise
-        raise GyroDriftFilterError(
-            f'all is written, but the standard output can not be: {error.strerror}'
-        ) from error
+        what = 'the standard output can not be written'
+        if after_files:
+            what = 'all is written, but the standard output can not be'
+        raise GyroDriftFilterError(f'{what}: {error.strerror}') from error
 
 
 def in_colour(text: str, outcome: str) -> str:

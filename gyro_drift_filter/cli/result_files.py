@@ -156,26 +156,34 @@ def saying(report: str, json_file: Path | None, value: Any) -> Iterator[list[Pat
     finally:
         if report and written:
             report += '\n\nwrote ' + '\n      '.join(map(str, written))
-        _say_one(report, json_file, value)
+        _say_one(report, json_file, value, bool(written))
 
 
-def give_results(text: str, json_file: Path | None, value: Any) -> None:
+def give_results(
+    text: str, json_file: Path | None, value: Any, *, after_files: bool = True
+) -> None:
     """Write results for programs, where `--json` wants them, and say the text; see `saying`.
 
     The standard output comes last, as its reader may have left: all else has to be written before.
 
+    Args:
+        text: The results as text.
+        json_file: What `--json` names.
+        value: The results for programs.
+        after_files: Whether the command has written other files before.
+
     Raises:
         GyroDriftFilterError: They can't be written.
     """
-    write_json(json_file, value)
-    _say_one(text, json_file, value)
+    written = write_json(json_file, value)
+    _say_one(text, json_file, value, after_files or bool(written))
 
 
-def _say_one(text: str, json_file: Path | None, value: Any) -> None:
+def _say_one(text: str, json_file: Path | None, value: Any, after_files: bool) -> None:
     if json_file == _STANDARD_OUTPUT:
-        say(_as_json(value))
+        say(_as_json(value), after_files)
     elif text:
-        say(text)
+        say(text, after_files)
 
 
 def write_json(json_file: Path | None, value: Any) -> list[Path]:

@@ -37,7 +37,7 @@ def _seconds(text: str) -> float:
     seconds = math.nan
     with suppress(ValueError):
         seconds = float(text)
-    if not seconds >= 0.0:
+    if not 0.0 <= seconds < math.inf:
         raise argparse.ArgumentTypeError(f'{text} is no time since the first message, in s')
     return seconds
 
