@@ -253,6 +253,33 @@ def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
     assert verdict.bias.source == 'unknown'
 
 
+def test_a_recording_that_is_too_short_for_a_rest_is_not_said_to_move(tmp_path, random):
+    rates, accelerations = at_rest(random, 0.02)
+    text = ' '.join(as_text(judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)).split())
+    assert text.startswith(
+        'This filter did nothing useful here: the recording of 0.02 s is too short for a rest of 3'
+    )
+    assert 'rest none: the recording of 0.02 s is too short' in text
+    assert 'stood still for' not in text
+
+
+def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 12)
+    spikes = (np.arange(len(rates)) % 100 == 50)[:, None] * 300.0
+    verdict = judged(
+        bag(tmp_path / 'in', np.degrees(rates + turn) + spikes, accelerations + push), tmp_path
+    )
+    assert verdict.outliers.samples
+    assert (verdict.outcome, verdict.gains) == ('useless', [])
+    text = ' '.join(as_text(verdict).split())
+    assert text.startswith(
+        'This filter did nothing useful here: the driver may publish degrees per second where '
+        'REP-103 asks for radians.'
+    )
+    assert 'flagged as outliers' in text
+
+
 def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random):
     rates, accelerations = at_rest(random, 12, (0.0, 0.0, 1.0))
     verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)

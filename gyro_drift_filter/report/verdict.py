@@ -280,16 +280,20 @@ class RunWatch:
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
         outliers = _flagged_outliers(total['outliers'], filter_.parameters.outlier_enabled, run)
-        gains = _gains(rests, bias, outliers, run)
         lagging = self._lagging / self._rules.seconds if self._rules.seconds > 0.0 else 0.0
-        outcome = Outcome.HELPED if gains else Outcome.USELESS
-        if lagging > _LAGGING_SHARE:
-            outcome = Outcome.HARMED
+        lags = lagging > _LAGGING_SHARE
         moving = int(total['moving'])
         # Of a filter that lags, what it takes for outliers says nothing of the recording.
-        following = {'outliers', 'diverged'} if outcome == Outcome.HARMED else set()
+        following = {'outliers', 'diverged'} if lags else set()
         found = self._rules.findings(is_not_cut(filter_), following)
         faults = [finding for finding in found if finding.is_fault]
+        gains = _gains(rests, bias, outliers, run)
+        if in_degrees(faults):
+            # What is flagged there is motion, 57 times as fast as it is.
+            gains = [gain for gain in gains if gain != 'outliers']
+        outcome = Outcome.HELPED if gains else Outcome.USELESS
+        if lags:
+            outcome = Outcome.HARMED
         return Verdict(
             topic=run.topic,
             output_topic=run.output_topic,
@@ -353,6 +357,11 @@ class RunWatch:
             variance = np.array(self._variance) / self._judged
         left = float(np.sqrt(total['up_squares'] @ variance / seconds))
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
+
+
+def in_degrees(findings: Sequence[Finding]) -> bool:
+    """Return whether the rates seem to be in degrees per second."""
+    return any(finding.name in ('degrees', 'noise in degrees') for finding in findings)
 
 
 def _rests(total: Any, needed: float) -> Rests:

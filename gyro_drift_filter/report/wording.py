@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.messages.input_rules import IN_DEGREES
 from gyro_drift_filter.phrases import by_axis, counted
 from gyro_drift_filter.report.verdict import (
     SIGNIFICANT,
@@ -29,6 +30,7 @@ from gyro_drift_filter.report.verdict import (
     FlaggedOutliers,
     Outcome,
     Verdict,
+    in_degrees,
 )
 
 _WIDTH = 100
@@ -130,6 +132,8 @@ def per_minute(rate: float) -> str:
 def _why_useless(verdict: Verdict) -> str:
     if all(verdict.silent):
         return _why_silent(verdict)
+    if in_degrees(verdict.findings):
+        return IN_DEGREES
     why = []
     if not verdict.rests.count:
         why.append(f'{_why_no_rest(verdict)}, so there was no rest to learn the bias from')
@@ -163,7 +167,10 @@ def _is_beyond(verdict: Verdict) -> bool:
 def _why_no_rest(verdict: Verdict) -> str:
     if _is_beyond(verdict):
         return 'while the sensor was steady, its rate was beyond bias.max'
-    return f'the sensor never stood still for {verdict.rests.needed} s'
+    seconds, needed = verdict.received * verdict.period, verdict.rests.needed
+    if seconds < needed:
+        return f'the recording of {seconds:.2g} s is too short for a rest of {needed} s'
+    return f'the sensor never stood still for {needed} s'
 
 
 def _why_silent(verdict: Verdict) -> str:
