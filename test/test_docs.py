@@ -103,6 +103,17 @@ def test_the_verdict_that_the_page_shows_is_that_of_the_program(real_bag, tmp_pa
     assert f'\n\n{shown[0]}\n' in capsys.readouterr().out
 
 
+def test_no_two_pages_make_what_has_the_same_name():
+    """A reader follows them in one folder, where the second one would meet what the first made."""
+    made = {}
+    for page in PAGES:
+        lines = [line for b in blocks(page) if b.language in SHELL for line in b.text.split('\n')]
+        for line in lines:
+            if line.startswith('gyro_drift ') and not line.startswith('gyro_drift simulate'):
+                for name in re.findall(r' (?:-o|--json|--kalibr|--plot|--png) ([\w./]+)', line):
+                    assert made.setdefault(name, page) == page, f'{name}: {page.name}'
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_each_block_has_a_language(page):
     """So that none escapes, as an indented one would, or one that is called otherwise."""

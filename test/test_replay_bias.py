@@ -214,6 +214,7 @@ def test_a_bias_that_a_later_recording_has_left_is_told(tmp_path, random, caplog
         assert 'after the start of this recording' not in caplog.text
         replay(source, tmp_path / name, parameters=Parameters(), memory=memory)
     assert 'is from 20 s after the start of this recording: remove the file' in caplog.text
+    assert 'to begin without it, as it is used all the same' in caplog.text
 
 
 def test_the_bias_of_another_frame_is_not_kept(tmp_path, random, caplog):

@@ -83,7 +83,7 @@ class ReplayBiasMemory:
         if self._recalled.age < 0.0:
             _log.warning(
                 'the bias of %s is from %.0f s after the start of this recording: remove the file '
-                'to begin without one',
+                'to begin without it, as it is used all the same',
                 *(self._path, -self._recalled.age),
             )
         self._recalled.give(self._filter)
