@@ -42,7 +42,7 @@ from gyro_drift_filter.messages.telemetry import (
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.drive import simulate_drive
 from support.messages import NOT_REPORTED, imu_fields, quiet, serialized, simulated
-from support.sensor import at_rest, by_hand
+from support.sensor import DEGREE, at_rest, by_hand
 
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
 
@@ -135,7 +135,11 @@ CASES = {
         {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 119.0},
         'call ~/calibrate now',
     ),
-    'beyond bias.max': ({'rest_beyond_max': True}, {}, 'bias.max (10 deg/s)'),
+    'beyond bias.max': (
+        {'rest_beyond_max': True, 'rest_seconds': 121.0},
+        {'rest_beyond_max': True, 'rest_seconds': 119.0},
+        'bias.max (10 deg/s)',
+    ),
     'no bias for long': (
         {'bias_known': False, 'rest_seconds': 11.0},
         {'bias_known': False, 'rest_seconds': 9.0},
@@ -427,6 +431,26 @@ def test_a_robot_that_turns_steadily_is_not_told_to_have_other_units():
     assert callable(text)
     assert 'is taken for a turn' in text(span(rest_beyond_max=True))
     assert 'rates in deg/s' in text(span(rest_beyond_max=True, bias_known=False))
+
+
+@pytest.mark.slow
+def test_a_turret_that_slews_evenly_draws_no_warning(random):
+    """It turns at 20 deg/s for eight seconds, and stands: a third of the time was a warning."""
+    filter_, health = MessageFilter(Parameters()), Health()
+    rates, accelerations = at_rest(random, 90)
+    seconds = np.arange(len(rates)) / 100.0
+    slews = np.clip(np.minimum((seconds - 10.0) % 16.0, 8.0 - (seconds - 10.0) % 16.0), 0.0, 1.0)
+    rates[:, 2] += np.where(seconds > 10.0, 20.0 * DEGREE * slews, 0.0)
+    for first in range(0, len(rates), 100):
+        part, begin = slice(first, first + 100), first / 100.0
+        filter_all(filter_, serialized(rates[part], accelerations[part], begin))
+        _, judged = health.judge(filter_.report(), begin + 1.0)
+        assert judged.level == Level.OK
+
+
+def test_units_are_doubted_at_once_where_no_bias_is_known():
+    rule = RULES['beyond bias.max']
+    assert rule.applies(span(rest_beyond_max=True, bias_known=False, rest_seconds=3.0))
 
 
 @pytest.mark.slow

@@ -102,6 +102,16 @@ def _is_taken_for_turn(span: Span) -> bool:
     return state.bias_known and state.rest_seconds > _LONG_WITHOUT_REST
 
 
+def _is_beyond_max(span: Span) -> bool:
+    """Return whether it is as still as at rest, at a rate that is no bias.
+
+    Beside a bias that is known that is a turn, unless no rest comes for long.
+    """
+    state = span.now.telemetry
+    is_turn = state.bias_known and state.rest_seconds <= _LONG_WITHOUT_REST
+    return state.rest_beyond_max and not is_turn
+
+
 def _no_bias(span: Span) -> str:
     state = span.now.telemetry
     known = 'no bias known yet'
@@ -116,8 +126,8 @@ def _beyond_max_text(span: Span) -> str:
     limit = f'bias.max ({math.degrees(span.now.parameters.bias_max):g} deg/s)'
     if span.now.telemetry.bias_known:
         return (
-            f'a mean rate beyond {limit} is taken for a turn, and not subtracted: if the robot '
-            'stands, its bias has jumped, so have the sensor looked at'
+            f'no rest for minutes, and now a mean rate beyond {limit} is taken for a turn, and not '
+            'subtracted: if the robot stands, its bias has jumped, so have the sensor looked at'
         )
     return (
         f'the mean rate at rest is beyond {limit} and is not subtracted: are the rates '
@@ -181,7 +191,7 @@ FILTER_RULES = (
         'for a slow turn: if the robot stands, its bias changes faster than bias.random_walk says, '
         'so call ~/calibrate now, and raise that parameter',
     ),
-    Rule('beyond bias.max', lambda span: span.now.telemetry.rest_beyond_max, _beyond_max_text),
+    Rule('beyond bias.max', _is_beyond_max, _beyond_max_text),
     Rule(
         'no bias for long',
         _has_no_bias_for_long,
