@@ -148,3 +148,13 @@ def test_beside_a_dead_axis_nothing_is_told(walk):
     rates = walk.rates * [0.0, 1.0, 1.0]
     part = slice(0, round(200 * RATE))
     assert not told(Filter(), walk.stamps[part], rates[part], walk.accelerations[part]).any()
+
+
+@pytest.mark.slow
+def test_a_rest_that_finds_another_bias_ends_the_contradiction():
+    """A bias that had jumped on the way was told as one for minutes after it was known again."""
+    of, jump = ride(VEHICLES['car'], 2, 330.0, RATE, 0.0), round(80 * RATE)
+    of.rates[jump:] += 1.2 * DEGREE
+    seconds = told(Filter(), of.stamps, of.rates, of.accelerations)
+    assert seconds.any()
+    assert not seconds[-30:].any()

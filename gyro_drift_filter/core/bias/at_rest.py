@@ -425,12 +425,12 @@ def _settle_anew(state: Bias) -> None:
 @kernel
 def _settle(state: Bias) -> None:
     """Begin to count anew what the bias may have done since it was learned."""
+    if state['segments'] == 0 or not state['known']:
+        state['motion']['contradictions'] = 0  # what is replaced may have been why
     state['known'] = True
     for axis in range(3):
         state['provisional_variance'][axis] = 0.0
     state['rest_beyond_max'] = False
-    if state['segments'] == 0:
-        state['motion']['contradictions'] = 0  # what is replaced may have been why
     state['segments'] += 1
     state['rest_seconds'] = 0.0
     state['process_noise'] = state['largest_process_noise'] = 0.0
