@@ -265,3 +265,9 @@ def test_a_parameter_file_that_unfolds_without_end(tmp_path):
         assert '\n' not in str(error.value)
     with pytest.raises(ParameterError, match='longer than 1000000 bytes'):
         read_parameters(write(tmp_path, '#' * 1_000_001))
+
+
+def test_a_name_of_a_parameter_is_text_whatever_it_looks_like(tmp_path):
+    """That of another node, such as y, made the node refuse the file."""
+    content = '/**: {ros__parameters: {offset: {x: 1.0, y: 2.0}, epsilon: 7.0}}'
+    assert read_parameters(write(tmp_path, content)).epsilon == 7.0

@@ -53,8 +53,14 @@ class RclLoader(yaml.SafeLoader):
         return node
 
     def construct_yaml_map(self, node: Any) -> Any:
-        """Return the pairs of a mapping."""
-        return tuple(self.construct_pairs(node, deep=True))
+        """Return the pairs of a mapping; a key is text, whatever it looks like."""
+        return tuple(
+            (
+                key.value if isinstance(key, yaml.ScalarNode) else self.construct_object(key, True),
+                self.construct_object(value, True),
+            )
+            for key, value in node.value
+        )
 
 
 # The first that fits is taken, and none of PyYAML's own.
