@@ -494,6 +494,11 @@ _GROUP = '/**: {ros__parameters: {bias: {%s}}}\n'
         '/**:\n  ros__parameters:\n    bias.max: |\n      0.1\n',
         '/**: {ros__parameters: {method: !ours kalman}}',
         '/**: {ros__parameters: {wheels: {}}}',
+        # In a section of another node.
+        '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {speed: 1, speed: 2.0}}',
+        '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {wheels: {}}}',
+        '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {wheels: }}',
+        '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {sizes: [1, 2.0]}}',
     ],
 )
 def test_the_node_and_replay_read_the_same_in_a_file(text, tmp_path):
@@ -510,7 +515,7 @@ def test_the_node_and_replay_read_the_same_in_a_file(text, tmp_path):
             automatically_declare_parameters_from_overrides=True,
         )
         try:
-            return LiveParameters(node, print, []).current
+            return LiveParameters(node, print, [file]).current
         finally:
             node.destroy_node()
 

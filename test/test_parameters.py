@@ -246,6 +246,17 @@ def test_what_rcl_refuses_or_mistakes_is_refused(content, message, tmp_path):
         read_parameters(write(tmp_path, f'/**: {{ros__parameters: {content}}}'))
 
 
+def test_what_is_mistaken_only_in_the_section_of_another_node(tmp_path):
+    """That is nothing to this one, unless rcl refuses the whole file for it."""
+    ours = 'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'
+    for content in ('{speed: 1, speed: 2.0}', '{wheels: {}}'):
+        other = f'other: {{ros__parameters: {content}}}\n'
+        assert read_parameters(write(tmp_path, ours + other)).epsilon == 7.0
+    for content, why in (('{wheels: }', 'has no value'), ('{sizes: [1, 2.0]}', 'is a list of')):
+        with pytest.raises(ParameterError, match=why):
+            read_parameters(write(tmp_path, f'{ours}other: {{ros__parameters: {content}}}\n'))
+
+
 def test_sections_of_several_robots_are_not_mixed(tmp_path):
     text = (
         '/robot1/gyro_drift_filter: {ros__parameters: {method: kalman}}\n'

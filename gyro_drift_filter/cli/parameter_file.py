@@ -63,12 +63,8 @@ def read_parameters(path: Path) -> Parameters:
 
 def _ours(path: Path) -> dict[str, dict[str, Any]]:
     """Return the sections of our node by their names; as for rcl the last one wins."""
-    sections = read_sections(path)
-    found = {
-        name: content
-        for name, content in sections.items()
-        if name.rpartition('/')[2] in (NODE_NAME, '*', '**')
-    }
+    sections = read_sections(path, _is_ours)
+    found = {name: content for name, content in sections.items() if _is_ours(name)}
     if not found:
         others = f', only for {", ".join(sections)}' if sections else ''
         raise ParameterError(
@@ -81,6 +77,10 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
             f'parameter file {path} has sections for several nodes: {", ".join(named)}: leave one'
         )
     return found
+
+
+def _is_ours(section: str) -> bool:
+    return section.rpartition('/')[2] in (NODE_NAME, '*', '**')
 
 
 def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:

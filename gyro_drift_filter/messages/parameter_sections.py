@@ -15,7 +15,7 @@
 """A ROS 2 parameter file: sections, each with the parameters of one node or of many."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,16 @@ class NoSectionsError(ParameterError):
     """A parameter file is empty, or holds no names of nodes."""
 
 
-def read_sections(path: Path) -> dict[str, dict[str, Any]]:
+def read_sections(path: Path, is_ours: Callable[[str], bool]) -> dict[str, dict[str, Any]]:
     """Return the full name of each section, and its parameters by their full names.
 
     In a name `*` stands for one part and `**` for any number. What is given twice is joined, be it
     a section or a group; of a parameter that is, the last value counts.
+
+    Args:
+        path: Of the file.
+        is_ours: Tells by its name whether a section is for the node that asks. In those of other
+            nodes it does not matter which of two values rcl takes.
 
     Raises:
         NoSectionsError: The file holds none.
@@ -46,7 +51,7 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """
     pairs = _load(path)
     try:
-        return _joined(pairs)
+        return _joined(pairs, is_ours)
     except ParameterError as error:
         raise ParameterError(f'parameter file {path}: {error}') from error
 
@@ -107,12 +112,15 @@ def _text(path: Path) -> str:
     return data.decode('utf-8')
 
 
-def _joined(document: _Pairs) -> dict[str, dict[str, Any]]:
+def _joined(document: _Pairs, is_ours: Callable[[str], bool]) -> dict[str, dict[str, Any]]:
     sections: dict[str, dict[str, Any]] = {}
     for section, pairs in _sections('', document):
         content = sections.setdefault(section, {})
         for name, value in _flat('', pairs):
-            if why := _why_refused(value, content.get(name, value)):
+            why = _why_refused(value)
+            if not why and is_ours(section):
+                why = _why_mistaken(value, content.get(name, value))
+            if why:
                 raise ParameterError(f"parameter '{name}' {why}")
             content[name] = value
     return sections
@@ -140,12 +148,19 @@ def _flat(prefix: str, pairs: _Pairs) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _why_refused(value: Any, before: Any) -> str:
-    """Return why a parameter is refused, given its value and one that it was given before."""
-    if value is None or value == ():
+def _why_refused(value: Any) -> str:
+    """Return why rcl refuses a file with this value in it, whatever node it is for."""
+    if value is None:
         return 'has no value'
     if {int, float} <= _types(value):
         return 'is a list of whole and other numbers: write 0.0, not 0, where others have a point'
+    return ''
+
+
+def _why_mistaken(value: Any, before: Any) -> str:
+    """Return why a node can't take a parameter, or would get another value than the last one."""
+    if value == ():
+        return 'has no value'
     # rcl keeps one value of each type, and takes the whole number though another one came later.
     if _types(value) != _types(before):
         return 'is given twice, with values of different types: leave one'

@@ -98,7 +98,7 @@ class LiveParameters:
         ours = []
         for file in files:
             try:
-                sections = read_sections(file)
+                sections = read_sections(file, lambda section: is_section_of(section, node))
             except NoSectionsError as error:
                 log.warning(f'{error}: nothing of it is used')
                 continue
