@@ -35,8 +35,9 @@ class Selection:
     Attributes:
         imu_topics: To be filtered, each by a filter of its own.
         all_imu: Whether all there are shall be, but for what an earlier run has written.
-        apart: Whether of topics that would be filtered to one name each gets its whole name, so
-            that /imu/data_raw beside /imu/data gives /imu/data_raw_filtered; else they are refused.
+        distinct_outputs: Whether of topics that would be filtered to one name each gets its whole
+            name, so that /imu/data_raw beside /imu/data gives /imu/data_raw_filtered; else they are
+            refused.
         output_topic: What the filtered topic is called, where only one is filtered.
         kept: Topics that are copied; None for all.
         start: In s of log time since the first message of the recording.
@@ -46,7 +47,7 @@ class Selection:
 
     imu_topics: tuple[str, ...] = ()
     all_imu: bool = False
-    apart: bool = False
+    distinct_outputs: bool = False
     output_topic: str | None = None
     kept: tuple[str, ...] | None = None
     start: float = 0.0
@@ -79,9 +80,10 @@ class Selection:
             chosen = [choose_topic(recording, topic) for topic in self.imu_topics]
         else:
             chosen = [choose_topic(recording, None)]
-        inputs = _with_distinct_nodes({topic: Topics.of(topic) for topic in chosen})
-        if self.apart:
-            inputs = _with_distinct_outputs(inputs)
+        inputs = {topic: Topics.of(topic) for topic in chosen}
+        inputs = _with_distinct(inputs, lambda names: names.node, Topics.with_own_node)
+        if self.distinct_outputs:
+            inputs = _with_distinct(inputs, lambda names: names.filtered, Topics.with_full_name)
         if self.output_topic is not None:
             if len(inputs) > 1:
                 raise BagError(f'one output topic for several Imu topics: {", ".join(inputs)}')
@@ -216,19 +218,14 @@ def _possible_names(topic: str) -> tuple[Topics, Topics]:
     return names, names.with_full_name(topic)
 
 
-def _with_distinct_outputs(inputs: dict[str, Topics]) -> dict[str, Topics]:
-    """Return the names with the whole name of the input, where several topics give one."""
-    outputs = [names.filtered for names in inputs.values()]
+def _with_distinct(
+    inputs: dict[str, Topics],
+    name: Callable[[Topics], str],
+    renamed: Callable[[Topics, str], Topics],
+) -> dict[str, Topics]:
+    """Return the names, renamed where several topics share one of them."""
+    names = [name(of_topic) for of_topic in inputs.values()]
     return {
-        topic: names if outputs.count(names.filtered) == 1 else names.with_full_name(topic)
-        for topic, names in inputs.items()
-    }
-
-
-def _with_distinct_nodes(inputs: dict[str, Topics]) -> dict[str, Topics]:
-    """Return the names with nodes of their own, where several topics have one namespace."""
-    nodes = [names.node for names in inputs.values()]
-    return {
-        topic: names if nodes.count(names.node) == 1 else names.with_own_node(topic)
-        for topic, names in inputs.items()
+        topic: of_topic if names.count(name(of_topic)) == 1 else renamed(of_topic, topic)
+        for topic, of_topic in inputs.items()
     }

@@ -199,7 +199,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
     Raises:
         BagError: It can't be.
     """
-    selection = Selection(all_imu=True, apart=True)
+    selection = Selection(all_imu=True, distinct_outputs=True)
     with open_bag(path) as recording, ExitStack() as stack:
         inputs = selection.inputs(recording)
         output: Output | NoOutput = NoOutput(len(inputs))
