@@ -44,9 +44,12 @@ from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.simulation.bag import imu_messages
+from gyro_drift_filter.simulation.sensor import START
 from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
 from support.bags import read, simulated, write
 from support.fleets import SECRET, cluster, run_fleet
+from support.sensor import at_rest
 
 JOB = Job(Parameters())
 
@@ -132,6 +135,20 @@ def test_raw_and_fused_imu_beside_each_other_are_both_measured(tmp_path):
     # What was written is not filtered once more.
     (again,) = find_bags([str(written)], None)
     assert {row['topic'] for row in measure(again, JOB).rows} == {'/imu/data', '/imu/data_raw'}
+
+
+@pytest.mark.slow
+def test_noise_is_measured_where_stamps_are_zero_and_a_rate_is_given(tmp_path, random):
+    rates, accelerations = at_rest(random, 60)
+    messages = imu_messages(np.zeros(len(rates), np.int64), rates, accelerations)
+    log_times = START + 10**7 * np.arange(len(rates))
+    rows = [(int(time), data) for time, (_, data) in zip(log_times, messages, strict=True)]
+    write(tmp_path / 'in', {('/imu/data_raw', IMU_TYPE): rows})
+    (bag,) = find_bags([str(tmp_path / 'in')], None)
+    of_log = measure(bag, JOB).rows
+    of_rate = measure(bag, Job(Parameters(sample_rate=100.0))).rows
+    name = 'angle_random_walk'
+    assert [row[name] for row in of_rate] == pytest.approx([row[name] for row in of_log])
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
@@ -253,6 +254,15 @@ def written_path(bags: Path, bag: Bag) -> Path:
     return bags / (below.with_suffix('') if below.suffix in FILE_SUFFIXES else below)
 
 
+def _times(examined: Examined, watch: RunWatch) -> NDArray[np.int64]:
+    """Return in ns when each sample (n,) was taken: its stamp, or what takes its place."""
+    stamps = np.asarray(examined.log_times if watch.is_by_log else examined.stamps)
+    if np.ptp(stamps) > 0:
+        return stamps
+    # They tell no time, and neither does the log: a sample rate was given.
+    return np.round(np.arange(len(stamps)) * watch.period * 1e9).astype(np.int64)
+
+
 def _rows_of_topic(
     summary: Summary,
     watch: RunWatch,
@@ -272,8 +282,7 @@ def _rows_of_topic(
         error = f'topic {summary.topic} has no message with an angular velocity'
         return [common | {'error': error}]
     verdict, findings, state = watch.verdict(summary), examine(examined), report.telemetry
-    stamps = np.asarray(examined.log_times if watch.is_by_log else examined.stamps)
-    noises = identify_noise(stamps, examined.rates, examined.accelerations)
+    noises = identify_noise(_times(examined, watch), examined.rates, examined.accelerations)
     common |= {
         'sample_rate': 1.0 / verdict.period,
         'jitter': _value(findings, 'jitter_seconds'),
