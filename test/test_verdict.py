@@ -263,6 +263,14 @@ def test_a_recording_that_is_too_short_for_a_rest_is_not_said_to_move(tmp_path, 
     assert 'stood still for' not in text
 
 
+def test_a_recording_that_is_long_enough_for_a_rest_is_not_said_to_be_too_short(tmp_path, random):
+    """A rest takes less than the three seconds that are told."""
+    turn, push = by_hand(random, 2.9)
+    rates, accelerations = at_rest(random, 2.9)
+    text = as_text(judged(bag(tmp_path / 'in', rates + turn, accelerations + push), tmp_path))
+    assert 'the sensor never stood still for 3 s' in ' '.join(text.split())
+
+
 def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 12)

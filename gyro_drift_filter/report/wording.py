@@ -14,6 +14,7 @@
 
 """The verdict in words that somebody understands who has never seen the filter."""
 
+import math
 import textwrap
 from collections.abc import Callable
 from typing import NamedTuple
@@ -168,7 +169,8 @@ def _why_no_rest(verdict: Verdict) -> str:
     if _is_beyond(verdict):
         return 'while the sensor was steady, its rate was beyond bias.max'
     seconds, needed = verdict.received * verdict.period, verdict.rests.needed
-    if seconds < needed:
+    # What is needed is known in whole seconds, rounded up.
+    if math.ceil(seconds) < needed:
         return f'the recording of {seconds:.2g} s is too short for a rest of {needed} s'
     return f'the sensor never stood still for {needed} s'
 
