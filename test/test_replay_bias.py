@@ -14,6 +14,7 @@
 
 """Bias in a replay: what the bag's other topics say of motion and temperature, and `at_rest`."""
 
+import json
 import os
 from pathlib import Path
 
@@ -225,6 +226,28 @@ def test_the_bias_of_another_frame_is_not_kept(tmp_path, random, caplog):
     replay(bag, tmp_path / 'out', parameters=Parameters(), memory=tmp_path / 'bias.json')
     assert not (tmp_path / 'bias.json').exists()
     assert f'frame_id is no longer {FRAME}' in caplog.text
+
+
+@pytest.mark.parametrize('rests', [pytest.param(True, id='rest'), pytest.param(False, id='motion')])
+def test_the_bias_is_kept_where_a_rest_follows_another_frame(rests, tmp_path, random, caplog):
+    """A single message with another frame_id, as when a driver starts."""
+    bias = (0.01, 0.02, 0.03)
+    first = imus(*at_rest(random, 10, bias))
+    stamps = START + 10_000_000 * (1001 + np.arange(1001))
+    rates, accelerations = at_rest(random, 10.01, bias)
+    if not rests:
+        turn, push = by_hand(random, 10.01)
+        rates, accelerations = rates + turn, accelerations + push
+    other = imu_messages(stamps[:1], rates[:1], accelerations[:1], frame='other_imu')
+    later = imu_messages(stamps[1:], rates[1:], accelerations[1:])
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): [*first, *other, *later]})
+    memory = tmp_path / 'bias.json'
+    replay(bag, tmp_path / 'out', parameters=Parameters(), memory=memory)
+    assert memory.exists() == rests
+    if rests:
+        np.testing.assert_allclose(json.loads(memory.read_text())['bias'], bias, atol=2e-3)
+    else:
+        assert f'no rest since it is {FRAME} again' in caplog.text
 
 
 def test_no_other_file_is_replaced_by_the_bias(tmp_path, random):

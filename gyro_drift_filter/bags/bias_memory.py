@@ -21,12 +21,12 @@ from typing import Any
 from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
-    OTHER_FRAME,
     MemoryFileError,
     RememberedBias,
     may_hold_bias,
     recall,
     remember,
+    why_not_kept,
 )
 from gyro_drift_filter.messages.message_filter import MessageFilter
 
@@ -97,7 +97,7 @@ class ReplayBiasMemory:
         learned = RememberedBias.of(self._filter, self._recalled)
         if self._frame is None or learned is None:
             return
-        if self._messages.report().frame_changes:
-            _log.warning('the bias is not kept: %s', OTHER_FRAME.format(self._frame))
+        if why := why_not_kept(learned, self._messages.report(), self._frame):
+            _log.warning('the bias is not kept: %s', why)
             return
         remember(self._path, self._node, self._frame, learned, self._time)

@@ -34,7 +34,8 @@ import numpy as np
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.bias.shift import BiasShift
-from gyro_drift_filter.errors import GyroDriftFilterError, reason
+from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
+from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.whole_file import write_whole
 
 FORMAT = 2
@@ -44,8 +45,9 @@ REPEATABILITY = 8.7e-3
 LONGEST_AGE = 30 * 86_400.0
 # A clock may be wrong by this much before a file from the future is refused, in s.
 CLOCK_ERROR = 86_400.0
-# Why a bias is not kept, with the frame that it was learned in.
-OTHER_FRAME = 'frame_id is no longer {}, so the sensor may be another one'
+# A change of the frame_id leaves a bias as uncertain as at power-on. Any rest makes it less than
+# this share of that.
+_SHOWN_AGAIN = 0.5
 _LONGEST_TIME = 1e11  # s: some thousand years
 _LONGEST_NAME = 200
 LARGEST_FILE = 100_000  # bytes
@@ -103,6 +105,20 @@ class RememberedBias:
         added = turn_on_deviation if self.provisional else REPEATABILITY
         deviation = np.hypot(self.deviation, added).tolist()
         filter_.set_bias(self.bias, deviation, self.shift, known=not self.provisional)
+
+
+def why_not_kept(learned: RememberedBias, report: MessageReport, frame: str) -> str:
+    """Return why a bias is not kept as that of the sensor of a frame_id; empty where it is.
+
+    Since the last change of the frame_id, a rest has to have shown that of the sensor again.
+    """
+    if not report.frame_changes:
+        return ''
+    if report.frame != printable(frame):
+        return f'frame_id is no longer {frame}, so the sensor may be another one'
+    if max(learned.deviation) > _SHOWN_AGAIN * report.parameters.bias_turn_on_deviation:
+        return f'frame_id has changed, and there was no rest since it is {frame} again'
+    return ''
 
 
 def file_of(node: str, frame: str) -> Path:

@@ -21,12 +21,12 @@ from rclpy.node import Node
 
 from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
-    OTHER_FRAME,
     MemoryFileError,
     RememberedBias,
     file_of,
     recall,
     remember,
+    why_not_kept,
 )
 from gyro_drift_filter.messages.message_filter import MessageFilter
 
@@ -92,8 +92,8 @@ class NodeBiasMemory:
         learned = RememberedBias.of(self._filter, self._recalled)
         if learned in (None, self._saved):
             return
-        if self._messages.report().frame_changes:
-            self._warn(OTHER_FRAME.format(self._frame))
+        if why := why_not_kept(learned, self._messages.report(), self._frame):
+            self._warn(why)
             return
         self._saved_segments = int(self._filter.state['bias']['segments'])
         self._saved, self._saved_at = learned, time.monotonic()
