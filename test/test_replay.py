@@ -407,6 +407,8 @@ def test_paths_that_are_no_bag(tmp_path):
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})
     with pytest.raises(BagError, match='lies within the bag to be read'):
         run(tmp_path / 'in', tmp_path / 'in' / 'out')
+    with pytest.raises(BagError, match='lies within the bag to be read'):
+        run(next((tmp_path / 'in').glob('*.mcap')), tmp_path / 'in' / 'out')
     assert not (tmp_path / 'in' / 'out').exists()
     for name in ('junk.mcap', 'junk.db3', 'junk.txt'):
         (tmp_path / name).write_bytes(b'not a bag' * 100)

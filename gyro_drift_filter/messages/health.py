@@ -40,6 +40,9 @@ from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_te
 # Reports, one a second, that shares and rates are taken over.
 _WINDOW = 10
 _LEAST_SECONDS = 5.0  # of the window, to judge a rate
+# A replay reports where messages come: in more than so many s since the last report none came for
+# a while.
+_LONGEST_PACED = 2.0
 
 _at_start = np.zeros(1, TELEMETRY)
 _at_start['samples_per_message'] = 1.0
@@ -102,7 +105,7 @@ class Health:
             self._window.clear()
             self._window.append((last, before))
         start, first = self._window[0]
-        if self._silent:
+        if self._silent or seconds > _LONGEST_PACED:
             # After a silence what came is no rate: a part of the time, or all that was kept.
             self._window.clear()
         self._window.append((last + seconds, now))
