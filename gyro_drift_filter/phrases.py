@@ -28,6 +28,12 @@ def by_axis(values: Iterable[object]) -> str:
     return ', '.join(f'{axis} {value}' for axis, value in zip('xyz', values, strict=True))
 
 
+def time_to_stand(needed: int) -> str:
+    """Return for how long a robot shall stand where the first rest needs so many s."""
+    seconds = math.ceil(1.5 * needed)
+    return 'ten seconds' if seconds <= 10 else f'{seconds} seconds'
+
+
 def named_axes(names: Sequence[str]) -> str:
     """Return names of axes behind what they are, as 'axis x' or 'axes x, y'."""
     return f'{"axes" if len(names) > 1 else "axis"} {", ".join(names)}'

@@ -278,6 +278,35 @@ def test_a_slow_sensor_has_to_stand_still_for_longer(found):
     )
     (rests,) = (finding for finding in found(slow) if finding.name == 'rests')
     assert 'too short for a rest of 15 s' in rests.text
+    assert rests.advice.startswith('let it stand still for 23 seconds at the start')
+
+
+def test_a_pause_is_no_wrong_rate(found):
+    """A recording that was stopped for half a minute, and went on."""
+    simulation = handled()
+    later = np.arange(len(simulation.stamps)) > len(simulation.stamps) // 2
+    paused = replace(simulation, stamps=simulation.stamps + 30 * 10**9 * later)
+    assert 'wrong rate' not in faults(found(paused))
+
+
+def test_messages_that_come_twice_are_told_as_that(found):
+    simulation = handled()
+    twice = np.repeat(np.arange(len(simulation.stamps)), 2)
+    doubled = replace(
+        simulation,
+        stamps=simulation.stamps[twice],
+        angular_velocity=simulation.angular_velocity[twice],
+        linear_acceleration=simulation.linear_acceleration[twice],
+    )
+    findings = found(doubled)
+    assert faults(findings) == {'doubled messages'}
+    assert findings[0].text.startswith(f'{len(simulation.stamps)} of {len(twice)} messages come')
+
+
+def test_a_covariance_is_not_compared_with_what_is_not_measured(found):
+    simulation = handled()
+    none = replace(simulation, linear_acceleration=0.0 * simulation.linear_acceleration)
+    assert 'invented covariance of linear acceleration' not in faults(found(none))
 
 
 def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):

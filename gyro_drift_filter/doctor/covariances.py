@@ -80,7 +80,7 @@ def judge_covariances(
 
     Args:
         stated: By the messages.
-        rate_noise: Deviation at rest (3,) in rad/s, NaN without a rest.
+        rate_noise: Deviation at rest (3,) in rad/s, NaN without a rest, 0 where counts hide it.
         force_noise: The same of the accelerations in m/s^2.
     """
     named = dict(zip(QUANTITIES, stated, strict=True))
@@ -113,8 +113,8 @@ def judge_covariances(
         )
     noises = dict(zip(QUANTITIES[1:], (rate_noise, force_noise), strict=True))
     for name, noise in noises.items():
-        with np.errstate(divide='ignore', invalid='ignore'):
-            ratio = named[name].deviations / noise
+        # Values without any noise are coarser than it is, or not measured at all.
+        ratio = named[name].deviations / np.where(noise > 0.0, noise, np.nan)
         if (ratio < _LEAST).any() or (ratio > _MOST).any():
             unit = 'rad/s' if name == QUANTITIES[1] else 'm/s^2'
             found.append(

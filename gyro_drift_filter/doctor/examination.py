@@ -30,7 +30,7 @@ from gyro_drift_filter.doctor.findings import Finding, Verdict, fault, sound, un
 from gyro_drift_filter.doctor.live_rules import RuleLog
 from gyro_drift_filter.doctor.publishers import judge_publishers
 from gyro_drift_filter.doctor.reference import Reference, compare_turns, judge_reference
-from gyro_drift_filter.doctor.repeats import judge_repeats
+from gyro_drift_filter.doctor.repeats import judge_doubles, judge_repeats
 from gyro_drift_filter.doctor.rests import (
     AtRest,
     judge_accelerometer,
@@ -43,7 +43,7 @@ from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.timing import learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
-from gyro_drift_filter.phrases import by_axis, counted
+from gyro_drift_filter.phrases import by_axis, counted, time_to_stand
 
 Floats = NDArray[np.float64]
 
@@ -94,6 +94,7 @@ _FOLLOWS = {
     'beyond bias.max': {'rests'},
     'unit of acceleration': {'invented covariance of linear acceleration'},
     'repeated samples': {'repeats', 'vibration'},
+    'doubled messages': {'repeats', 'shared stamps', 'vibration'},
     'publishers': {'vibration', 'low-pass', 'outliers', 'diverged', 'jitter', _INVENTED_RATE},
     'vibration': {'low-pass', _INVENTED_RATE},
     'resolution': {_INVENTED_RATE},
@@ -129,6 +130,7 @@ def examine(seen: Examined) -> list[Finding]:
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
+    findings += judge_doubles(state.repeats, len(seen.stamps))
     findings.append(judge_repeats(seen.rates, seen.accelerations))
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
@@ -184,7 +186,10 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
 
 def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     """Say whether the sensor rested, and what the bias and the noise are."""
-    advice = 'let it stand still for ten seconds at the start of a recording, and at its end'
+    advice = (
+        f'let it stand still for {time_to_stand(state.first_rest)} at the start of a recording, '
+        'and at its end'
+    )
     seconds = state.samples * period
     if not state.segments:
         too_short = not seconds >= state.least_rest_seconds
@@ -193,7 +198,8 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             if too_short
             else f'the sensor never stood still for {state.first_rest} s'
         )
-        return fault('rests', f'{what}: its bias is not known', advice)
+        known = 'known for the time being only' if state.bias_provisional else 'not known'
+        return fault('rests', f'{what}: its bias is {known}', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
     if np.isnan(noise).any():
         return unknown(

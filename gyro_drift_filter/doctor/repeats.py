@@ -24,6 +24,24 @@ from gyro_drift_filter.doctor.findings import Finding, fault, sound
 from gyro_drift_filter.identify.repeats import count_repeats
 from gyro_drift_filter.identify.series import Values
 
+# So large a share of messages that come twice is no accident of the line.
+_DOUBLED_SHARE = 0.05
+
+
+def judge_doubles(doubles: int, messages: int) -> list[Finding]:
+    """Say whether messages come twice, with stamp and rates: so many of all do."""
+    if doubles <= _DOUBLED_SHARE * messages:
+        return []
+    return [
+        fault(
+            'doubled messages',
+            f'{doubles} of {messages} messages come once more, with the same stamp and rates',
+            'is the topic published twice, or recorded twice? The filter passes over them, but '
+            'other programs may not',
+            {'doubled': doubles},
+        )
+    ]
+
 
 def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Finding:
     """Say whether samples of rates and accelerations, three columns (n,) each, are repeated."""

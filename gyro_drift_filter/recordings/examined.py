@@ -44,6 +44,7 @@ from gyro_drift_filter.doctor.examination import Examined
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
 from gyro_drift_filter.doctor.reference import Reference
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
+from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
 
 # Where the covariances start among the doubles of an Imu: those of QUANTITIES.
@@ -149,6 +150,13 @@ class Reading:
             not_cut=is_not_cut(self._filter.messages.filter),
         )
 
+    def why_nothing(self) -> str:
+        """Return why no message had an angular velocity, as the end of a sentence."""
+        report = self._filter.messages.report()
+        if not report.received:
+            return ', and no other one'
+        return f': {Health().judge(report, 0.0, paced=False)[0].message}'
+
     def _references(self) -> tuple[Reference, ...]:
         """Return all orientations that were found."""
         found = [self._own, *(orientations for _, orientations in self._others.values())]
@@ -179,5 +187,8 @@ def read_recording(
             reading.take(piece)
         examined = reading.finish()
     if not len(examined.stamps):
-        raise BagError(f'topic {chosen} has no message with an angular velocity{selection.when}')
+        raise BagError(
+            f'topic {chosen} has no message with an angular velocity{selection.when}'
+            f'{reading.why_nothing()}'
+        )
     return chosen, examined

@@ -415,5 +415,5 @@ def _why_silent(total: Any, run: Run, axis: int) -> str:
             return 'no usable rate'
         return 'not reported' if run.not_reported else 'no figures'
     if samples > 1 and value == total['largest'][axis]:
-        return f'dead, always {np.degrees(value):.4f}'
+        return f'dead, always {np.degrees(value) + 0.0:.4f}'  # 0, not -0
     return ''

@@ -23,7 +23,7 @@ import numpy as np
 
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.input_rules import IN_DEGREES
-from gyro_drift_filter.phrases import by_axis, counted
+from gyro_drift_filter.phrases import by_axis, counted, time_to_stand
 from gyro_drift_filter.report.verdict import (
     SIGNIFICANT,
     Bias,
@@ -148,8 +148,9 @@ def _why_useless(verdict: Verdict) -> str:
         why.append(_why_no_outliers(verdict.outliers))
     if verdict.rests.count or _is_beyond(verdict):
         return _listed(why)
+    seconds = time_to_stand(verdict.rests.needed)
     return (
-        f'{_listed(why)}. Let it stand still for ten seconds at the start; if it did, '
+        f'{_listed(why)}. Let it stand still for {seconds} at the start; if it did, '
         "'gyro_drift doctor' looks closer"
     )
 
