@@ -195,6 +195,25 @@ def test_a_shuttle_that_rolls_evenly_on_its_rails_does_not_stand(random):
     assert results['at_rest'][~moves].mean() > 0.4
 
 
+@pytest.mark.parametrize('shake', [1.0, 1.5])
+def test_a_vehicle_that_shakes_evenly_and_is_steered_does_not_stand(shake):
+    """On a straight way without a rest: half of it was called rest, for one of five seeds."""
+    random, rate, n = np.random.default_rng(2), 100.0, 20_000
+
+    def between_frequencies(low, high):
+        sections = signal.butter(2, (low, high), 'bandpass', fs=rate, output='sos')
+        values = signal.sosfiltfilt(sections, random.standard_normal((n - 2000, 3)), axis=0)
+        return values / values.std(axis=0)
+
+    rates = 6e-4 * random.standard_normal((n, 3))
+    accelerations = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n, 3))
+    rates[2000:] += shake * DEGREE * between_frequencies(5.0, 45.0)
+    accelerations[2000:] += 0.9 * between_frequencies(5.0, 45.0)
+    rates[2000:, 2] += 0.3 * DEGREE * between_frequencies(0.1, 0.8)[:, 2]
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][2500:].mean() < 0.02
+
+
 def test_wheels_that_shake_a_steady_turn_are_no_machine(random):
     """Three segments of one drive were taken for rest, and the turns were smoothed as noise is."""
     spells = [(4, 0.0)]

@@ -24,7 +24,7 @@ Where the noise falls again it is learned as always.
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, start_rest
-from gyro_drift_filter.core.rest.noise import LARGEST_EXCESS
+from gyro_drift_filter.core.rest.noise import LARGEST_EXCESS, correlation_of_means
 from gyro_drift_filter.core.rest.records import (
     SEGMENT_BLOCKS,
     SIGNALS,
@@ -42,6 +42,10 @@ NOISIER = 2.0
 # A machine that starts shakes gravity for so many blocks at most. If it is shaken for longer, the
 # body has been pushed, and may roll for so many s.
 LONGEST_START, LONGEST_ROLL = 4, 60.0
+# Where the rates wander, the correlation of the means of one block and the next is larger than
+# before by this. Three segments of white noise have it by chance on one axis in a hundred; with
+# each one more it is rarer.
+LARGEST_CORRELATION = 0.35
 # What has been neither rest nor of that noise for so long was motion. The detector may learn
 # another noise then; segments that had this one still count.
 FORGET_OTHER_NOISE_SECONDS = 10.0
@@ -85,7 +89,9 @@ def confirm_other_noise(
 
     Each of them `may_be_bias`, as its rate says: what turns is no rest, however steady it is.
     """
-    other = noise['rest']
+    other, correlation = noise['rest'], noise['correlation']
+    for axis in range(3):
+        correlation[axis] = correlation_of_means(other['signals'][axis]['segment'], other['blocks'])
     next_segment(other, False)
     if may_be_bias:
         _note_segment(noise)
@@ -93,6 +99,7 @@ def confirm_other_noise(
         noise['segments'] = 0
     stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
     stands = stands and not _may_roll(rest, other, lengths['block_seconds'])
+    stands = stands and not _wanders(rest, noise)
     if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
         _take_noise(rest, other)
 
@@ -127,6 +134,23 @@ def _note_segment(noise: OtherNoise) -> None:
         alike = alike and now <= NOISIER * before and before <= NOISIER * now
         noise['variances'][i] = now
     noise['segments'] = noise['segments'] + 1 if alike else 1
+    for axis in range(3):
+        mean, share = noise['mean_correlation'], 1.0 / noise['segments']
+        mean[axis] += share * (noise['correlation'][axis] - mean[axis])
+
+
+@kernel
+def _wanders(rest: Rest, noise: OtherNoise) -> bool:
+    """Return whether the rates of segments wander more slowly than noise at rest does.
+
+    The heading of what drives does, by its steering. A machine shakes faster than blocks follow
+    each other, so that their means are as little correlated as before.
+    """
+    ratio, wanders = rest['variance_ratio'], False
+    usual = (ratio - 1.0) / (ratio + 1.0)
+    for axis in range(3):
+        wanders = wanders or noise['mean_correlation'][axis] > usual + LARGEST_CORRELATION
+    return wanders
 
 
 @kernel
