@@ -21,8 +21,9 @@ from benchmark.contradictions import ACCELEROMETERS
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride, train
+from support.messages import START
 from support.paths import FLIGHTS
-from support.sensor import DEGREE
+from support.sensor import DEGREE, at_rest, by_hand
 
 RATE = 200.0  # Hz
 OTHER_AXES_NAMES = ('axes y, z, x', 'axes y, x, z', 'axes -x, y, z')
@@ -148,6 +149,24 @@ def test_beside_a_dead_axis_nothing_is_told(walk):
     rates = walk.rates * [0.0, 1.0, 1.0]
     part = slice(0, round(200 * RATE))
     assert not told(Filter(), walk.stamps[part], rates[part], walk.accelerations[part]).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('drift', [0.0, 0.25])
+def test_a_rest_ends_a_contradiction_that_the_bias_explains(drift, random):
+    """As of a sensor that warms up on the way, by less than the filter allows for."""
+    still, moving, after = at_rest(random, 20), at_rest(random, 300), at_rest(random, 20)
+    turn, push = by_hand(random, 300)  # gravity does not turn with it
+    bias = np.array([drift, -0.4 * drift, 0.0]) * DEGREE
+    rates = np.vstack([still[0], moving[0] + turn, after[0] + bias])
+    accelerations = np.vstack([still[1], moving[1] + push, after[1]])
+    filter_ = Filter()
+    filter_.run(START + 10**7 * np.arange(32_000), rates[:32_000], accelerations[:32_000])
+    assert filter_.state['bias']['contradicts']
+    later = slice(32_000, None)
+    stamps = START + 10**7 * (32_000 + np.arange(2000))
+    filter_.run(stamps, rates[later], accelerations[later])
+    assert filter_.state['bias']['contradicts'] == (drift == 0.0)
 
 
 @pytest.mark.slow

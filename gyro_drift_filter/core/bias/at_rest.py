@@ -86,6 +86,9 @@ WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
 # noise adds to the variance.
 LAG_WEIGHT, LAG_DEVIATIONS = 0.05, 3.0
+# A bias that is off by so much (rad/s) tilts gravity within a minute so far that a velocity comes
+# to the 50 m/s that no robot has: it explains why rates and accelerations contradict each other.
+LEAST_EXPLAINING = 3e-3
 # No gyroscope's bias walks further within a second than its noise says for a second: the Allan
 # deviation of each falls for 1.7 s at least, and of most for minutes. In 1/s.
 FASTEST_WALK = 1.0
@@ -371,6 +374,7 @@ def _learn(state: Bias) -> None:
 def _correct(state: Bias) -> None:
     """Correct the bias by the segment, and the random walk by how well it was predicted."""
     rest, surprise, share = state['rest'], 0.0, 0.0
+    rest_begins, explains = state['rest_seconds'] > 0.0, False
     for axis in range(3):
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         noise += variance_of_swing(state['swing'], rest, axis)
@@ -380,15 +384,18 @@ def _correct(state: Bias) -> None:
         variance += lagged
         innovation_variance += lagged
         widen_both(state['motion'], axis, lagged)
+        if rest_begins:
+            explains = explains or abs(innovation) > LEAST_EXPLAINING
         gain = variance / innovation_variance
         surprise += innovation * innovation / innovation_variance / 3.0
         share += state['process_noise'] / innovation_variance / 3.0
         learn_at_rest(state['motion'], axis, mean, noise)
         state['bias'][axis] += gain * innovation
         state['variance'][axis] = (1.0 - gain) * variance
+    if explains:
+        forget_contradiction(state)
     exponent = WALK_LEARNING * share * (min(surprise, LARGEST_SURPRISE) - 1.0)
     factor, walk = math.exp(exponent), state['walk']
-    rest_begins = state['rest_seconds'] > 0.0
     if rest_begins or walk > 1.0:
         # Only `_expect_warm_up` lets it be more than the parameter allows.
         least = LEAST_WALK if rest_begins else 1.0
