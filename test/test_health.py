@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import ADVICE, METHOD_NAMES, METHODS, Method
@@ -66,7 +66,11 @@ CASES = {
         'to auto or truncate',
     ),
     'low-pass': (
-        {'noise_correlation': [0.0, 0.0, 0.7], **LEARNED},
+        {
+            'noise_correlation': [0.0, 0.0, 0.7],
+            'noise_correlation_two_apart': [0.0, 0.0, 0.5],
+            **LEARNED,
+        },
         {'noise_correlation': [0.3, 0.3, 0.3], **LEARNED},
         'a higher cut-off frequency',
     ),
@@ -266,6 +270,25 @@ def test_a_low_pass_is_not_told_by_what_another_method_has_learned(random):
     filter_.filter.configure(Parameters(method='kalman'))
     filter_all(filter_, messages[-100:])
     assert math.isnan(Health().rules(filter_.report(), 1.0)[0].low_pass)
+
+
+@pytest.mark.parametrize(
+    ('order', 'rate', 'cut_off'),
+    [
+        *((1, 200, 8.0), (1, 400, 20.0), (1, 1000, 42.0)),
+        *((2, 200, 20.0), (2, 400, 47.0), (2, 1000, 42.0)),
+    ],
+)
+def test_the_cut_off_of_a_low_pass_is_told_whatever_its_order(order, rate, cut_off, random):
+    """One of second order was told at a third of its frequency, with a warning."""
+    rates, forces = at_rest(random, 12, rate=rate)
+    noise = 2e-3 * random.standard_normal(rates.shape)
+    kept = np.exp(-2.0 * np.pi * cut_off / rate)
+    low_pass = ([1.0], [1.0, -kept]) if order == 1 else butter(2, cut_off, fs=rate)
+    rates = lfilter(*low_pass, noise, axis=0)
+    filter_ = MessageFilter(Parameters())
+    filter_all(filter_, serialized(rates, forces, rate=rate))
+    assert Health().rules(filter_.report(), 1.0)[0].low_pass == pytest.approx(cut_off, rel=0.25)
 
 
 def test_rates_without_sense_are_told_however_large_they_are():
@@ -760,6 +783,7 @@ def test_telemetry_is_that_of_the_state(random):
         'truncated': state['quantisation']['truncated'],
         'count_size': np.zeros(3),
         'noise_correlation': noise['autocorrelation'][:, 0],
+        'noise_correlation_two_apart': noise['autocorrelation'][:, 1],
         'noise_blocks': noise['blocks'],
         'noise_block_seconds': pytest.approx(0.5, rel=1e-3),
         'rate_deviation_at_rest': deviations[:3],

@@ -146,14 +146,49 @@ def _share(part: float, whole: int) -> float:
 def _low_pass(state: Telemetry) -> float:
     """Return the cut-off frequency in Hz of the low-pass that the noise has passed, NaN without it.
 
-    It is taken for one of first order: then the correlation of the noise from sample to sample
-    tells the frequency.
+    Of first or of second order, whichever the correlation of samples two apart fits better.
     """
-    axes = zip(state.measurement_noise, state.count_size, state.noise_correlation, strict=True)
+    axes = zip(
+        state.measurement_noise,
+        state.count_size,
+        state.noise_correlation,
+        state.noise_correlation_two_apart,
+        strict=True,
+    )
     # What is below a step is no noise that a low-pass could have shaped. Roots are compared, as the
     # square of a step overflows where a driver sends memory that it has never written.
-    shaped = [c for noise, step, c in axes if math.sqrt(noise) > max(step, 2.0 * LEAST_NOISE)]
-    correlation = max(shaped, default=0.0)
-    if correlation < _CORRELATED or min(state.noise_blocks) == 0:
+    shaped = [
+        (one_apart, two_apart)
+        for noise, step, one_apart, two_apart in axes
+        if math.sqrt(noise) > max(step, 2.0 * LEAST_NOISE)
+    ]
+    one_apart, two_apart = max(shaped, default=(0.0, 0.0))
+    if one_apart < _CORRELATED or min(state.noise_blocks) == 0:
         return math.nan
-    return -math.log(correlation) / state.period / (2.0 * math.pi)
+    # In radians from sample to sample.
+    first_order, second_order = -math.log(one_apart), _of_second_order(one_apart)
+    off_first = abs(two_apart - one_apart * one_apart)
+    off_second = abs(two_apart - _second_order_correlation(2.0 * second_order))
+    radians = first_order if off_first < off_second else second_order
+    return radians / state.period / (2.0 * math.pi)
+
+
+def _second_order_correlation(radians: float) -> float:
+    """Return how white noise behind a Butterworth low-pass of second order correlates.
+
+    It is that of values so far apart, in radians of the cut-off frequency.
+    """
+    damped = radians / math.sqrt(2.0)
+    return math.exp(-damped) * (math.cos(damped) + math.sin(damped))
+
+
+def _of_second_order(correlation: float) -> float:
+    """Return how far apart values have a correlation, from 0 to 1, in radians of the cut-off."""
+    nearer, farther = 0.0, math.pi / math.sqrt(2.0)  # where it is 1, and below 0.3
+    for _ in range(40):
+        middle = 0.5 * (nearer + farther)
+        if _second_order_correlation(middle) > correlation:
+            nearer = middle
+        else:
+            farther = middle
+    return 0.5 * (nearer + farther)

@@ -96,6 +96,7 @@ class Telemetry(NamedTuple):
     process_noise: Values
     measurement_noise: Values
     noise_correlation: Values
+    noise_correlation_two_apart: Values
     noise_blocks: Counts
     noise_block_seconds: float
     rate_deviation_at_rest: Values
@@ -237,9 +238,10 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['divergences'][axis] = methods.divergences(filter_, axis)
         out['process_noise'][axis] = result['process_noise'][axis]
         out['measurement_noise'][axis] = result['measurement_noise'][axis]
-        blocks, correlation = methods.learned_noise(filter_, axis)
+        blocks, one_apart, two_apart = methods.learned_noise(filter_, axis)
         out['noise_blocks'][axis] = blocks
-        out['noise_correlation'][axis] = correlation
+        out['noise_correlation'][axis] = one_apart
+        out['noise_correlation_two_apart'][axis] = two_apart
         out['bias'][axis] = bias['bias'][axis]
         rounding = variance_of_rounding(quantisation, axis, result['measurement_noise'])
         out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis) + rounding)

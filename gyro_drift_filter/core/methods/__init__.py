@@ -308,15 +308,16 @@ def flags_motion(filter_: 'FilterRecord') -> bool:
 
 
 @kernel
-def learned_noise(filter_: 'FilterRecord', axis: int) -> tuple[int, float]:
+def learned_noise(filter_: 'FilterRecord', axis: int) -> tuple[int, float, float]:
     """Return how many blocks of rest the noise was learned from, and how samples correlate.
 
-    Both are 0 for a method that learns no noise, whatever another one had learned before.
+    That is those one apart, and those two apart. All are 0 for a method that learns no noise,
+    whatever another one had learned before.
     """
     if filter_['settings']['method'] == ADAPTIVE:
         noise = filter_['state']['methods']['adaptive'][axis]['noise']
-        return noise['blocks'], noise['autocorrelation'][0]
-    return 0, 0.0
+        return noise['blocks'], noise['autocorrelation'][0], noise['autocorrelation'][1]
+    return 0, 0.0, 0.0
 
 
 @kernel
