@@ -293,7 +293,8 @@ class Parameters:
     bias_initial: tuple[float, float, float] = _parameter(
         (0.0, 0.0, 0.0),
         'bias.initial',
-        'Bias of each axis x, y, z until the first rest, where none is remembered.',
+        'Bias of each axis x, y, z until the first rest, where none is remembered. Another value '
+        'that is set while the node runs replaces what was learned of the bias.',
         unit='rad/s',
         low=-10.0,
         high=10.0,
