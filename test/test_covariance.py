@@ -20,6 +20,7 @@ The error of a rate lies within two published deviations in 85 to 99 % of the sa
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from benchmark.covariance import (
     judge,
@@ -197,6 +198,25 @@ def test_the_first_innovation_after_a_gap_is_as_large_as_it_says(missing, random
         normalised = results['innovation'] ** 2 / results['innovation_variance']
         squares.append(normalised[behind])
     assert 0.3 < np.mean(squares) < 1.3
+
+
+@pytest.mark.slow
+def test_a_bias_that_flickers_at_rest_is_less_certain(random):
+    """With an instability of some 40 deg/h, 52 % of the rates were within two deviations."""
+    n, inside = 60_000, []
+    for _ in range(3):
+        bias = np.zeros((n, 3))
+        for seconds in np.logspace(0.0, 3.5, 8):
+            kept = np.exp(-0.01 / seconds)
+            start = kept * random.standard_normal((1, 3))
+            steps = np.sqrt(1.0 - kept**2) * random.standard_normal((n, 3))
+            bias += 1.7e-4 * lfilter([1.0], [1.0, -kept], steps, axis=0, zi=start)[0]
+        rates = bias + 1e-3 * random.standard_normal((n, 3))
+        forces = at_rest(random, 600.0)[1]
+        results = Filter().run(START + 10**7 * np.arange(n), rates, forces)[6000:]
+        deviation = np.sqrt(results['angular_velocity_variance'])
+        inside.append((np.abs(results['angular_velocity']) <= 2.0 * deviation).mean())
+    assert np.mean(inside) > 0.8
 
 
 @pytest.mark.slow

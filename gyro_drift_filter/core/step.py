@@ -332,7 +332,9 @@ def _subtract_bias(
             result['bias'][axis] = mean
             if refused and not state['methods']['tracking'][axis]:
                 continue  # there is no result to take it off
-            if not at_rest:
+            if at_rest:
+                variance += bias['wander_variance'][axis]
+            else:
                 # At rest the rates themselves are rounded as their mean was.
                 noise = result['measurement_noise']
                 rounding = variance_of_rounding(state['quantisation'], axis, noise)

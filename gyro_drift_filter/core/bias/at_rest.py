@@ -86,6 +86,9 @@ WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
 # noise adds to the variance.
 LAG_WEIGHT, LAG_DEVIATIONS = 0.05, 3.0
+# By how much the bias wanders about its estimate at rest, the mean square of the innovations says,
+# each with LAG_WEIGHT: as far as it is WANDER_DEVIATIONS of chance above their variance.
+WANDER_DEVIATIONS = 1.0
 # A bias that is off by so much (rad/s) tilts gravity within a minute so far that a velocity comes
 # to the 50 m/s that no robot has: it explains why rates and accelerations contradict each other.
 LEAST_EXPLAINING = 3e-3
@@ -117,6 +120,7 @@ def start_bias(
         state['assumed_bias'][axis] = state['bias'][axis]
         state['assumed_variance'][axis] = state['variance'][axis]
         state['provisional_variance'][axis] = 0.0
+        state['wander'][axis] = state['wander_variance'][axis] = 0.0
     forget_contradiction(state)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
@@ -386,6 +390,8 @@ def _correct(state: Bias) -> None:
         widen_both(state['motion'], axis, lagged)
         if rest_begins:
             explains = explains or abs(innovation) > LEAST_EXPLAINING
+        else:
+            _note_wander(state, axis, innovation, innovation_variance)
         gain = variance / innovation_variance
         surprise += innovation * innovation / innovation_variance / 3.0
         share += state['process_noise'] / innovation_variance / 3.0
@@ -419,6 +425,18 @@ def _variance_of_lag(
     state['lag'][axis] = lag
     of_mean = LAG_WEIGHT / (2.0 - LAG_WEIGHT) * innovation_variance
     return float(max(lag * lag - LAG_DEVIATIONS * LAG_DEVIATIONS * of_mean, 0.0))
+
+
+@kernel
+def _note_wander(state: Bias, axis: int, innovation: float, innovation_variance: float) -> None:
+    """Note by how much the bias wanders at rest, beyond what noise and random walk explain.
+
+    Innovation in rad/s, and its variance by these.
+    """
+    wander, excess = state['wander'], innovation * innovation - innovation_variance
+    wander[axis] += LAG_WEIGHT * (excess - wander[axis])
+    by_chance = math.sqrt(2.0 * LAG_WEIGHT / (2.0 - LAG_WEIGHT)) * innovation_variance
+    state['wander_variance'][axis] = max(wander[axis] - WANDER_DEVIATIONS * by_chance, 0.0)
 
 
 @kernel

@@ -80,6 +80,10 @@ class Bias(TypedDict):
     recent_count: int
     gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
+    # (rad/s)^2, mean of what squared innovations at rest have beyond their variance, and what of it
+    # chance does not explain
+    wander: PerAxis
+    wander_variance: PerAxis
     shaken_stand: ShakenStand
     swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
