@@ -22,6 +22,8 @@ def printable(text: str) -> str:
 
 def reason(error: BaseException) -> str:
     """Return the text of an error in one line, or its name where it has no text."""
+    if isinstance(error, OSError) and error.strerror and error.filename is None:
+        return printable(error.strerror)  # without the number of the error
     return printable(str(error)) or type(error).__name__
 
 

@@ -343,7 +343,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('gyro_drift_filter.bags.writer.Writer.close', full)
-    with pytest.raises(BagError, match=r'can not be written.*No space left'):
+    with pytest.raises(BagError, match='can not be written: No space left'):
         run(source, tmp_path / 'out')
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
@@ -414,6 +414,8 @@ def test_paths_that_are_no_bag(tmp_path):
         (tmp_path / name).write_bytes(b'not a bag' * 100)
         with pytest.raises(BagError, match='can not be read as a bag'):
             run(tmp_path / name, tmp_path / 'out')
+    with pytest.raises(BagError, match=r'ends with none of \.mcap, \.db3, \.bag: name such'):
+        run(tmp_path / 'junk.txt', tmp_path / 'out')
     (tmp_path / 'empty.mcap').touch()
     with pytest.raises(BagError, match='can not be read as a bag'):
         run(tmp_path / 'empty.mcap', tmp_path / 'out')

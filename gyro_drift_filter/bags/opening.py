@@ -86,9 +86,20 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
             reader = AnyReader([path], default_typestore=all_types())
             reader.open()
     except Exception as error:
-        why = _why_not_of_ros1(path, str(error)) or reason_of_library(error)
+        why = _why_not_by_name(path) or _why_not_of_ros1(path, str(error))
+        why = why or reason_of_library(error)
         raise BagError(f'{name} can not be read as a bag: {why}{_cut_off_in(path)}') from error
     return reader
+
+
+def _why_not_by_name(path: Path | StoredPath) -> str:
+    """Return why a path can't be read whose name is that of no bag."""
+    if path.suffix in FILE_SUFFIXES or path.is_dir():
+        return ''
+    return (
+        f'its name ends with none of {", ".join(FILE_SUFFIXES)}: name such a file, or the folder '
+        'that ROS 2 has recorded'
+    )
 
 
 def _why_not_of_ros1(path: Path | StoredPath, said: str) -> str:
