@@ -195,8 +195,19 @@ def test_a_shuttle_that_rolls_evenly_on_its_rails_does_not_stand(random):
     assert results['at_rest'][~moves].mean() > 0.4
 
 
-@pytest.mark.parametrize('shake', [1.0, 1.5])
-def test_a_vehicle_that_shakes_evenly_and_is_steered_does_not_stand(shake):
+@pytest.mark.parametrize('hertz', [6.5, 7.5, 15.0])
+def test_a_machine_that_turns_with_the_period_of_a_block_hides_no_rest(hertz, random):
+    """What is left of it in the means of blocks is slow, but small."""
+    rates, accelerations = at_rest(random, 80.0)
+    phase = 2.0 * np.pi * hertz * np.arange(6000) / 100.0
+    for order, size in ((1, 1.0), (2, 0.5), (3, 0.25)):
+        rates[2000:] += 0.1 * size * np.sin(order * phase[:, None] + random.uniform(0, 6, 3))
+        accelerations[2000:] += 0.5 * size * np.sin(order * phase[:, None] + [0.0, 1.0, 2.0])
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][-1000:].all()
+
+
+def test_a_vehicle_that_shakes_evenly_and_is_steered_does_not_stand():
     """On a straight way without a rest: half of it was called rest, for one of five seeds."""
     random, rate, n = np.random.default_rng(2), 100.0, 20_000
 
@@ -207,7 +218,7 @@ def test_a_vehicle_that_shakes_evenly_and_is_steered_does_not_stand(shake):
 
     rates = 6e-4 * random.standard_normal((n, 3))
     accelerations = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n, 3))
-    rates[2000:] += shake * DEGREE * between_frequencies(5.0, 45.0)
+    rates[2000:] += DEGREE * between_frequencies(5.0, 45.0)
     accelerations[2000:] += 0.9 * between_frequencies(5.0, 45.0)
     rates[2000:, 2] += 0.3 * DEGREE * between_frequencies(0.1, 0.8)[:, 2]
     results = run(Filter(), rates, accelerations)

@@ -92,6 +92,7 @@ WANDER_DEVIATIONS = 1.0
 # A bias that is off by so much (rad/s) tilts gravity within a minute so far that a velocity comes
 # to the 50 m/s that no robot has: it explains why rates and accelerations contradict each other.
 LEAST_EXPLAINING = 3e-3
+EXPLAINING_DEVIATIONS = 3.0  # of the segment's noise, which may be more
 # No gyroscope's bias walks further within a second than its noise says for a second: the Allan
 # deviation of each falls for 1.7 s at least, and of most for minutes. In 1/s.
 FASTEST_WALK = 1.0
@@ -389,7 +390,8 @@ def _correct(state: Bias) -> None:
         innovation_variance += lagged
         widen_both(state['motion'], axis, lagged)
         if rest_begins:
-            explains = explains or abs(innovation) > LEAST_EXPLAINING
+            by_chance = EXPLAINING_DEVIATIONS * math.sqrt(noise)
+            explains = explains or abs(innovation) > LEAST_EXPLAINING + by_chance
         else:
             _note_wander(state, axis, innovation, innovation_variance)
         gain = variance / innovation_variance
@@ -434,8 +436,9 @@ def _note_wander(state: Bias, axis: int, innovation: float, innovation_variance:
     Innovation in rad/s, and its variance by these.
     """
     wander, excess = state['wander'], innovation * innovation - innovation_variance
-    wander[axis] += LAG_WEIGHT * (excess - wander[axis])
     by_chance = math.sqrt(2.0 * LAG_WEIGHT / (2.0 - LAG_WEIGHT)) * innovation_variance
+    # A bias that was widened is predicted too well for some time, which says nothing of later.
+    wander[axis] = max(wander[axis] + LAG_WEIGHT * (excess - wander[axis]), -by_chance)
     state['wander_variance'][axis] = max(wander[axis] - WANDER_DEVIATIONS * by_chance, 0.0)
 
 

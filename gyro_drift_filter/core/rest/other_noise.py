@@ -33,6 +33,7 @@ from gyro_drift_filter.core.rest.records import (
     Rest,
     RestLengths,
 )
+from gyro_drift_filter.core.rest.segment import scatter_of_means, value_variance
 
 # A motion may pass for noise once.
 CONFIRMING = 3  # segments
@@ -46,6 +47,12 @@ LONGEST_START, LONGEST_ROLL = 4, 60.0
 # before by this. Three segments of white noise have it by chance on one axis in a hundred; with
 # each one more it is rarer.
 LARGEST_CORRELATION = 0.35
+# A machine that turns within 1.2 Hz of the frequency of blocks, or of a multiple, leaves means that
+# scatter by less than this share of what white noise of the same variance has.
+LEAST_SCATTER = 0.5
+# Correlation is the mean over so many segments, half a minute: with fewer of them a long drive
+# meets three without any by chance, and with more a stand behind it is found late.
+REMEMBERED = 12
 # What has been neither rest nor of that noise for so long was motion. The detector may learn
 # another noise then; segments that had this one still count.
 FORGET_OTHER_NOISE_SECONDS = 10.0
@@ -91,7 +98,7 @@ def confirm_other_noise(
     """
     other, correlation = noise['rest'], noise['correlation']
     for axis in range(3):
-        correlation[axis] = correlation_of_means(other['signals'][axis]['segment'], other['blocks'])
+        correlation[axis] = _correlation_of_wander(other, axis, lengths['block'])
     next_segment(other, False)
     if may_be_bias:
         _note_segment(noise)
@@ -134,18 +141,29 @@ def _note_segment(noise: OtherNoise) -> None:
         alike = alike and now <= NOISIER * before and before <= NOISIER * now
         noise['variances'][i] = now
     noise['segments'] = noise['segments'] + 1 if alike else 1
+    share = 1.0 / min(noise['segments'], REMEMBERED)
     for axis in range(3):
-        mean, share = noise['mean_correlation'], 1.0 / noise['segments']
+        mean = noise['mean_correlation']
         mean[axis] += share * (noise['correlation'][axis] - mean[axis])
 
 
 @kernel
-def _wanders(rest: Rest, noise: OtherNoise) -> bool:
-    """Return whether the rates of segments wander more slowly than noise at rest does.
+def _correlation_of_wander(rest: Rest, axis: int, length: int) -> float:
+    """Return how the means of the blocks of a segment, `length` values each, follow each other.
 
-    The heading of what drives does, by its steering. A machine shakes faster than blocks follow
-    each other, so that their means are as little correlated as before.
+    It is 0 where they hardly scatter: what is left in them of a machine that turns with nearly the
+    period of a block is slow, too, but small.
     """
+    signal, blocks = rest['signals'][axis], rest['blocks']
+    by_noise = value_variance(rest, signal) / length
+    if scatter_of_means(signal['segment'], blocks) < LEAST_SCATTER * by_noise:
+        return 0.0
+    return correlation_of_means(signal['segment'], blocks)
+
+
+@kernel
+def _wanders(rest: Rest, noise: OtherNoise) -> bool:
+    """Return whether the rates of the last segments wander, as by the steering of what drives."""
     ratio, wanders = rest['variance_ratio'], False
     usual = (ratio - 1.0) / (ratio + 1.0)
     for axis in range(3):
