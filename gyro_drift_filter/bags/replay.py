@@ -106,7 +106,7 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     if force and is_source:
         raise BagError(f'{destination} is the bag to be read, or holds it: choose another name')
     folder = read.parent if (read.parent / 'metadata.yaml').is_file() else read
-    if read in written.parents or folder in written.parents:
+    if folder in written.parents:
         raise BagError(f'{destination} lies within the bag to be read: choose another name')
     if force or not destination.exists():
         return
