@@ -141,6 +141,11 @@ def pytest_collection_modifyitems(items):
         return 1 if item.get_closest_marker('slow') else 2
 
     items.sort(key=rank)
+    for item in items:
+        if 'browser' in item.fixturenames:
+            # Chromium without a window stops drawing now and then, which no page is the cause of:
+            # the driver then waits for it in vain, and another Chromium draws the same page.
+            item.add_marker(pytest.mark.flaky(reruns=2, only_rerun='TimeoutException'))
     if find_spec('numba') is None:
         for item in items:
             if item.path.name not in RUNS_UNCOMPILED:
@@ -161,7 +166,7 @@ def real_bag():
     return path_of
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def browser():
     """Start the system's Chromium without a window, or skip."""
     from support.browser import chromium
