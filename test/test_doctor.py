@@ -358,6 +358,21 @@ def test_the_noise_of_a_rest_that_is_shorter_than_a_second_is_not_known(random):
     assert 'nan' not in finding.text
 
 
+def test_values_that_are_missing_now_and_then_hide_no_noise_of_a_rest(random):
+    gravity = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 9.8])
+    values = gravity + 0.01 * random.standard_normal((1000, 6))
+    values[::50, 1] = np.nan
+    values[7::40, 5] = np.nan
+    columns = tuple(values.T)
+    seen = look_at_rests(np.ones(1000), columns[:3], columns[3:], 0.01)
+    assert [*seen.noise, *seen.force_noise] == pytest.approx(6 * [0.01], rel=0.1)
+    assert seen.forces == pytest.approx(gravity[None, 3:], abs=0.01)
+    # An axis that is hardly ever there has none.
+    values[:, 1] = np.where(np.arange(1000) % 3, np.nan, values[:, 1])
+    seen = look_at_rests(np.ones(1000), columns[:3], columns[3:], 0.01)
+    assert np.isfinite(seen.noise).tolist() == [True, False, True]
+
+
 def test_the_accelerations_of_a_foot_that_never_rests_are_no_fault(random):
     columns = tuple(30.0 * random.standard_normal((3, 500)))
     seen = look_at_rests(np.zeros(500), columns, columns, 0.01)

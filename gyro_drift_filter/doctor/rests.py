@@ -52,6 +52,8 @@ _END_SECONDS = 0.5
 # Noise is the median of the deviations over pieces of a second, so that a knock is none of it.
 _PIECE_SECONDS = 1.0
 _LEAST_SAMPLES = 20
+# Of a piece at least so much has to be numbers.
+_LEAST_SHARE = 0.5
 _RUN = 100
 
 
@@ -103,19 +105,24 @@ def look_at_rests(
     """
     stretches = stretches_of(resting, round(_END_SECONDS / period))
     size = max(round(_PIECE_SECONDS / period), _LEAST_SAMPLES)
-    deviations, means = [], []
+    deviations, means = [np.full((1, 6), np.nan)], []
     for stretch in stretches:
-        values = stacked((*rates, *accelerations), slice(stretch.first, stretch.stop))
-        means.append(values[:, 3:].mean(axis=0))
+        columns = stacked((*rates, *accelerations), slice(stretch.first, stretch.stop))
+        # Where a value is missing, the others are as good as with it.
+        values = np.ma.masked_invalid(columns)
+        means.append(values[:, 3:].mean(axis=0).filled(np.nan))
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
-        # Without the acceleration, which may be missing, as good as with it.
-        good = np.isfinite(pieces[:, :, :3]).all(axis=(1, 2))
-        deviations.append(pieces[good].std(axis=1, ddof=1))
-    noise = np.full(6, np.nan)
-    if any(map(len, deviations)):
-        noise = np.median(np.concatenate(deviations), axis=0)
+        is_known = pieces.count(axis=1) > _LEAST_SHARE * size
+        deviations.append(np.where(is_known, pieces.std(axis=1, ddof=1).filled(np.nan), np.nan))
+    noise = np.array([_median(column) for column in np.concatenate(deviations).T])
     forces = np.array(means).reshape(-1, 3)
     return AtRest(stretches, sum(map(len, stretches)), noise[:3], forces, noise[3:])
+
+
+def _median(values: Floats) -> float:
+    """Return the median of those that are numbers; NaN where none is."""
+    numbers = values[np.isfinite(values)]
+    return float(np.median(numbers)) if len(numbers) else math.nan
 
 
 def judge_unrested_noise(
