@@ -420,6 +420,8 @@ def test_wrong_options_are_told_before_the_work(source, tmp_path, capsys):
     assert main(['report', str(source), '-o', str(page)]) == 1
     assert 'exists already' in capsys.readouterr().err
     assert page.read_text() == 'mine'
+    assert main(['report', str(source), '-o', str(tmp_path / 'page.pdf')]) == 1
+    assert 'what is written is an HTML page: name it .html' in capsys.readouterr().err
     other = str(tmp_path / 'other.html')
     assert main(['report', str(source), '-o', other, '--start', '5', '--end', '2']) == 1
     assert main(['report', str(source), '-o', other, '--start', '5000']) == 1

@@ -54,7 +54,7 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    check_targets({'--output': options.output, '--json': options.json})
+    check_targets({'--json': options.json}, page=options.output)
     with needing_fleet():
         from gyro_drift_filter.fleet.bag_report import report_path
         from gyro_drift_filter.fleet.columns import read_table

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     start, end = between(options)
     names = shortest_names(options.bag)
-    check_targets({'--output': options.output, '--json': options.json}, {'--png': options.png})
+    check_targets({'--json': options.json}, {'--png': options.png}, page=options.output)
     if options.png and len(names) > 1:
         for name in names:
             check_no_pictures('--png', options.png / name)

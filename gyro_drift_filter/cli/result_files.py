@@ -56,6 +56,7 @@ def check_targets(
     files: Mapping[str, Path | None],
     pictures: Mapping[str, Path | None] = _NONE,
     others: Mapping[str, Path | None] = _NONE,
+    page: Path | None = None,
 ) -> None:
     """Make sure that what is to be written can be, before the work and not after it.
 
@@ -64,6 +65,7 @@ def check_targets(
         pictures: Folders that pictures are written into; there must be none in them.
         others: Paths whose writers look themselves at what is there, as they replace some of it.
             What is in a folder of these is theirs alone.
+        page: HTML file that `--output` names; as `files`.
 
     Raises:
         GyroDriftFilterError: It can't, or two of the options name the same path, or one lies within
@@ -71,6 +73,12 @@ def check_targets(
     """
     if files.get('--json') == _STANDARD_OUTPUT:
         files = {**files, '--json': None}
+    if page is not None:
+        if page.suffix.lower() in _PICTURES:
+            raise GyroDriftFilterError(
+                f'--output {page}: what is written is an HTML page: name it .html'
+            )
+        files = {'--output': page, **files}
     named: dict[str, str] = {}
     for option, path in (*files.items(), *pictures.items(), *others.items()):
         if path is None:
