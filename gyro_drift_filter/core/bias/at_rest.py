@@ -86,9 +86,6 @@ WALK_LEARNING, LEAST_WALK, LARGEST_SURPRISE = 0.4, 0.003, 4.0
 # of the last segments, each with LAG_WEIGHT. What the square of that has beyond LAG_DEVIATIONS of
 # noise adds to the variance.
 LAG_WEIGHT, LAG_DEVIATIONS = 0.05, 3.0
-# By how much the bias wanders about its estimate at rest, the mean square of the innovations says,
-# each with LAG_WEIGHT: as far as it is WANDER_DEVIATIONS of chance above their variance.
-WANDER_DEVIATIONS = 1.0
 # A bias that is off by so much (rad/s) tilts gravity within a minute so far that a velocity comes
 # to the 50 m/s that no robot has: it explains why rates and accelerations contradict each other.
 LEAST_EXPLAINING = 3e-3
@@ -431,15 +428,16 @@ def _variance_of_lag(
 
 @kernel
 def _note_wander(state: Bias, axis: int, innovation: float, innovation_variance: float) -> None:
-    """Note by how much the bias wanders at rest, beyond what noise and random walk explain.
+    """Note by how much the bias wanders about its estimate at rest.
 
-    Innovation in rad/s, and its variance by these.
+    The mean square of the innovations says so, each with LAG_WEIGHT: what it has beyond their
+    variance by noise and random walk, and beyond a deviation of chance. Innovation in rad/s.
     """
     wander, excess = state['wander'], innovation * innovation - innovation_variance
     by_chance = math.sqrt(2.0 * LAG_WEIGHT / (2.0 - LAG_WEIGHT)) * innovation_variance
     # A bias that was widened is predicted too well for some time, which says nothing of later.
     wander[axis] = max(wander[axis] + LAG_WEIGHT * (excess - wander[axis]), -by_chance)
-    state['wander_variance'][axis] = max(wander[axis] - WANDER_DEVIATIONS * by_chance, 0.0)
+    state['wander_variance'][axis] = max(wander[axis] - by_chance, 0.0)
 
 
 @kernel

@@ -96,14 +96,12 @@ def confirm_other_noise(
 
     Each of them `may_be_bias`, as its rate says: what turns is no rest, however steady it is.
     """
-    other, correlation = noise['rest'], noise['correlation']
-    for axis in range(3):
-        correlation[axis] = _correlation_of_wander(other, axis, lengths['block'])
-    next_segment(other, False)
+    other = noise['rest']
     if may_be_bias:
-        _note_segment(noise)
+        _note_segment(noise, lengths['block'])
     else:
         noise['segments'] = 0
+    next_segment(other, False)
     stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
     stands = stands and not _may_roll(rest, other, lengths['block_seconds'])
     stands = stands and not _wanders(rest, noise)
@@ -133,18 +131,20 @@ def _is_noisier(rest: Rest, other: Rest, signals: int) -> bool:
 
 
 @kernel
-def _note_segment(noise: OtherNoise) -> None:
-    """Count a segment that has the noise of the one before, which may be long ago."""
-    alike = True
+def _note_segment(noise: OtherNoise, length: int) -> None:
+    """Count a segment that has the noise of the one before, which may be long ago.
+
+    Its blocks have `length` values each.
+    """
+    other, alike = noise['rest'], True
     for i in range(SIGNALS):
-        before, now = noise['variances'][i], noise['rest']['signals'][i]['variance']
+        before, now = noise['variances'][i], other['signals'][i]['variance']
         alike = alike and now <= NOISIER * before and before <= NOISIER * now
         noise['variances'][i] = now
     noise['segments'] = noise['segments'] + 1 if alike else 1
-    share = 1.0 / min(noise['segments'], REMEMBERED)
+    share, mean = 1.0 / min(noise['segments'], REMEMBERED), noise['mean_correlation']
     for axis in range(3):
-        mean = noise['mean_correlation']
-        mean[axis] += share * (noise['correlation'][axis] - mean[axis])
+        mean[axis] += share * (_correlation_of_wander(other, axis, length) - mean[axis])
 
 
 @kernel

@@ -150,9 +150,7 @@ class OtherNoise(TypedDict):
     rest: Rest  # by that noise
     variances: PerSignal  # of values, in its last segment
     segments: int  # that had it, one after the other
-    # of the block means of the last of them, one with the next, and its mean over the last ones
-    correlation: PerAxis
-    mean_correlation: PerAxis
+    mean_correlation: PerAxis  # of a block mean with the next one, over the last of them
 
 
 class RestLengths(TypedDict):
