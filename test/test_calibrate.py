@@ -101,6 +101,23 @@ def test_one_pose_is_told(random):
         calibrate([samples(turns)])
 
 
+@pytest.mark.parametrize('count', [12, 24])
+def test_a_recording_that_is_shorter_than_a_rest_can_be_is_told(count, random):
+    _, turns = laid_down(random, rate=100.0)
+    arrays = turns.stamps[:count], turns.rates[:count], turns.accelerations[:count]
+    with pytest.raises(CalibrationError, match=f'its {count} samples last for 0.*too short'):
+        calibrate([Samples(*arrays)])
+
+
+def test_rests_of_few_samples_have_a_duration(random):
+    """One that lasts for long is cut into pieces; at a low rate some of these were empty."""
+    _, turns = laid_down(random, rate=50.0)
+    track = make_track(1000 * turns.stamps, turns.rates, turns.accelerations)
+    rests = find_rests(track).rests
+    assert len(rests) > 10
+    assert min(rest.seconds for rest in rests) > 0.0
+
+
 def test_without_a_rest_there_is_nothing(random):
     _, turns = laid_down(random, rest=0.3)
     with pytest.raises(CalibrationError, match='no rest found: lay the sensor down'):

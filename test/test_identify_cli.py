@@ -391,6 +391,25 @@ def test_stamps_of_zero_take_the_log_times_or_a_rate(options, rate, tmp_path, ca
     assert read_parameters(tmp_path / 'model.yaml').sample_rate == pytest.approx(rate, rel=1e-3)
 
 
+@pytest.mark.parametrize('factor', [1000, 1e-3])
+def test_stamps_in_another_unit_tell_no_noise(factor, tmp_path, capsys):
+    """The noise density for Kalibr was 33 times too large, and nothing was said."""
+    data = simulate(SimulationSettings(static_seconds=40, dynamic_seconds=0, white_deviation=1e-4))
+    samples = zip(
+        data.stamps.tolist(), data.angular_velocity, data.linear_acceleration, strict=True
+    )
+    begin = int(data.stamps[0])
+    rows = [
+        (stamp, imu_message(begin + int(factor * (stamp - begin)), *sample))
+        for stamp, *sample in samples
+    ]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): rows})
+    assert identify(tmp_path, source) == 1
+    assert 'the driver fills sec and nanosec' in capsys.readouterr().err
+    assert main(['calibrate', str(source), '-o', str(tmp_path / 'calibration.yaml')]) == 1
+    assert 'the driver fills sec and nanosec' in capsys.readouterr().err
+
+
 def test_a_file_that_exists_is_left_alone(tmp_path, capsys):
     (tmp_path / 'model.yaml').write_text('mine')
     assert identify(tmp_path, bag(tmp_path / 'in', seconds=5)) == 1

@@ -194,13 +194,21 @@ def _at_the_end_of_the_range(rates: Floats) -> Bools:
 
 
 def find_rests(track: Track) -> Rests:
-    """Return the rests of a track, and its noise: without any, that of its quietest blocks."""
+    """Return the rests of a track, and its noise: without any, that of its quietest blocks.
+
+    Raises:
+        CalibrationError: It is shorter than a block.
+    """
     period = track.period
     size = max(LEAST_BLOCK, round(BLOCK_SECONDS / period))
     values = track.rates
     if track.accelerations is not None:
         values = np.hstack([values, track.accelerations])
     count = len(values) // size
+    if count == 0:
+        raise CalibrationError(
+            f'its {len(values)} samples last for {track.seconds[-1]:.2g} s: too short for a rest'
+        )
     blocks = values[: count * size].reshape(count, size, -1)
     means, deviations = blocks.mean(axis=1), blocks.std(axis=1)
     # Of a sensor that is coarser than its noise, that of its counts.
@@ -227,7 +235,7 @@ def find_rests(track: Track) -> Rests:
         if _tilts(means[first:stop, 3:], noise[3:]):
             moved.append(float(track.seconds[first * size]))
             continue
-        pieces = int(np.ceil((stop - first) * size * period / LONGEST_SECONDS))
+        pieces = min(int(np.ceil((stop - first) * size * period / LONGEST_SECONDS)), stop - first)
         cuts = np.linspace(first * size, stop * size, pieces + 1).astype(int)
         rests += [_rest(track, a, b) for a, b in pairwise(cuts)]
     rests, turning = _of_one_rate(rests)

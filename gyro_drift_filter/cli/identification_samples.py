@@ -14,6 +14,7 @@
 
 """The samples of a bag for `identify` and `calibrate`: in temporary files, as there may be many."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
+from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.phrases import counted
+
+# Units differ by a power of 1000; lost messages and a clock that drifts change their ratio by less.
+_UNIT_MARGIN = 0.02
 
 
 @dataclass(frozen=True)
@@ -79,9 +84,10 @@ def read_samples(
         sample_rate: In Hz, for messages whose stamps are zero; without it their log times count.
 
     Raises:
-        BagError: The bag can't be read or holds no usable Imu message in that time.
+        BagError: The bag can't be read or holds no usable Imu message in that time, or the stamps
+            are in another unit.
     """
-    stamps = Stored(np.int64)
+    stamps, edges = Stored(np.int64), []
     rates, accelerations = stored_columns(3), stored_columns(3)
     name, clock, refused, count, beyond = '', '', 0, 0, 0
     for part in imu_parts(bag, topic, progress, between=between):
@@ -91,13 +97,35 @@ def read_samples(
         if not count and not part.samples['stamp'].any():
             clock = f'{sample_rate:g} Hz as named' if sample_rate else 'log times'
         times = _times(part, clock, sample_rate, count)
+        edges += [(times[0], part.log_times[0]), (times[-1], part.log_times[-1])]
         count += len(times)
         stamps.append(times)
         rate, force = part.samples['angular_velocity'], part.samples['linear_acceleration']
         beyond += int((np.abs(rate) > LARGEST_RATE).any(axis=1).sum())
         append_rows(rates, usable(rate))
         append_rows(accelerations, usable(force, LARGEST_ACCELERATION))
+    if not clock:
+        _check_unit(*(1e-9 * float(np.ptp(times)) for times in zip(*edges, strict=True)))
     return Samples(name, refused, stamps, rates, accelerations, beyond, clock)
+
+
+def _check_unit(stamped: float, logged: float) -> None:
+    """Make sure that stamps, which last for so many s, are in the unit of the log times.
+
+    A recording of a recording that is played slowly or fast has true stamps, but not a thousand
+    times as long.
+
+    Raises:
+        BagError: They are not.
+    """
+    if stamped <= 0.0 or logged <= 0.0:
+        return
+    thousands = math.log(stamped / logged, 1000.0)
+    if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < _UNIT_MARGIN:
+        raise BagError(
+            f'the stamps last for {stamped:.3g} s and the log times for {logged:.3g} s: the driver '
+            'fills sec and nanosec of the stamp with another unit; `gyro_drift doctor` examines it'
+        )
 
 
 def _times(part: ImuPart, clock: str, sample_rate: float | None, before: int) -> NDArray[np.int64]:
