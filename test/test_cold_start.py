@@ -206,7 +206,7 @@ def test_the_node_answers_while_the_filter_is_compiled(ros_node, monkeypatch):
         assert ros_node._reset(None, Trigger.Response()).success
         answer = ros_node._calibrate(None, Trigger.Response())
     assert not answer.success
-    assert 'compiled for its first start' in answer.message
+    assert 'being compiled for its first start' in answer.message
     assert filter_.parameters.method == 'adaptive'
     ros_node._receive(imu_message(10**18, np.zeros(3), np.zeros(3)))
     assert len(ros_node._cold_start.waiting) == 3

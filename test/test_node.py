@@ -534,7 +534,7 @@ def test_the_node_and_replay_read_the_same_in_a_file(text, tmp_path):
 
 def test_an_endpoint_whose_node_is_not_known_yet_has_words():
     unknown = SimpleNamespace(node_name='_NODE_NAME_UNKNOWN_', node_namespace='_UNKNOWN_')
-    assert 'UNKNOWN' not in neighbours._name(unknown)
+    assert 'UNKNOWN' not in neighbours.node_name(unknown)
 
 
 def test_an_interrupt_while_the_node_loads_is_one_line(monkeypatch, capsys):

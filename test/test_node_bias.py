@@ -16,10 +16,13 @@
 
 import json
 import re
+import time
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Bool
@@ -37,6 +40,7 @@ from support.sensor import DEGREE, at_rest, by_hand, taking_off
 pytestmark = pytest.mark.node
 
 FILTER = '/gyro_drift_filter: filter'
+INPUT = '/gyro_drift_filter: input'
 
 
 def rates_of(messages):
@@ -265,6 +269,38 @@ def test_the_type_of_the_hint_changes_while_it_runs(fresh):
         assert set_parameters(fresh, motion_hint=kind)[0].successful
         expected = [HINT_TYPES[kind]] if kind in HINT_TYPES else []
         fresh.wait(lambda expected=expected: types() == expected, f'the node to listen to {kind}')
+
+
+def test_a_hint_that_can_not_come_is_told(fresh, random):
+    """The robot would turn slowly at what is taken for rest, and nobody knew why."""
+    messages, seen, sent = serialized(*at_rest(random, 120)), [], 0
+    listener = fresh.node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda array: seen.extend(array.status), 10
+    )
+    begin = time.monotonic()
+
+    def is_told(*words):
+        nonlocal sent
+        while sent < 100.0 * (time.monotonic() - begin):  # as a driver does
+            fresh.publish(messages[sent])
+            sent += 1
+        texts = [status.message for status in seen if status.name == INPUT]
+        return bool(texts) and all(word in texts[-1] for word in words)
+
+    nobody = 'motion_hint is twist, but nobody publishes /motion_hint: is the topic'
+    fresh.wait(lambda: is_told(nobody), 'a hint that nobody publishes')
+    wheels = fresh.node.create_publisher(Odometry, 'motion_hint', 10)
+    other = fresh.node.create_publisher(Twist, 'cmd_vel', 10)
+    wrong = '/player publishes nav_msgs/msg/Odometry on /motion_hint: set motion_hint to'
+    fresh.wait(lambda: is_told('motion_hint is twist, but', wrong), 'a hint of another type')
+    fresh.node.destroy_publisher(wheels)
+    fresh.wait(lambda: is_told(nobody, 'geometry_msgs/msg/Twist is on: /cmd_vel'), 'who has it')
+    fresh.node.destroy_publisher(other)
+    # A command that does not come while the robot stands is no fault.
+    commands = fresh.node.create_publisher(Twist, 'motion_hint', 10)
+    fresh.wait(lambda: is_told('receiving'), 'no fault')
+    fresh.node.destroy_publisher(commands)
+    fresh.node.destroy_subscription(listener)
 
 
 def test_warmth_widens_the_bias(fresh, random):

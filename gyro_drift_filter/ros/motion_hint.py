@@ -26,11 +26,14 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.timer import Timer
 
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
+from gyro_drift_filter.ros.neighbours import node_name, topics_of
 
 _CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
 assert set(_CLASSES) == set(HINT_TYPES)
 # By then the executor has let go of a subscription that was destroyed in one of its callbacks.
 _PAUSE_SECONDS = 0.1
+# Publishers are known some seconds after a node has started.
+_DISCOVERY_SECONDS = 5.0
 
 
 class MotionHint:
@@ -42,6 +45,8 @@ class MotionHint:
         self._kind = 'none'
         self._subscription: Any = None
         self._pause: Timer | None = None
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._since = self._steady.now()
         self.listen(kind)
 
     def listen(self, kind: str) -> None:
@@ -53,9 +58,7 @@ class MotionHint:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
             # DDS refuses another type for a topic while the old subscription is still there.
-            self._pause = self._node.create_timer(
-                _PAUSE_SECONDS, self._resume, clock=Clock(clock_type=ClockType.STEADY_TIME)
-            )
+            self._pause = self._node.create_timer(_PAUSE_SECONDS, self._resume, clock=self._steady)
         elif self._pause is None:
             self._subscribe()
 
@@ -65,8 +68,33 @@ class MotionHint:
         self._pause = None
         self._subscribe()
 
+    def fault(self) -> str | None:
+        """Return why no hint can come, None where one may.
+
+        Who publishes the right type may be silent, as a robot without a command is.
+        """
+        if self._subscription is None:
+            return None
+        if (self._steady.now() - self._since).nanoseconds < _DISCOVERY_SECONDS * 1e9:
+            return None
+        topic, wanted = self._subscription.topic_name, HINT_TYPES[self._kind]
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if any(other.topic_type == wanted for other in publishers):
+            return None
+        head = f'motion_hint is {self._kind}, but'
+        if publishers:
+            other = publishers[0]
+            return (
+                f'{head} {node_name(other)} publishes {other.topic_type} on {topic}: set '
+                'motion_hint to its type, or remap the topic motion_hint'
+            )
+        others = topics_of(self._node, wanted, (topic,))
+        there = f'; {wanted} is on: {", ".join(others)}' if others else ''
+        return f'{head} nobody publishes {topic}: is the topic motion_hint remapped?{there}'
+
     def _subscribe(self) -> None:
         if self._kind != 'none':
+            self._since = self._steady.now()
             self._subscription = self._node.create_subscription(
                 _CLASSES[self._kind], 'motion_hint', self._receive, qos_profile_sensor_data
             )

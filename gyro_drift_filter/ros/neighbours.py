@@ -14,6 +14,8 @@
 
 """Who else is on the node's topics, or has its name: what keeps messages away, or mixes them."""
 
+from collections.abc import Collection
+
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, qos_check_compatible
@@ -43,12 +45,12 @@ class Neighbours:
             reason = _mismatch(other, requested)
             if reason:
                 return (
-                    f'nothing comes from {_name(other)} on {topic}: {reason}; set '
+                    f'nothing comes from {node_name(other)} on {topic}: {reason}; set '
                     f'qos_overrides.{topic}.subscription.* to what it offers'
                 )
         imus = [other for other in publishers if other.topic_type == IMU_TYPE]
         if len(imus) > 1:
-            names = ', '.join(sorted(_name(other) for other in imus))
+            names = ', '.join(sorted(node_name(other) for other in imus))
             return (
                 f'{len(imus)} publishers on {topic}: {names}. Their messages are mixed: remap all '
                 'but one'
@@ -63,16 +65,16 @@ class Neighbours:
                 'other; start one with -r __node:=NAME or in a namespace'
             )
         for other in node.get_publishers_info_by_topic(output):
-            if other.topic_type == IMU_TYPE and _name(other) != own:
+            if other.topic_type == IMU_TYPE and node_name(other) != own:
                 return (
-                    f'{_name(other)} publishes {output}, too: the messages are mixed; remap the '
-                    'output of one'
+                    f'{node_name(other)} publishes {output}, too: the messages are mixed; remap '
+                    'the output of one'
                 )
         offered = self._own(node.get_publishers_info_by_topic(output))
         for other in node.get_subscriptions_info_by_topic(output):
             reason = _mismatch(offered, other)
             if reason:
-                return f'{_name(other)} gets nothing of {output}: {reason}'
+                return f'{node_name(other)} gets nothing of {output}: {reason}'
         return None
 
     def silence(self) -> str:
@@ -82,16 +84,12 @@ class Neighbours:
         wrong = [p for p in publishers if p.topic_type != IMU_TYPE]
         if wrong:
             return (
-                f'{_name(wrong[0])} publishes {wrong[0].topic_type} on {topic}, '
+                f'{node_name(wrong[0])} publishes {wrong[0].topic_type} on {topic}, '
                 f'not {IMU_TYPE}: remap imu/data_raw to an Imu topic'
             )
         if publishers:
-            return f'no message, though {_name(publishers[0])} publishes {topic}'
-        others = sorted(
-            name
-            for name, types in self._node.get_topic_names_and_types()
-            if IMU_TYPE in types and name not in (topic, self._output.topic_name)
-        )
+            return f'no message, though {node_name(publishers[0])} publishes {topic}'
+        others = topics_of(self._node, IMU_TYPE, (topic, self._output.topic_name))
         hint = f'; Imu topics there are: {", ".join(others)}' if others else ''
         return (
             f'nobody publishes {topic}: is the driver running, and is imu/data_raw remapped?{hint}'
@@ -100,13 +98,23 @@ class Neighbours:
     def _own(self, endpoints: list[TopicEndpointInfo]) -> TopicEndpointInfo | None:
         """Return the node's own one: only the graph knows the QoS with all of its defaults."""
         name = self._node.get_fully_qualified_name()
-        return next((endpoint for endpoint in endpoints if _name(endpoint) == name), None)
+        return next((endpoint for endpoint in endpoints if node_name(endpoint) == name), None)
 
     def _publishers(self) -> list[TopicEndpointInfo]:
         return self._node.get_publishers_info_by_topic(self._input.topic_name)
 
 
-def _name(other: TopicEndpointInfo) -> str:
+def topics_of(node: Node, type_: str, left_out: Collection[str]) -> list[str]:
+    """Return the topics of a type that there are, without some, in order."""
+    return sorted(
+        name
+        for name, types in node.get_topic_names_and_types()
+        if type_ in types and name not in left_out
+    )
+
+
+def node_name(other: TopicEndpointInfo) -> str:
+    """Return the full name of the node that has a publisher or subscription."""
     if other.node_name == _UNKNOWN_NODE:
         return 'a node whose name ROS does not know yet'
     return _full_name(other.node_namespace, other.node_name)

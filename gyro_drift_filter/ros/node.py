@@ -226,7 +226,7 @@ class GyroDriftFilterNode(Node):
     def _calibrate(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._cold_start.waiting is not None:
             response.success = False
-            response.message = 'the filter is compiled for its first start: try again after that'
+            response.message = 'the filter is being compiled for its first start: try again later'
             return response
         try:
             self._messages.filter.calibrate()
@@ -298,6 +298,8 @@ class GyroDriftFilterNode(Node):
         if not status.name.endswith(INPUT) or status.level not in (Level.OK, Level.STALE):
             return status
         fault = self._neighbours.fault()
+        if fault is None and status.level == Level.OK:
+            fault = self._hint.fault()
         if fault is not None:
             return status._replace(level=max(Level.WARN, status.level), message=fault)
         if status.level == Level.STALE:
