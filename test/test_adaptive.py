@@ -26,7 +26,7 @@ from benchmark.scenarios import foot, stamps
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.clock.periods import LONGEST_PERIOD
-from gyro_drift_filter.core.methods.missed_turns import (
+from gyro_drift_filter.core.methods.compensation import (
     COMPENSATION_SECONDS,
     COMPENSATION_SHARE,
     LARGEST_COMPENSATION,

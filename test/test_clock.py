@@ -161,7 +161,7 @@ def test_a_duplicate_is_repeated_and_moves_nothing():
     assert (first['status'], again['status']) == (SampleStatus.FILTERED, SampleStatus.REPEATED)
     assert (first['angular_velocity'] == again['angular_velocity']).all()
     assert (filter_.state['methods']['paper'] == before).all()
-    assert filter_.state['counts']['repeats'] == 1
+    assert filter_.state['counts']['duplicates'] == 1
     assert clock(filter_) == QUIET
 
 

@@ -54,7 +54,7 @@ CASES = {
     'own output': ({'own_outputs': 1}, {}, 'come back on the input'),
     'malformed': ({'malformed': 1, 'last_malformed': 'of dust'}, {}, 'the last because of dust'),
     'no usable rate': ({'refused': 100}, {'refused': 99}, 'nothing is published'),
-    'repeated': ({'repeats': 100}, {'repeats': 99}, 'again and again'),
+    'repeated': ({'duplicates': 100}, {'duplicates': 99}, 'again and again'),
     'zero': ({'stuck': True, 'all_zero': True}, {'all_zero': True}, 'exactly 0'),
     'stuck': ({'stuck': True}, {}, 'stayed the same'),
     'frozen axis': ({'faults': [0, 1, 1]}, {'faults': [0, 2, 0]}, 'axes y, z of the gyroscope'),
@@ -133,20 +133,20 @@ CASES = {
         {'bias_corrected': True},
         'are the axes of both sensors the same',
     ),
-    'no rest': ({'steady_seconds': 130.0}, {'steady_seconds': 110.0}, 'no rest is found'),
+    'no rest': ({'standing_seconds': 130.0}, {'standing_seconds': 110.0}, 'no rest is found'),
     'taken for a turn': (
-        {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 121.0},
-        {'rest_obstacle': Obstacle.NO_BIAS, 'rest_seconds': 119.0},
+        {'rest_obstacle': Obstacle.NOT_ACCEPTED, 'seconds_since_rest': 121.0},
+        {'rest_obstacle': Obstacle.NOT_ACCEPTED, 'seconds_since_rest': 119.0},
         'call ~/calibrate now',
     ),
     'beyond bias.max': (
-        {'rest_beyond_max': True, 'rest_seconds': 121.0},
-        {'rest_beyond_max': True, 'rest_seconds': 119.0},
+        {'rest_beyond_max': True, 'seconds_since_rest': 121.0},
+        {'rest_beyond_max': True, 'seconds_since_rest': 119.0},
         'bias.max (10 deg/s)',
     ),
     'no bias for long': (
-        {'bias_known': False, 'rest_seconds': 11.0},
-        {'bias_known': False, 'rest_seconds': 9.0},
+        {'bias_known': False, 'seconds_since_rest': 11.0},
+        {'bias_known': False, 'seconds_since_rest': 9.0},
         'stand still for 3 seconds (the heading drifts until then)',
     ),
     'no bias': (
@@ -178,7 +178,7 @@ def report_of(count, **changes):
         stamp=10_000_000 * count,
         period=0.01,
         samples_per_message=1.0,
-        blocks=1,
+        period_blocks=1,
         nis_samples=3 * [count],
         nis_sum=3 * [float(count)],
         bias_known=True,
@@ -351,7 +351,7 @@ def test_why_there_is_no_rest_is_told_of_each_obstacle(obstacle):
         why_not_at_rest(span(rest_obstacle=obstacle, rest_obstacle_signal=k).now.telemetry)
         for k in range(6)
     ]
-    of_a_signal = Obstacle.FEW_SAMPLES < obstacle < Obstacle.NO_BIAS
+    of_a_signal = Obstacle.FEW_SAMPLES < obstacle < Obstacle.NOT_ACCEPTED
     assert len(set(found)) == (6 if of_a_signal else 1)
     if of_a_signal:
         assert 'the angular velocity about y' in found[1]
@@ -360,7 +360,7 @@ def test_why_there_is_no_rest_is_told_of_each_obstacle(obstacle):
 
 
 def test_a_reason_against_rest_is_told_with_the_warning():
-    found = span(steady_seconds=200.0, rest_obstacle=Obstacle.SCATTERS, rest_obstacle_signal=2)
+    found = span(standing_seconds=200.0, rest_obstacle=Obstacle.SCATTERS, rest_obstacle_signal=2)
     text = RULES['no rest'].text
     assert not isinstance(text, str)
     assert 'as the mean of the angular velocity about z wanders more than that of noise' in text(
@@ -473,7 +473,7 @@ def test_a_turret_that_slews_evenly_draws_no_warning(random):
 
 def test_units_are_doubted_at_once_where_no_bias_is_known():
     rule = RULES['beyond bias.max']
-    assert rule.applies(span(rest_beyond_max=True, bias_known=False, rest_seconds=3.0))
+    assert rule.applies(span(rest_beyond_max=True, bias_known=False, seconds_since_rest=3.0))
 
 
 @pytest.mark.slow
@@ -491,9 +491,9 @@ def test_stands_that_are_taken_for_turns_are_told(warming, is_told, monkeypatch)
 
 
 def test_at_a_low_rate_a_rest_takes_longer():
-    late = {'steady_seconds': 150.0, 'least_rest_seconds': 144.0}
+    late = {'standing_seconds': 150.0, 'least_rest_seconds': 144.0}
     assert not RULES['no rest'].applies(span(**late))
-    assert RULES['no rest'].applies(span(**(late | {'steady_seconds': 300.0})))
+    assert RULES['no rest'].applies(span(**(late | {'standing_seconds': 300.0})))
 
 
 def test_a_single_spike_is_no_sign_of_degrees():
@@ -761,6 +761,19 @@ def test_a_dead_band_and_coarse_steps_are_no_fault(random):
         assert k < 2 or said == ('receiving', 'filtering')
 
 
+def test_what_another_method_did_is_no_fault_of_the_new_one():
+    """The advice was to change the new method, for what the one before it had flagged."""
+    health = Health()
+    for second in range(1, 21):
+        changed = second > 10
+        outliers = [50 * min(second, 10), 0, 0]
+        parameters = Parameters(method='adaptive' if changed else 'sage_husa')
+        now = report_of(100 * second, outliers=outliers, parameters=parameters)
+        _, of_filter = health.judge(now, 1.0)
+        assert second not in range(8, 11) or 'outliers' in of_filter.message
+        assert not changed or of_filter.message == 'filtering'
+
+
 def test_telemetry_is_that_of_the_state(random):
     filter_ = MessageFilter(Parameters())
     filter_all(filter_, [*simulated(500), b'junk'])
@@ -773,7 +786,7 @@ def test_telemetry_is_that_of_the_state(random):
     ends = checks['range_end']
     deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
     expected = {
-        **{name: counts[name] for name in ('samples', 'repeats', 'refused')},
+        **{name: counts[name] for name in ('samples', 'duplicates', 'refused')},
         **{name: ends[name] for name in ('at_limit', 'clipped', 'clipped_calibrated')},
         **{name: checks[name] for name in ('beyond_range', 'beyond_gravity', 'times_stuck')},
         'unusable': checks['unusable'],
@@ -788,7 +801,7 @@ def test_telemetry_is_that_of_the_state(random):
         'noise_block_seconds': pytest.approx(0.5, rel=1e-3),
         'rate_deviation_at_rest': deviations[:3],
         'acceleration_deviation_at_rest': deviations[3:],
-        'steady_seconds': bias['rest']['steady_seconds'],
+        'standing_seconds': bias['rest']['standing_seconds'],
         'rest_obstacle': bias['rest']['obstacle'],
         'rest_obstacle_signal': bias['rest']['obstacle_signal'],
         # Sixteen blocks of 13 samples, one before them, and one after them.
@@ -798,7 +811,8 @@ def test_telemetry_is_that_of_the_state(random):
         'last_outlier': counts['last_outlier'],
         'outlier_method': counts['outlier_method'],
         **{name: counts[name] for name in ('nis_samples', 'nis_sum', 'residual_sum')},
-        **{name: clock[name] for name in ('blocks', 'gaps', 'missing_samples')},
+        'period_blocks': clock['blocks'],
+        **{name: clock[name] for name in ('gaps', 'missing_samples')},
         'period': clock['mean_period'],
         **{name: clock[name] for name in ('restarts', 'zero_stamps', 'same_stamps')},
         'backward_stamps': clock['backward_stamps'],
@@ -812,7 +826,7 @@ def test_telemetry_is_that_of_the_state(random):
         'process_noise': state['result']['process_noise'],
         'measurement_noise': state['result']['measurement_noise'],
         'rest_beyond_max': bias['rest_beyond_max'] or bias['shaken_stand']['beyond_max'],
-        **{name: bias[name] for name in ('bias', 'rest_seconds', 'segments')},
+        **{name: bias[name] for name in ('bias', 'seconds_since_rest', 'segments')},
         **{name: bias[name] for name in ('segments_beyond_max', 'segments_turning')},
         'bias_known': bias['known'],
         'bias_corrected': bias['corrected'] > 0,

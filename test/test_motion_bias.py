@@ -327,7 +327,7 @@ def test_a_rate_that_comes_twice_leaves_the_direction_of_gravity():
     assert motion['directed']
     added = np.diag(motion['covariance'] - before.state['bias']['motion']['covariance'])[:3]
     np.testing.assert_allclose(added, 0.03**2, rtol=0.1)
-    assert motion['missed_turn'] == 0.0
+    assert motion['unmeasured_turn'] == 0.0
 
 
 def test_after_a_long_stay_at_the_end_of_the_range_the_direction_of_gravity_is_taken_anew():

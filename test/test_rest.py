@@ -353,7 +353,7 @@ def test_where_a_slow_turn_stops_to_differ_from_noise_is_no_short_stop(random):
 def test_a_doubt_after_a_long_drive_keeps_its_bound_for_some_time():
     rest, lengths = zeroed(REST)[0], zeroed(REST_LENGTHS)[0]
     lengths['block'], lengths['block_seconds'] = 8, 0.125
-    rest['known'], rest['restless'] = True, 10_000
+    rest['known'], rest['blocks_since_rest'] = True, 10_000
     doubt_noise(rest)
     for _ in range(2400):
         close_block(rest, lengths)
@@ -511,7 +511,7 @@ def shaken_from_the_second_second_on(rates, accelerations, random):
     ('change', 'obstacle', 'signal'),
     [
         (shaken_later, Obstacle.VARIES, 1),
-        (turned_later, Obstacle.NO_BIAS, 0),
+        (turned_later, Obstacle.NOT_ACCEPTED, 0),
         (turning_faster_and_faster, Obstacle.DRIFTS, 2),
         (without_rates, Obstacle.FEW_SAMPLES, 0),
         (jumping, Obstacle.SCATTERS, 0),

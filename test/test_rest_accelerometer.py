@@ -161,7 +161,7 @@ def test_what_a_slow_accelerometer_has_shown_long_ago_is_no_gravity_that_stands(
     slow = measured_at(np.arange(0, len(rates), 200), accelerations, None)
     results = run(filter_, rates, slow)
     rest = filter_.state['bias']['rest']
-    assert rest['steady_seconds'] == 0.0
+    assert rest['standing_seconds'] == 0.0
     assert rest['standing_blocks'] == 0
     assert not results['at_rest'].any()
     _, later = at_rest(random, 1.0)

@@ -129,13 +129,13 @@ def test_gravity_that_stands_without_a_rest_is_noted(random):
     rates += np.repeat(0.1 * random.standard_normal((200, 3)), 100, axis=0)
     filter_ = Filter()
     run(filter_, rates, accelerations)
-    assert filter_.state['bias']['rest']['steady_seconds'] > 150.0
+    assert filter_.state['bias']['rest']['standing_seconds'] > 150.0
     filter_ = Filter()
     run(filter_, rates, 0.0 * accelerations)
-    assert filter_.state['bias']['rest']['steady_seconds'] == 0.0
+    assert filter_.state['bias']['rest']['standing_seconds'] == 0.0
     filter_ = Filter()
     run(filter_, *at_rest(random, 100.0))
-    assert filter_.state['bias']['rest']['steady_seconds'] < 5.0
+    assert filter_.state['bias']['rest']['standing_seconds'] < 5.0
 
 
 def lies_and_is_moved(random, seconds):

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bag in, bag out: Imu fields straight from their serialized form, reading and writing of bags."""
+"""Read recordings of any storage, send them through the filter, write a new bag."""

@@ -23,7 +23,7 @@ from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
     RememberedBias,
-    may_hold_bias,
+    is_free_for_bias,
     recall,
     remember,
     why_not_kept,
@@ -41,7 +41,7 @@ def check_replaceable(path: Path) -> None:
     """
     if path.is_dir():
         raise MemoryFileError(f'{path} is a folder: name a file for the bias')
-    if not may_hold_bias(path):
+    if not is_free_for_bias(path):
         raise MemoryFileError(
             f'{path} holds something else than a bias, and is not replaced: name another file'
         )

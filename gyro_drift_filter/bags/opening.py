@@ -24,7 +24,7 @@ from typing import Protocol, Self
 from gyro_drift_filter.bags.library import AnyReader, AnyReaderError, RPath
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
-from gyro_drift_filter.bags.recording import BagError, Recording
+from gyro_drift_filter.bags.recording import ROSBAG2_SUFFIXES, BagError, Recording
 from gyro_drift_filter.bags.ros1_reader import Ros1Reader
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
 from gyro_drift_filter.errors import reason
@@ -48,7 +48,7 @@ class StoredPath(RPath, Protocol):
 
 _log = logging.getLogger(__name__)
 # What the name of a bag ends with that is a single file.
-FILE_SUFFIXES = ('.mcap', '.db3', '.bag')
+FILE_SUFFIXES = (*ROSBAG2_SUFFIXES, '.bag')
 _MAGIC_OF_ROS1 = b'#ROSBAG V'  # whatever the version, which rosbags judges
 
 
@@ -171,7 +171,7 @@ def check_path(path: Path | StoredPath) -> None:
         if isinstance(path, Path) and not (path.is_file() or path.is_dir()):
             raise BagError(f'{path} is no bag: it is neither a file nor a folder')
         if path.is_dir() and not (path / 'metadata.yaml').exists():
-            files = sorted(file.name for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+            files = sorted(file.name for file in path.iterdir() if file.suffix in ROSBAG2_SUFFIXES)
             advice = (
                 f': name a file in it, as {path / files[0]}' if files else ', and no .mcap or .db3'
             )

@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.library import Connection, ConnectionExtRosbag2, Qos, Typestore
 from gyro_drift_filter.errors import GyroDriftFilterError
 
+# What the name of a file of rosbag2 ends with.
+ROSBAG2_SUFFIXES = ('.mcap', '.db3')
+
 Identity = tuple[str, str, str, tuple[Qos, ...]]
 
 

@@ -46,14 +46,18 @@ from gyro_drift_filter.bags.library import (
 )
 from gyro_drift_filter.bags.mcap_storage import McapStorage
 from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import Identity, OutputError, Recording, identity
+from gyro_drift_filter.bags.recording import (
+    ROSBAG2_SUFFIXES,
+    Identity,
+    OutputError,
+    Recording,
+    identity,
+)
 from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 _FOREVER = QosTime(2**31 - 1, 2**32 - 1)
-
-_BAG_FILES = ('.mcap', '.db3')
 
 # Reliable, depth 10: what the node publishes with.
 RELIABLE = Qos(
@@ -80,7 +84,7 @@ class _Writer(Writer):
 def why_not_replaced(path: Path) -> str:
     """Return why what stands at a path is replaced by no bag, in words; empty where it can be."""
     names = {file.name for file in path.iterdir()} if path.is_dir() else set()
-    others = {n for n in names if n != 'metadata.yaml' and not n.endswith(_BAG_FILES)}
+    others = {n for n in names if n != 'metadata.yaml' and not n.endswith(ROSBAG2_SUFFIXES)}
     if 'metadata.yaml' not in names:
         return 'is no rosbag2 folder, and is not replaced'
     if others:
@@ -104,7 +108,7 @@ class BagWriter:
             OutputError: The path exists already, can't be written, or is that of a file.
         """
         self._path = Path(os.path.realpath(path)) if path.is_symlink() else path.absolute()
-        if path.suffix in _BAG_FILES:
+        if path.suffix in ROSBAG2_SUFFIXES:
             raise OutputError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace
         self._copies: dict[Identity, Connection] = {}

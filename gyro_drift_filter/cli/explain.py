@@ -50,9 +50,10 @@ def add_parser(subcommands: Any) -> None:
     command = subcommands.add_parser(
         'explain',
         help='say why samples were flagged as outliers',
-        description='Send a recording through the filter and list the samples that it flagged: '
-        'when, on which axis, by how much they missed their prediction, the limits that this was '
-        'held against, why it was too much, and what the next sample showed.',
+        description='Send a recording through the filter and list the samples that it flagged, '
+        'of several in a row the first one: when, on which axis, by how much they missed their '
+        'prediction, the limits that this was held against, why it was too much, and what the next '
+        'sample showed.',
     )
     add_bag_argument(command)
     add_topic_option(command)

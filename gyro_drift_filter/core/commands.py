@@ -100,8 +100,8 @@ def _change_of_bias(before: Settings, after: Settings) -> float:
 def take_over(filter_: NDArray[np.void]) -> None:
     """Start the method of the settings where another one has ended.
 
-    So the output does not jump. Where it lags behind the samples it has to: then, and where there
-    is no output, the method starts at the next sample.
+    So the output does not jump, unless it lags behind the samples or there is none: then the method
+    starts at the next sample.
     """
     state = filter_[0]['state']
     result, tracking = state['result'], state['methods']['tracking']
@@ -150,7 +150,7 @@ def read_shift(
 ) -> None:
     """Write the shift of the bias in motion, (3,) in rad/s, and its variance.
 
-    What contradictory accelerations show of it is none.
+    While rates and accelerations contradict each other the shift is 0.
     """
     bias = filter_[0]['state']['bias']
     motion = bias['motion']

@@ -115,7 +115,10 @@ class Filter:
             commands.take_over(self.record)
 
     def reset(self) -> None:
-        """Forget all samples, counts and what was learned from them, except bias and rest."""
+        """Forget all samples, counts and what was learned from them, except the bias at rest.
+
+        What `core/rest/` knows of the noise is kept with it; a rest under way begins anew.
+        """
         bias = self.record['state']['bias'].copy()
         self.record['state'] = np.zeros(1, STATE)
         self.record['state']['bias'] = bias

@@ -23,7 +23,7 @@ from gyro_drift_filter.core.bias.contradiction import note_contradiction
 from gyro_drift_filter.core.bias.in_motion import (
     KNOWN_TURN_SECONDS,
     lose_direction,
-    miss_turn,
+    take_unmeasured_turn,
     track_motion,
 )
 from gyro_drift_filter.core.bias.motion_filter import MotionWorkspace
@@ -38,7 +38,7 @@ from gyro_drift_filter.core.polling import message_period
 from gyro_drift_filter.core.records import FilterRecord, State
 from gyro_drift_filter.core.sample import Sample, SampleStatus, is_usable
 from gyro_drift_filter.core.sensor_checks import (
-    are_rates_held,
+    are_rates_stale,
     equal_rates,
     has_fault,
     may_hang,
@@ -67,7 +67,7 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
             rate = result['angular_velocity'][axis]
             workspace['sound'] = False
         workspace['rate'][axis] = rate
-    _note_missed_turn(missing, in_gap, state, workspace)
+    _note_unmeasured_turn(missing, in_gap, state, workspace)
     _follow(bias['motion'], sample, seconds, filter_)
     faulty = has_fault(state['checks'])  # nobody knows how the body turns about that axis
     if has_bias(bias):
@@ -82,7 +82,9 @@ def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRe
 
 
 @kernel
-def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: MotionWorkspace) -> None:
+def _note_unmeasured_turn(
+    missing: int, in_gap: int, state: State, workspace: MotionWorkspace
+) -> None:
     """Note in the workspace how the body may have turned where nobody has measured it.
 
     A rate may be beyond the end of its range. In a gap the body has turned at the rate before it or
@@ -102,7 +104,7 @@ def _note_missed_turn(missing: int, in_gap: int, state: State, workspace: Motion
     if period * in_gap > KNOWN_TURN_SECONDS:
         missed += fastest * period * in_gap
     workspace['fastest'], workspace['unmeasured_seconds'] = fastest, unmeasured
-    workspace['missed_turn'] = missed
+    workspace['unmeasured_turn'] = missed
 
 
 @kernel
@@ -114,7 +116,7 @@ def _unmeasured_seconds(state: State, missing: int, fastest: float) -> float:
     """
     period, coasted, checks = state['clock']['period'], state['coasted'], state['checks']
     lasted = period * (1 + max(coasted[0], coasted[1], coasted[2], missing))
-    if not state['bias']['rest']['at_rest'] and are_rates_held(checks, fastest):
+    if not state['bias']['rest']['at_rest'] and are_rates_stale(checks, fastest):
         message = message_period(state['polling'], period)
         lasted = max(lasted, message * (1 + equal_rates(checks)))
     if lasted <= KNOWN_TURN_SECONDS:
@@ -133,7 +135,7 @@ def _follow(motion: MotionBias, sample: Sample, seconds: float, filter_: FilterR
         return
     if may_hang(state['checks']) or state['checks']['accelerometer_hangs']:
         lose_direction(motion)
-    if workspace['missed_turn'] > 0.0 or motion['missed_turn'] > 0.0:
-        miss_turn(motion, workspace)
+    if workspace['unmeasured_turn'] > 0.0 or motion['unmeasured_turn'] > 0.0:
+        take_unmeasured_turn(motion, workspace)
     rest, lengths = state['bias']['rest'], filter_['coefficients']['rest']
     track_motion(motion, workspace, sample, seconds, rest, lengths)

@@ -28,11 +28,13 @@ from typing import TypedDict
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
 from gyro_drift_filter.core.sample import is_zero
 
-# A count is known when so many changes more were one of it than were a part of one. Where so many
-# changes have not told, there is none: the rates are calibrated or averaged.
+# A change of one count is a vote for that count, and one that is smaller, or no whole number of
+# counts, a vote against it. With this lead of votes the count is known.
 CERTAIN_VOTES = 50
-# So many are not by chance: of changes of no size in particular one in ten is of a given one.
+# This lead is not by chance: of changes of any size one in ten is of a given one.
 LIKELY_VOTES = 10
+# After so many changes without a count that is known there is none: the rates are calibrated or
+# averaged.
 LONGEST_SEARCH = 2000
 # Changes of more counts than this are left out, as a small error of the count adds up.
 LARGEST_STEPS = 10.0

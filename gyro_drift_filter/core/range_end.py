@@ -61,11 +61,11 @@ class RangeEnd(TypedDict):
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
-    clipped: CountPerAxis  # count of samples
+    clipped: CountPerAxis  # samples at the end of the range, from the third in a row on
 
 
 @kernel
-def note_rate(
+def is_at_range_end(
     checks: 'SensorChecks', axis: int, rate: float, change: float, same: bool, rest: Rest
 ) -> bool:
     """Note a rate in rad/s; return whether it is at the end of the range.
@@ -87,10 +87,10 @@ def note_rate(
         ends['clipped'][axis] += 1
         return True
     resolution = checks['resolution'][axis]
-    if not _is_known_limit(ends, axis, size, resolution):
+    if not _is_known_end(ends, axis, size, resolution):
         # Behind a rate that is no number nobody knows whether it stays.
         stays = change == 0.0
-        if same or not stays or not _may_be_limit(ends, axis, rate, resolution):
+        if same or not stays or not _may_be_end(ends, axis, rate, resolution):
             return False
         ends['largest'][side, axis] = size
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:
@@ -119,7 +119,7 @@ def _forget_range_end(ends: RangeEnd, axis: int) -> None:
 
 
 @kernel
-def _may_be_limit(ends: RangeEnd, axis: int, rate: float, resolution: float) -> bool:
+def _may_be_end(ends: RangeEnd, axis: int, rate: float, resolution: float) -> bool:
     """Return whether a rate in rad/s that stays the same may be the end of the range."""
     side, change = _side(rate), ends['last_change'][axis]
     outward = change if side == ABOVE else -change
@@ -188,7 +188,7 @@ def _note_flat(ends: RangeEnd, axis: int, size: float, change_before: float, noi
 
 
 @kernel
-def _is_known_limit(ends: RangeEnd, axis: int, size: float, resolution: float) -> bool:
+def _is_known_end(ends: RangeEnd, axis: int, size: float, resolution: float) -> bool:
     """Return whether rates were stopped at this size before, on any axis, to either side."""
     if ends['clipped_calibrated'][axis]:
         return bool(size >= (1.0 - MIXED) * _largest(ends, axis))

@@ -47,10 +47,10 @@ class Counts(TypedDict):
     """Counts of samples, and sums over them."""
 
     samples: int
-    repeats: int
+    duplicates: int  # messages that had come before
     refused: int
     outliers: CountPerAxis
-    # up to the last sample, beside those that tell nothing of outliers (`methods.is_undecided`)
+    # up to the last sample, beside those that were not measured (`methods.was_not_measured`)
     outliers_in_a_row: CountPerAxis
     # `Result.reason` of the last outlier, of several in a row that of the first one
     outlier_reason: CountPerAxis
@@ -67,7 +67,7 @@ COEFFICIENTS = record(Coefficients, in_cache_lines=True)
 
 
 class State(TypedDict):
-    """What `Filter.reset` clears and a snapshot holds."""
+    """What the filter has learned: a snapshot holds it, `Filter.reset` leaves a part of `bias`."""
 
     clock: Clock
     counts: Counts

@@ -79,8 +79,8 @@ def is_usable(rate: float) -> bool:
 
 
 @kernel
-def finer(resolution: float, change: float) -> float:
-    """Return the smallest change of a signal, so far `resolution`, after another one.
+def smallest_change(resolution: float, change: float) -> float:
+    """Return the smaller one of the smallest change so far, `resolution`, and another change.
 
     Both in the signal's unit; the resolution is 0 before the first change, and a `change` of 0 is
     none.

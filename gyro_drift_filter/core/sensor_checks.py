@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether a sensor is stuck, or in degrees, by its raw values."""
+"""What raw values show of a sensor.
+
+All of it is stuck, one axis is frozen or dead, the accelerometer hangs, a rate is at the end of the
+range, or units are wrong.
+"""
 
 from enum import IntEnum
 from typing import Annotated, TypedDict
@@ -22,10 +26,10 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.range_end import RangeEnd, note_rate
+from gyro_drift_filter.core.range_end import RangeEnd, is_at_range_end
 from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
-from gyro_drift_filter.core.sample import Sample, are_equal, finer, is_usable, is_zero
+from gyro_drift_filter.core.sample import Sample, are_equal, is_usable, is_zero, smallest_change
 from gyro_drift_filter.core.zeros import LivingRates, note_living_rates
 
 # 2,000 deg/s, the range of the fastest common gyroscopes, in rad/s.
@@ -163,7 +167,7 @@ def _equal_all(checks: SensorChecks) -> int:
 
 
 @kernel
-def are_rates_held(checks: SensorChecks, fastest: float) -> bool:
+def are_rates_stale(checks: SensorChecks, fastest: float) -> bool:
     """Return whether rates that have come before are not measured: a bus hangs.
 
     The accelerations are held as long, or the body turns at `fastest` (rad/s), which a gyroscope
@@ -312,7 +316,7 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
         at_limit = False
         if is_usable(rate[axis]):
             change = _note_change(checks, axis, rate[axis])
-            at_limit = note_rate(checks, axis, rate[axis], change, same, rest)
+            at_limit = is_at_range_end(checks, axis, rate[axis], change, same, rest)
         checks['range_end']['at_limit'][axis] = at_limit
         measured[axis] = rate[axis]
     return same
@@ -332,7 +336,7 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> float:
         else:
             change = rate
     if abs(change) < np.inf:
-        checks['resolution'][axis] = finer(checks['resolution'][axis], abs(change))
+        checks['resolution'][axis] = smallest_change(checks['resolution'][axis], abs(change))
     return change
 
 

@@ -73,8 +73,8 @@ from gyro_drift_filter.core.zeros import has_failed_to_read
 
 # The most that one sample adds to the sum: a start of motion may be any number.
 LARGEST_NIS = 100.0
-# The same of what is taken off it: a filter that lags does so in many samples, while what was held
-# of a turn by mistake is given back over a few.
+# The most that one squared residual adds. A filter that lags does so in many samples; one that
+# gives an angle back does so in a few.
 LARGEST_RESIDUAL = 10.0
 
 
@@ -115,10 +115,10 @@ def _take(sample: Sample, filter_: FilterRecord) -> None:
     clock, result, stamp = state['clock'], state['result'], sample['stamp']
     state['counts']['samples'] += 1
     if _is_duplicate(sample, filter_):
-        state['counts']['repeats'] += 1
+        state['counts']['duplicates'] += 1
         _repeat_result(result)
         return
-    number = state['counts']['samples'] - state['counts']['repeats']
+    number = state['counts']['samples'] - state['counts']['duplicates']
     message = note_message(state['polling'], state['checks'], sample, number)
     if message == Message.POLLING_FOUND:
         adopt_sensor_period(filter_)
@@ -168,7 +168,9 @@ def _filter_sample(
     _stop_coasting(sample, missing, jumped, filter_)
     _filter_axes(sample, missing, possible, filter_)
     in_gap = possibly_in_gap(clock, possible)
-    _subtract_bias(sample, elapsed, missing, in_gap, jumped, filter_)
+    _learn_bias(sample, elapsed, missing, in_gap, jumped, filter_)
+    _subtract_bias(filter_)
+    _widen_shift_by_rounding(filter_)
     apply_calibration(settings, result)
     for axis in range(3):
         state['taken'][axis] = sample['angular_velocity'][axis]
@@ -298,14 +300,14 @@ def _update_axis(rate: float, axis: int, filter_: FilterRecord) -> None:
 
 
 @kernel
-def _subtract_bias(
+def _learn_bias(
     sample: Sample, elapsed: float, missing: int, in_gap: int, jumped: bool, filter_: FilterRecord
 ) -> None:
-    """Learn the bias, at rest or in motion, and subtract it from the result.
+    """Learn the bias, at rest or in motion.
 
     Up to `in_gap` samples may be missing in a gap before this one, beside those that are for sure.
     """
-    settings, state = filter_['settings'], filter_['state']
+    state = filter_['state']
     bias, result = state['bias'], state['result']
     if jumped:
         leave_rest(bias)
@@ -315,35 +317,58 @@ def _subtract_bias(
         if result['outlier'][axis] > 0.0:
             trusted = False
     track_bias(filter_, sample, trusted, missing, elapsed)
-    at_rest = bias['rest']['at_rest']
-    result['at_rest'] = at_rest
+    result['at_rest'] = bias['rest']['at_rest']
     _note_turn(missing, jumped, filter_)
-    if settings['bias_in_motion']:
+    if filter_['settings']['bias_in_motion']:
         learn_in_motion(sample, missing, in_gap, filter_)
+
+
+@kernel
+def _subtract_bias(filter_: FilterRecord) -> None:
+    """Subtract the bias from the result, and add its variance."""
+    settings, state = filter_['settings'], filter_['state']
+    bias, result = state['bias'], state['result']
+    at_rest = bias['rest']['at_rest']
     in_motion = settings['bias_in_motion'] and not at_rest and not bias['contradicts']
     refused = result['status'] == SampleStatus.REFUSED
     for axis in range(3):
         result['bias'][axis] = 0.0
-        if settings['bias_enabled']:
-            mean, variance = bias['bias'][axis], bias_variance(bias, axis)
-            if in_motion:
-                mean = bias['motion']['state_vector'][BIAS + axis]
-                variance = motion_variance(bias['motion'], axis)
-            result['bias'][axis] = mean
-            if refused and not state['methods']['tracking'][axis]:
-                continue  # there is no result to take it off
-            if at_rest:
-                variance += bias['wander_variance'][axis]
-            else:
-                # At rest the rates themselves are rounded as their mean was.
-                noise = result['measurement_noise']
-                rounding = variance_of_rounding(state['quantisation'], axis, noise)
-                variance += rounding
-                # By as much the bias of a rest is off that in motion, which gravity can show.
-                if bias['known'] and rounding > bias['motion']['rectified'][axis]:
-                    let_shift_vary(bias['motion'], axis, rounding)
-            result['angular_velocity'][axis] -= mean
-            result['angular_velocity_variance'][axis] += variance
+        if not settings['bias_enabled']:
+            continue
+        mean, variance = bias['bias'][axis], bias_variance(bias, axis)
+        if in_motion:
+            mean = bias['motion']['state_vector'][BIAS + axis]
+            variance = motion_variance(bias['motion'], axis)
+        result['bias'][axis] = mean
+        if refused and not state['methods']['tracking'][axis]:
+            continue  # there is no result to take it off
+        # At rest the rates themselves are rounded as their mean was.
+        variance += bias['wander_variance'][axis] if at_rest else _rounding_variance(filter_, axis)
+        result['angular_velocity'][axis] -= mean
+        result['angular_velocity_variance'][axis] += variance
+
+
+@kernel
+def _rounding_variance(filter_: FilterRecord, axis: int) -> float:
+    """Return the variance, in (rad/s)^2, of the mean of a rest by its rounding."""
+    state = filter_['state']
+    noise = state['result']['measurement_noise']
+    return variance_of_rounding(state['quantisation'], axis, noise)
+
+
+@kernel
+def _widen_shift_by_rounding(filter_: FilterRecord) -> None:
+    """Let the shift in motion vary by what the mean of a rest is off by its rounding.
+
+    The bias in motion is not, and gravity can show that.
+    """
+    bias, tracking = filter_['state']['bias'], filter_['state']['methods']['tracking']
+    if bias['rest']['at_rest'] or not bias['known']:
+        return
+    for axis in range(3):
+        rounding = _rounding_variance(filter_, axis)
+        if tracking[axis] and rounding > bias['motion']['rectified'][axis]:
+            let_shift_vary(bias['motion'], axis, rounding)
 
 
 @kernel
@@ -374,7 +399,7 @@ def _count_result(filter_: FilterRecord) -> None:
                 counts['outlier_reason'][axis] = result['reason'][axis]
                 counts['outlier_method'][axis] = filter_['settings']['method']
             continue
-        if not methods.is_undecided(filter_, axis):
+        if not methods.was_not_measured(filter_, axis):
             counts['outliers_in_a_row'][axis] = 0
         if methods.is_noise_known(filter_, axis):
             innovation = result['innovation'][axis]

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel
 from gyro_drift_filter.core.bias.records import Bias
-from gyro_drift_filter.core.sample import finer, is_usable, is_zero
+from gyro_drift_filter.core.sample import is_usable, is_zero, smallest_change
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.records import FilterRecord
@@ -56,7 +56,7 @@ def note_living_rates(living: LivingRates, rate: PerAxis) -> None:
     weight = 1.0 / living['count']
     for axis in range(3):
         change = abs(rate[axis] - living['last'][axis])
-        living['resolution'][axis] = finer(living['resolution'][axis], change)
+        living['resolution'][axis] = smallest_change(living['resolution'][axis], change)
         living['last'][axis] = rate[axis]
         distance = rate[axis] - living['mean'][axis]
         living['mean'][axis] += weight * distance

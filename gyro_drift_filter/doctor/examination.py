@@ -130,7 +130,7 @@ def examine(seen: Examined) -> list[Finding]:
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
-    findings += judge_doubles(state.repeats, len(seen.stamps))
+    findings += judge_doubles(state.duplicates, len(seen.stamps))
     findings.append(judge_repeats(seen.rates, seen.accelerations))
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))

@@ -81,14 +81,14 @@ def _has_no_bias(span: Span) -> bool:
 
 def _has_no_bias_for_long(span: Span) -> bool:
     state = span.now.telemetry
-    return _has_no_bias(span) and state.rest_seconds > max(
+    return _has_no_bias(span) and state.seconds_since_rest > max(
         _START_SECONDS, 2.0 * state.least_rest_seconds
     )
 
 
 def _has_no_rest_for_long(span: Span) -> bool:
     state = span.now.telemetry
-    return not state.accelerometer_hangs and state.steady_seconds > max(
+    return not state.accelerometer_hangs and state.standing_seconds > max(
         _LONG_WITHOUT_REST, 2.0 * state.least_rest_seconds
     )
 
@@ -96,10 +96,10 @@ def _has_no_rest_for_long(span: Span) -> bool:
 def _is_taken_for_turn(span: Span) -> bool:
     """Return whether it is as still as at rest but for the rate, and has had no rest for long."""
     state = span.now.telemetry
-    refused = state.rest_obstacle == Obstacle.NO_BIAS and not state.at_rest
+    refused = state.rest_obstacle == Obstacle.NOT_ACCEPTED and not state.at_rest
     if not refused or state.rest_beyond_max or not span.now.parameters.bias_enabled:
         return False
-    return state.bias_known and state.rest_seconds > _LONG_WITHOUT_REST
+    return state.bias_known and state.seconds_since_rest > _LONG_WITHOUT_REST
 
 
 def _is_beyond_max(span: Span) -> bool:
@@ -108,7 +108,7 @@ def _is_beyond_max(span: Span) -> bool:
     Beside a bias that is known that is a turn, unless no rest comes for long.
     """
     state = span.now.telemetry
-    is_turn = state.bias_known and state.rest_seconds <= _LONG_WITHOUT_REST
+    is_turn = state.bias_known and state.seconds_since_rest <= _LONG_WITHOUT_REST
     return state.rest_beyond_max and not is_turn
 
 

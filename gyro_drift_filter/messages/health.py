@@ -100,10 +100,14 @@ class Health:
             The span, and the rules for the input and for the filter, the worst first.
         """
         last, before = self._window[-1]
-        if now.telemetry.samples < before.telemetry.samples:  # the filter was reset
+        is_reset = now.telemetry.samples < before.telemetry.samples
+        if is_reset:
             before = before._replace(telemetry=NOTHING_RECEIVED.telemetry)
+        if is_reset or now.parameters.method != before.parameters.method:
+            # The outliers and innovations so far are those of another filter.
             self._window.clear()
             self._window.append((last, before))
+            self._applied.clear()
         start, first = self._window[0]
         if self._silent or seconds > _LONGEST_PACED:
             # After a silence what came is no rate: a part of the time, or all that was kept.
@@ -139,7 +143,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Passed on (not reported)': now.not_reported,
         'Returned (own output)': now.own_outputs,
         'Dropped by the middleware': now.lost,
-        'Repeats': state.repeats,
+        'Duplicate messages': state.duplicates,
         'Gaps': state.gaps,
         'Missing samples': state.missing_samples,
         'Restarts after a jump in time': state.restarts,
@@ -152,7 +156,7 @@ def _input_values(span: Span) -> dict[str, Any]:
         'Samples not measured anew': state.not_measured,
         'Rate of the sensor (Hz)': span.sensor_rate,
         'Low-pass of the sensor (Hz)': span.low_pass,
-        'Resolution of the gyroscope (rad/s)': state.count_size,
+        'Size of a count (rad/s)': state.count_size,
         'Counts are cut towards zero': state.truncated,
         'Times stuck': state.times_stuck,
         'Unusable rates bridged': state.unusable,
@@ -192,7 +196,7 @@ def _filter_values(span: Span) -> dict[str, Any]:
         'Deviation of the bias at rest (rad/s)': state.bias_deviation,
         'At rest': state.at_rest,
         'Why not at rest': why_not_at_rest(state),
-        'Time since rest (s)': state.rest_seconds if state.segments else 'no rest yet',
+        'Time since rest (s)': state.seconds_since_rest if state.segments else 'no rest yet',
         'Segments of rest the bias was learned from': state.segments,
         'Segments of rest with a rate beyond bias.max': state.segments_beyond_max,
         'Segments of rest with a rate the bias can not have come to': state.segments_turning,

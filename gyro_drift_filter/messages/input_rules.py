@@ -17,7 +17,7 @@
 import math
 
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
-from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STANDING_SECONDS
+from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STALLED_SECONDS
 from gyro_drift_filter.core.clock.periods import OTHER_PERIOD
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
@@ -75,10 +75,10 @@ def _stamps_stand(span: Span) -> bool:
     for name in ('zero_stamps', 'backward_stamps', 'restarts'):
         if in_window(span, name) > 0:
             return False
-    again = in_window(span, 'not_measured') + in_window(span, 'repeats')
+    again = in_window(span, 'not_measured') + in_window(span, 'duplicates')
     lasted = (span.recent - again) * span.now.telemetry.period
     stamped = 1e-9 * in_window(span, 'stamp')
-    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= STANDING_SECONDS
+    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= STALLED_SECONDS
     return judged and stamped < LEAST_STAMPED_SHARE * lasted
 
 
@@ -130,7 +130,7 @@ def _rate_error(span: Span) -> float:
 def _has_changed_rate(span: Span) -> bool:
     """Return whether the sample period learned is another one than at the start of the window."""
     now, first = span.now.telemetry, span.first.telemetry
-    return first.blocks > 0 and abs(now.period / first.period - 1.0) > OTHER_PERIOD
+    return first.period_blocks > 0 and abs(now.period / first.period - 1.0) > OTHER_PERIOD
 
 
 def _rate_text(span: Span) -> str:
@@ -220,7 +220,7 @@ INPUT_RULES = (
     ),
     Rule(
         'repeated',
-        lambda span: increase(span, 'repeats') == span.samples > 0,
+        lambda span: increase(span, 'duplicates') == span.samples > 0,
         'the same message comes again and again: the sensor or its driver hangs',
         level=Level.ERROR,
     ),

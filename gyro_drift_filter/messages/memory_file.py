@@ -129,7 +129,7 @@ def file_of(node: str, frame: str) -> Path:
     return root / 'gyro_drift_filter' / f'{name}.json'
 
 
-def may_hold_bias(path: Path) -> bool:
+def is_free_for_bias(path: Path) -> bool:
     """Tell whether a path is free for a bias: nothing there, an empty file, or one from before.
 
     Raises:

@@ -32,7 +32,8 @@ _TEXTS = {
     Obstacle.UNEVEN: '{} varies far more at one time than at another',
     Obstacle.LOUD: '{} varies far more than at the rests before',
     Obstacle.TILTED: '{} has changed since the rest before: gravity has moved',
-    Obstacle.NO_BIAS: 'the rate is none that the bias can have come to: a steady turn',
+    Obstacle.NOT_ACCEPTED: 'the rate is not accepted as the bias: it is beyond bias.max, '
+    'or that of a slow turn, or such a turn has just ended',
     Obstacle.HINTED_MOTION: 'the robot says on motion_hint that it moves, with at least '
     f'{STANDING:g} m/s or rad/s',
 }

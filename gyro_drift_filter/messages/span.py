@@ -119,7 +119,7 @@ def span_of(
     residuals = zip(state.residual_sum, state_first.residual_sum, judged, strict=True)
     sensor_rate = now.parameters.sample_rate
     if sensor_rate == 0.0:
-        sensor_rate = 1.0 / state.period if state.blocks > 0 else math.nan
+        sensor_rate = 1.0 / state.period if state.period_blocks > 0 else math.nan
     expected_rate = sensor_rate / state.samples_per_message
     return Span(
         first=first,

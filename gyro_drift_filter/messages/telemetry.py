@@ -37,86 +37,80 @@ Values = Annotated[list[float], np.float64, (3,)]
 class Telemetry(NamedTuple):
     """Values of the filter's state: `read_telemetry` says of which part of it.
 
-    Counts begin anew at each reset; only those of segments are kept, as the bias is. Bias and its
-    deviation are those at rest, in rad/s; noise is a variance in (rad/s)^2, of the last sample, and
-    what deviates at rest in rad/s and m/s^2, 0 while that is not known; acceleration_at_rest is the
-    size of the acceleration in m/s^2, 0 in motion; the period and what ends in seconds are in s,
-    rest_seconds since the start where segments is 0. count_size is the rate in rad/s that a count
-    of the sensor stands for, 0 where no counts are seen; faults are members of `AxisFault`;
-    at_limit is 1 for an axis whose last rate was at the end of the range; clipped_calibrated is 1
-    for an axis that was clipped before the driver calibrated its rates; outlier_reason is that of
-    the last outlier, of several in a row that of the first one, outlier_method the number in
-    `METHODS` of the method that gave it, and last_outlier what samples was when the last outlier
-    came; overtaken counts messages that later ones had overtaken, and that were filtered at their
-    place; stamp is the last one in ns that is not 0; rest_obstacle is a member of `Obstacle`, which
-    showed last that a block or a segment was no rest, in the signal rest_obstacle_signal;
-    rest_beyond_max says that the rest under way, or the last mean of a stand in which the body is
-    shaken, has a rate beyond bias.max, and segments_beyond_max counts such segments and means;
-    segments_turning counts those with a rate that the bias can not have come to, so that the sensor
-    turned.
+    Counts begin anew at each reset; only those of segments are kept, as the bias is. Deviations at
+    rest are 0 while the noise is not known.
     """
 
+    # what has come in: counts of messages
     samples: int
-    repeats: int
-    refused: int
-    beyond_range: int
-    beyond_gravity: int
+    duplicates: int  # those that had come before
+    refused: int  # those without a usable rate
+    beyond_range: int  # those with a rate that no gyroscope measures: degrees, not radians?
+    beyond_gravity: int  # those with an acceleration that no body has for long: counts or mg?
     times_stuck: int
-    not_measured: int
-    samples_per_message: float
-    faults: Counts
-    truncated: bool
-    count_size: Values
-    unusable: Counts
-    clipped: Counts
-    at_limit: Counts
-    clipped_calibrated: Counts
+    not_measured: int  # those that repeat a measurement
+    samples_per_message: float  # below 1 where a driver asks more often than its sensor measures
+    # raw values, by axis or of all
+    faults: Counts  # a member of `AxisFault`
+    truncated: bool  # counts are cut towards zero
+    count_size: Values  # rad/s that a count of the sensor stands for; 0 where no counts are seen
+    unusable: Counts  # rates that were no usable number
+    clipped: Counts  # samples at the end of the range
+    at_limit: Counts  # 1 where the last rate was at the end of the range
+    clipped_calibrated: Counts  # 1 where it was clipped before the driver calibrated its rates
+    # outliers, and how well samples were predicted
     outliers: Counts
-    outlier_reason: Counts
-    outlier_method: Counts
-    last_outlier: Counts
-    nis_samples: Counts
-    nis_sum: Values
-    residual_sum: Values
-    period: float
-    blocks: int
+    outlier_reason: Counts  # that of the last outlier, of several in a row that of the first one
+    outlier_method: Counts  # the number in `METHODS` of the method that gave this reason
+    last_outlier: Counts  # what `samples` was when the last outlier came
+    nis_samples: Counts  # that are in the two sums
+    nis_sum: Values  # of normalised innovations squared
+    residual_sum: Values  # of squared differences between sample and filtered rate, over R
+    # the clock
+    period: float  # s, from sample to sample
+    period_blocks: int  # blocks of stamps that the period was learned from; 0 while it is a guess
     gaps: int
     missing_samples: int
     restarts: int
     zero_stamps: int
     same_stamps: int
     backward_stamps: int
-    overtaken: int
-    stamp: int
+    overtaken: int  # messages that later ones had overtaken, and that were filtered at their place
+    stamp: int  # ns, the last one that is not 0
+    # the sensor as a whole
     divergences: Counts
     stuck: bool
-    all_zero: bool
+    all_zero: bool  # the last rates are exactly 0
     accelerometer_hangs: bool
-    contradicts_gravity: bool
-    process_noise: Values
-    measurement_noise: Values
-    noise_correlation: Values
+    contradicts_gravity: bool  # rates and accelerations are not of one motion
+    # the noise
+    process_noise: Values  # (rad/s)^2, of the last sample
+    measurement_noise: Values  # (rad/s)^2, of the last sample
+    noise_correlation: Values  # of samples one apart
     noise_correlation_two_apart: Values
-    noise_blocks: Counts
-    noise_block_seconds: float
-    rate_deviation_at_rest: Values
-    acceleration_deviation_at_rest: Values
-    acceleration_at_rest: float
+    noise_blocks: Counts  # blocks that it was learned from
+    noise_block_seconds: float  # s, that each of them lasts; 0 where there are none
+    rate_deviation_at_rest: Values  # rad/s
+    acceleration_deviation_at_rest: Values  # m/s^2
+    acceleration_at_rest: float  # m/s^2, its size; 0 in motion
+    # the bias at rest
     bias_known: bool
-    bias_corrected: bool
-    bias_provisional: bool
-    bias: Values
-    bias_deviation: Values
+    bias_corrected: bool  # motion alone has shown another bias
+    bias_provisional: bool  # the first seconds have shown it, but no rest
+    bias: Values  # rad/s
+    bias_deviation: Values  # rad/s, with what rounding leaves in the mean of a rest
+    # of the rest under way, or of the last mean of a stand in which the body is shaken: its rate is
+    # beyond bias.max
     rest_beyond_max: bool
     at_rest: bool
-    rest_obstacle: int
-    rest_obstacle_signal: int
-    rest_seconds: float
-    steady_seconds: float
-    least_rest_seconds: float
+    rest_obstacle: int  # a member of `Obstacle`: why the last block or segment was no rest
+    rest_obstacle_signal: int  # in which signal that showed
+    seconds_since_rest: float  # s; since the start where `segments` is 0
+    standing_seconds: float  # s, for which gravity has stood since the last rest
+    least_rest_seconds: float  # s, that a rest has to last to be found
     segments: int
-    segments_beyond_max: int
-    segments_turning: int
+    segments_beyond_max: int  # such segments, and means of a stand in which the body is shaken
+    segments_turning: int  # those with a rate that the bias can not have come to: it has turned
 
     @property
     def message_period(self) -> float:
@@ -178,7 +172,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     counts, clock, bias, result = state['counts'], state['clock'], state['bias'], state['result']
     checks, quantisation = state['checks'], state['quantisation']
     out['samples'] = counts['samples']
-    out['repeats'] = counts['repeats']
+    out['duplicates'] = counts['duplicates']
     out['refused'] = counts['refused']
     out['beyond_range'] = checks['beyond_range']
     out['beyond_gravity'] = checks['beyond_gravity']
@@ -187,7 +181,7 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['samples_per_message'] = state['polling']['samples_per_message']
     out['truncated'] = quantisation['truncated']
     out['period'] = clock['mean_period']
-    out['blocks'] = clock['blocks']
+    out['period_blocks'] = clock['blocks']
     out['gaps'] = clock['gaps']
     out['missing_samples'] = clock['missing_samples']
     out['restarts'] = clock['restarts']
@@ -209,8 +203,8 @@ def read_telemetry(filter_: Any, out: Any) -> None:
     out['acceleration_at_rest'] = vector_length(x, y, z) if bias['rest']['at_rest'] else 0.0
     out['rest_obstacle'] = bias['rest']['obstacle']
     out['rest_obstacle_signal'] = bias['rest']['obstacle_signal']
-    out['rest_seconds'] = bias['rest_seconds']
-    out['steady_seconds'] = bias['rest']['steady_seconds']
+    out['seconds_since_rest'] = bias['seconds_since_rest']
+    out['standing_seconds'] = bias['rest']['standing_seconds']
     out['least_rest_seconds'] = coefficients['rest']['least_rest']
     out['noise_block_seconds'] = methods.noise_block_seconds(filter_)
     out['segments'] = bias['segments']

@@ -108,7 +108,7 @@ class FlaggedLog:
         self.sequences: list[FlaggedSequence] = []
         (method,) = (m for m in METHODS if m.name == filter_.parameters.method)
         self._method = method.name
-        self._undecided = list(method.undecided)
+        self._unmeasured = list(method.unmeasured)
         self._open: list[FlaggedSequence | None] = [None, None, None]
         # By axis and reason: the numbers of the samples, and their log times.
         self._unflagged: dict[tuple[int, int], list[tuple[NDArray[Any], NDArray[Any]]]] = {}
@@ -121,9 +121,9 @@ class FlaggedLog:
         result, times = imus['result'][kept], log_times[kept]
         rates = imus['sample']['angular_velocity'][kept]
         flagged = result['outlier'] > 0.0
-        decided = flagged | ~np.isin(result['reason'], self._undecided)
+        judged = flagged | ~np.isin(result['reason'], self._unmeasured)
         for axis in range(3):
-            rows = np.flatnonzero(decided[:, axis])
+            rows = np.flatnonzero(judged[:, axis])
             # Beside the flagged ones, those that come right behind one.
             ends = np.append(self._open[axis] is not None, flagged[rows[:-1], axis])[: len(rows)]
             listed = flagged[:, axis].copy()

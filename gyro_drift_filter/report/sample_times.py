@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STANDING_SECONDS
+from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STALLED_SECONDS
 
 
 class SampleTimes(TypedDict):
@@ -121,7 +121,7 @@ def note_pace(times: Any, filter_: Filter) -> None:
     clock, parameters = filter_.state['clock'], filter_.parameters
     times['period'] = clock['period']
     times['longest'] = parameters.gap_limit
-    times['standing'] = clock['unstamped'] >= LEAST_STAMPED_SHARE * STANDING_SECONDS
+    times['standing'] = clock['unstamped'] >= LEAST_STAMPED_SHARE * STALLED_SECONDS
     times['rate_is_given'] = parameters.sample_rate > 0.0
 
 

@@ -20,7 +20,8 @@ turn from a bias that has jumped, `shaken_stand.py` has one of a robot that says
 is never still, and `provisional.py` has one before there is a rest. `in_motion.py` follows the bias
 in motion by gravity, by what `core/learning_in_motion.py` gives it, and `without_rest.py` finds it
 by that alone where there is no rest; its filter has its state in `motion_state.py`, and prediction
-and correction in `motion_filter.py`. `shared.py` is what is done to the bias in motion and to that
-at rest together, `shift.py` what the one is above the other, and `vibration.py` measures what moves
-them apart. `records.py` declares the state.
+and correction in `motion_filter.py`. `swing.py` says how far a slow swing may put a rest beside the
+bias, `contradiction.py` whether rates and accelerations are of one motion. `shared.py` is what is
+done to the bias in motion and to that at rest together, `shift.py` what the one is above the other,
+and `vibration.py` measures what moves them apart. `records.py` declares the state.
 """

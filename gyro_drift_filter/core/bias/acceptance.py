@@ -14,15 +14,18 @@
 
 """Whether the mean rate of a segment of rest is accepted as the bias.
 
-A constant slow turn can't be told from a bias by an IMU alone, so a segment is accepted only where
+A constant slow turn can't be told from a bias by an IMU alone. So a segment whose mean is beyond
+`bias.max` on any axis is refused, and another one is accepted only where
 
-- its mean is within `bias.max` on all axes,
-- the robot does not say that it moves; if it says that it stands, that alone decides,
-- it lies where the bias can have come since the last one, by the deviation of the bias, and so do
-  the last ones of this rest together, however many of them, and
-- after a slow turn one segment more has agreed (`DOUBTED_SEGMENTS`).
+- no bias is known yet, unless a provisional one that was far steadier contradicts it, or
+- the robot says that it stands, or
+- it is the first rest of this run, beside a remembered bias, or
+- the mean lies where the bias can have come since the last segment, by the deviation of the bias,
+  and so do the means of the last segments of this rest together, however many of them. After a slow
+  turn `DOUBTED_SEGMENTS` in a row have to.
 
-A rate of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
+While the robot says that it moves, no segment comes here but that of a stop (`at_rest.py`). A rate
+of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
 """
 
 from gyro_drift_filter.accelerate import kernel
@@ -80,7 +83,7 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
     note_segment(state)
     unreachable = unreachable_segments(state)
     if unreachable == 0:
-        # One that is put together from the halves of two lifts no doubt.
+        # A segment of the later half of one and the early half of another is no proof.
         if state['rest']['halves'] == Halves.WHOLE:
             state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
         return bool(state['doubted_segments'] == 0)

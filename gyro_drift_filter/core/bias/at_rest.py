@@ -197,7 +197,7 @@ def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
     if state['hint'] != Hint.NONE and state['hint_seconds'] <= 0.0:
         state['hint'] = Hint.NONE
         forget_stand(state['shaken_stand'])
-    state['rest_seconds'] = 0.0 if at_rest else state['rest_seconds'] + elapsed
+    state['seconds_since_rest'] = 0.0 if at_rest else state['seconds_since_rest'] + elapsed
     walked = random_walk * random_walk * elapsed
     largest = max(state['walk'], 1.0)
     state['largest_process_noise'] += walked * largest
@@ -258,7 +258,7 @@ def _take_segment(
     else:
         next_segment(rest, True)
         rest['at_rest'] = False
-        note_obstacle(rest, Obstacle.NO_BIAS, 0)
+        note_obstacle(rest, Obstacle.NOT_ACCEPTED, 0)
 
 
 @kernel
@@ -376,7 +376,7 @@ def _learn(state: Bias) -> None:
 def _correct(state: Bias) -> None:
     """Correct the bias by the segment, and the random walk by how well it was predicted."""
     rest, surprise, share = state['rest'], 0.0, 0.0
-    rest_begins, explains = state['rest_seconds'] > 0.0, False
+    rest_begins, explains = state['seconds_since_rest'] > 0.0, False
     for axis in range(3):
         mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
         noise += variance_of_swing(state['swing'], rest, axis)
@@ -458,6 +458,6 @@ def _settle(state: Bias) -> None:
         state['provisional_variance'][axis] = 0.0
     state['rest_beyond_max'] = False
     state['segments'] += 1
-    state['rest_seconds'] = 0.0
+    state['seconds_since_rest'] = 0.0
     state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])

@@ -113,28 +113,28 @@ def take_direction(state: MotionBias, x: float, y: float, z: float, seconds: flo
 def lose_direction(state: MotionBias) -> None:
     """Forget how the body lies: time has jumped, or it has turned by nobody knows what."""
     state['directed'] = state['moving'] = False
-    state['missed_turn'] = state['unmeasured_seconds'] = 0.0
+    state['unmeasured_turn'] = state['unmeasured_seconds'] = 0.0
     interrupt_vibration(state['vibration'])
     _forget_accelerations(state)
     _start_value(state)
 
 
 @kernel
-def miss_turn(state: MotionBias, workspace: MotionWorkspace) -> None:
+def take_unmeasured_turn(state: MotionBias, workspace: MotionWorkspace) -> None:
     """Take in that the body may have turned further than the rates of the workspace have shown.
 
     How far it may have turned without rates, the first rate behind that time says as well.
     """
-    state['missed_turn'] += workspace['missed_turn']
+    state['unmeasured_turn'] += workspace['unmeasured_turn']
     state['unmeasured_seconds'] += workspace['unmeasured_seconds']
     seconds = state['unmeasured_seconds']
-    missed = max(state['missed_turn'], workspace['fastest'] * seconds)
+    missed = max(state['unmeasured_turn'], workspace['fastest'] * seconds)
     if missed > START_DIRECTION or seconds > LONGEST_UNMEASURED:
         lose_direction(state)
-    elif workspace['missed_turn'] == 0.0:
+    elif workspace['unmeasured_turn'] == 0.0:
         for axis in range(3):
             state['covariance'][DIRECTION + axis, DIRECTION + axis] += missed * missed
-        state['missed_turn'] = state['unmeasured_seconds'] = 0.0
+        state['unmeasured_turn'] = state['unmeasured_seconds'] = 0.0
 
 
 @kernel

@@ -88,7 +88,7 @@ class MotionWorkspace(TypedDict):
     rate: PerAxis  # rad/s, of the sample or, where that is an outlier, of the filter
     sound: bool  # the sample is no outlier on any axis, so that its acceleration is believed
     fastest: float  # rad/s, largest rate of the sample
-    missed_turn: float  # rad, that the body may have turned by unmeasured up to the sample
+    unmeasured_turn: float  # rad, that the body may have turned by unmeasured up to the sample
     unmeasured_seconds: float  # s, for which it did
 
 

@@ -50,7 +50,7 @@ class BiasAtRest(TypedDict):
     bias: PerAxis  # rad/s
     variance: PerAxis
     cross_covariance: PerAxis  # with the bias in motion
-    untracked_variance: PerAxis  # more of all three, which motion teaches nothing of
+    untracked_variance: PerAxis  # to be added to all three; gravity corrects nothing of this part
     known: CountPerAxis  # 1 where the shift's variance is by memory or by the noise at rest, else 0
 
 
@@ -63,7 +63,7 @@ class MotionBias(TypedDict):
     covariance: Covariance
     bias_at_rest: BiasAtRest
     pending_process_noise: float  # (rad/s)^2, of both biases, since it was last added
-    untracked_share: float  # of the process noise: what motion teaches nothing of
+    untracked_share: float  # of the process noise: the part that gravity corrects nothing of
     speed_deviation: float  # m/s, of the velocity from zero
     moving_seconds: float  # since the start, of motion
     # sums over it
@@ -78,7 +78,7 @@ class MotionBias(TypedDict):
     sound_seconds: float
     directed: bool  # the direction of gravity is known
     moving: bool  # the covariance is that of a motion
-    missed_turn: float  # rad, that the rates may not have shown since they were last sound
+    unmeasured_turn: float  # rad, that the rates may not have shown since they were last sound
     unmeasured_seconds: float  # s, for which they were not measured since then
     vibration: Vibration
     # (rad/s)^2, variance of the shift by vibration or rounding so far, or by memory
@@ -96,7 +96,7 @@ class MotionBias(TypedDict):
 
 
 class SharedBias(TypedDict):
-    """What a segment of rest changes of it."""
+    """What a segment of rest changes of the bias in motion, kept so that it can be undone."""
 
     bias: PerAxis  # rad/s
     variance: PerAxis  # (rad/s)^2
@@ -132,7 +132,7 @@ def widen_both(state: MotionBias, axis: int, variance: float) -> None:
 
 @kernel
 def track_all(state: MotionBias, axis: int) -> None:
-    """Track what was left out."""
+    """Let gravity correct the untracked variance, too."""
     untracked = state['bias_at_rest']['untracked_variance'][axis]
     widen_both(state, axis, untracked)
     state['bias_at_rest']['untracked_variance'][axis] = 0.0
@@ -149,10 +149,10 @@ def add_bias_process_noise(state: MotionBias) -> None:
 
 
 @kernel
-def correlate_less(state: MotionBias, axis: int, before: float) -> None:
-    """Leave what goes with a bias to the share of its variance that is left of the one before.
+def scale_covariances(state: MotionBias, axis: int, before: float) -> None:
+    """Scale the covariances of a bias with other states as its variance has fallen from `before`.
 
-    Else its covariances with other states would be more than its variance allows.
+    Else they would be more than the variance allows.
     """
     covariance, i = state['covariance'], BIAS + axis
     if covariance[i, i] >= before:

@@ -60,7 +60,7 @@ STANDING_SECONDS, SKIPPED_BLOCKS = 10.0, 3
 def take_provisional(state: Bias, block_seconds: float, bias_max: float) -> None:
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
     seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
-    if state['segments'] == 0 and state['rest_seconds'] <= seconds:
+    if state['segments'] == 0 and state['seconds_since_rest'] <= seconds:
         _take_mean(state, False, 0.0, bias_max)
 
 
@@ -71,7 +71,7 @@ def take_standing(state: Bias, block_seconds: float, bias_max: float) -> None:
     seconds = rest['standing_blocks'] * block_seconds
     if state['segments'] > 0 or state['known'] or seconds < STANDING_SECONDS:
         return
-    since_start = state['rest_seconds'] <= seconds + SKIPPED_BLOCKS * block_seconds
+    since_start = state['seconds_since_rest'] <= seconds + SKIPPED_BLOCKS * block_seconds
     if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
         _take_mean(state, True, LARGEST_TILT / seconds, bias_max)
 

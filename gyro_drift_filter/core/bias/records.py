@@ -93,7 +93,7 @@ class Bias(TypedDict):
     still_seconds: float
     still_blocks: float
     still_sum: PerAxis  # rad/s
-    rest_seconds: float  # since the last rest, or since the start where there was none
+    seconds_since_rest: float  # since the last rest, or since the start where there was none
     doubted_segments: int  # of rest, to go until one is accepted after a slow turn
     turn: SlowTurn  # the rate of rest that was not accepted
     rest_beyond_max: bool  # the stillness under way has a rate beyond the largest bias

@@ -36,7 +36,7 @@ from gyro_drift_filter.core.bias.motion_state import (
     MotionBias,
     SharedBias,
     add_bias_process_noise,
-    correlate_less,
+    scale_covariances,
     track_all,
     tracks_scale,
     widen_both,
@@ -159,7 +159,7 @@ def restore_shared(state: MotionBias, kept: SharedBias, process_noise: float) ->
         before = state['covariance'][i, i]
         state['state_vector'][i] = kept['bias'][axis]
         state['covariance'][i, i] = kept['variance'][axis]
-        correlate_less(state, axis, before)
+        scale_covariances(state, axis, before)
     state['bias_at_rest'] = kept['bias_at_rest']
 
 
@@ -185,4 +185,4 @@ def limit_prior(state: MotionBias) -> None:
         if beyond > 0.0:
             widen_both(state, axis, -beyond)
             bias_at_rest['untracked_variance'][axis] += beyond
-        correlate_less(state, axis, correlated)
+        scale_covariances(state, axis, correlated)

@@ -167,7 +167,7 @@ def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
     A block of the segment lasts `block_seconds`.
     """
     turn, rest, bias = state['turn'], state['rest'], state['bias']
-    seconds, since_rest = rest['blocks'] * block_seconds, state['rest_seconds']
+    seconds, since_rest = rest['blocks'] * block_seconds, state['seconds_since_rest']
     if turn['seconds'] > 0.0 and not _stays(turn, rest):
         turn['moves'] = _moves_on(turn, rest, since_rest, bias)
         if not turn['moves']:

@@ -83,7 +83,7 @@ def learn_delays(clock: Clock) -> None:
     """Learn from the delays of the stretch how long they are, and how long one is a gap."""
     period, samples = clock['mean_period'], clock['stretch_samples']
     if clock['suspicious'] < math.inf:
-        longest, mean = clock['longest'], clock['sum'] / samples
+        longest, mean = clock['stretch_longest_delay'], clock['stretch_delay_sum'] / samples
         if clock['blocks'] > 0:
             before = clock['longest_delay']
             remembered = before * max(1.0 - samples * period / DELAY_MEMORY, 0.0)

@@ -66,7 +66,7 @@ LONGEST_ABSENCE = 86_400.0
 # Of the time that samples take by their period: stamps that tell less of it, for so long (s), stand
 # still, or are in another unit. No period is learned so wrong, and units differ by 1,000. Some
 # drivers stamp in whole seconds, or deliver so late.
-LEAST_STAMPED_SHARE, STANDING_SECONDS = 0.1, 5.0
+LEAST_STAMPED_SHARE, STALLED_SECONDS = 0.1, 5.0
 
 
 @kernel
@@ -116,7 +116,7 @@ def note_elapsed(clock: Clock, stamp: int) -> float:
 @kernel
 def _note_standing(clock: Clock, stamped: float) -> bool:
     """Note that a stamp is `stamped` s behind the last; return whether stamps tell no time."""
-    standing = LEAST_STAMPED_SHARE * STANDING_SECONDS
+    standing = LEAST_STAMPED_SHARE * STALLED_SECONDS
     unstamped = clock['unstamped'] + LEAST_STAMPED_SHARE * clock['period'] - stamped
     clock['unstamped'] = min(max(unstamped, 0.0), standing)
     return bool(clock['unstamped'] >= standing)
@@ -195,7 +195,8 @@ def _start_stretch(clock: Clock) -> None:
         clock['stretch_length'] = LEAST_STRETCH_SAMPLES
         clock['stretch_end'] = clock['stamp'] + int(STRETCH_SECONDS * 1e9)
     clock['stretch_samples'] = 0
-    clock['least'], clock['longest'], clock['sum'] = math.inf, 0.0, 0.0
+    clock['stretch_least_lateness'] = math.inf
+    clock['stretch_longest_delay'] = clock['stretch_delay_sum'] = 0.0
 
 
 @kernel
@@ -211,8 +212,8 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     if is_long:
         clock['long_steps'] += 1
     if delay <= clock['suspicious']:
-        clock['sum'] += delay
-        clock['longest'] = max(clock['longest'], delay)
+        clock['stretch_delay_sum'] += delay
+        clock['stretch_longest_delay'] = max(clock['stretch_longest_delay'], delay)
     elif is_long and clock['irregularity'] < BURSTS:
         missing = suspect(clock, elapsed, delay)
         lateness -= missing * period
@@ -222,8 +223,8 @@ def _follow_envelope(clock: Clock, elapsed: float) -> int:
     clock['lateness'] = lateness
     clock['earliest'] = min(clock['earliest'], lateness)
     clock['stretch_samples'] += 1
-    if lateness < clock['least']:
-        clock['least'] = lateness
+    if lateness < clock['stretch_least_lateness']:
+        clock['stretch_least_lateness'] = lateness
         clock['least_steps'], clock['least_missing'] = clock['steps'], clock['missing']
         clock['least_gap_steps'] = clock['gap_steps']
     return missing
@@ -251,19 +252,19 @@ def _end_stretch(clock: Clock, sample_rate: float, workspace: ClockWorkspace) ->
         learn_period(clock, sample_rate, full, found)
     change = clock['mean_period'] - period
     clock['lateness'] -= change * clock['steps']
-    clock['least'] -= change * clock['least_steps']
+    clock['stretch_least_lateness'] -= change * clock['least_steps']
     if found > 0.0 and clock['anchored']:
         correct_count(clock)
     if full or (regular and not clock['anchored'] and samples >= ANCHOR_SAMPLES):
         # The block starts at the point of the envelope that ends the last one.
         clock['anchored'] = True
-        clock['lateness'] -= clock['least']
-        clock['least'] = 0.0
+        clock['lateness'] -= clock['stretch_least_lateness']
+        clock['stretch_least_lateness'] = 0.0
         clock['steps'] -= clock['least_steps']
         clock['missing'] -= clock['least_missing']
         clock['gap_steps'] -= clock['least_gap_steps']
         clock['long_steps'] = 0
-    clock['earliest'] = clock['least']
+    clock['earliest'] = clock['stretch_least_lateness']
     if abs(change) > OTHER_PERIOD * period:
         forget_delays(clock)
         drop_suspicion(clock)

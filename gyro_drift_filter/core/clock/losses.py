@@ -28,7 +28,7 @@ VERDICT_SAMPLES = 16
 VERDICT_PACE = 2.0
 # Samples after a gap by which one that was made up for would show: at twice the pace they are early
 # by two periods. So losses that come often do not put the verdict off for ever.
-STANDING_SAMPLES = 4
+SETTLED_SAMPLES = 4
 SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
 # Steps are equally long up to this share. So many of them in a row are no losses: a link does not
 # lose every second sample so evenly.
@@ -137,7 +137,7 @@ def _has_taken_back(clock: Clock) -> bool:
 def _may_be_mistaken(clock: Clock) -> bool:
     """Return whether the samples that were just counted as missing may only be late."""
     delays_explain = clock['suspect_delay'] <= clock['delay_limit']
-    return bool(delays_explain and clock['suspect_samples'] < STANDING_SAMPLES)
+    return bool(delays_explain and clock['suspect_samples'] < SETTLED_SAMPLES)
 
 
 @kernel
@@ -149,7 +149,7 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     else:
         sure = delay > clock['delay_limit'] and clock['longest_delay'] > period
     if sure:
-        if clock['suspect_missing'] > 0 and clock['suspect_samples'] >= STANDING_SAMPLES:
+        if clock['suspect_missing'] > 0 and clock['suspect_samples'] >= SETTLED_SAMPLES:
             _conclude(clock, True)
         missing = max(int(np.rint((delay - clock['mean_delay']) / period)), 1)
         _count_missing(clock, missing, elapsed - period)
@@ -209,7 +209,7 @@ def judge_suspicion(clock: Clock, delay: float) -> int:
         return 0
     clock['suspect_least'] = min(clock['suspect_least'], delay)
     if clock['suspect_least'] < MADE_UP * period:
-        clock['longest'] = max(clock['longest'], clock['suspect_delay'])
+        clock['stretch_longest_delay'] = max(clock['stretch_longest_delay'], clock['suspect_delay'])
         _conclude(clock, False)
     elif clock['verdict_samples'] == 0:
         _conclude(clock, True)
@@ -230,7 +230,7 @@ def _take_back(clock: Clock, early: float) -> int:
     clock['missing_samples'] -= found
     clock['suspect_missing'] -= found
     made_up = clock['suspect_delay'] - clock['suspect_missing'] * period
-    clock['longest'] = max(clock['longest'], made_up)
+    clock['stretch_longest_delay'] = max(clock['stretch_longest_delay'], made_up)
     _learn_verdict(clock, False)
     if clock['suspect_missing'] == 0:
         clock['gaps'] -= clock['suspect_gaps']
@@ -255,7 +255,7 @@ def correct_count(clock: Clock) -> None:
     By so many periods its least late stamp is late, counted from the one before the block: more
     were missing than were found, or fewer if it is early.
     """
-    more = int(np.rint(clock['least'] / clock['mean_period']))
+    more = int(np.rint(clock['stretch_least_lateness'] / clock['mean_period']))
     clock['missing_samples'] = max(clock['missing_samples'] + more, 0)
     if more > 0:
         clock['gaps'] += more  # one in each, most likely

@@ -90,7 +90,7 @@ def learn_period(clock: Clock, sample_rate: float, full: bool, found: float) -> 
 def _period_of_envelope(clock: Clock) -> float:
     """Return the period in s by the envelope of the block, or 0 where it says none."""
     period, steps, missing = clock['mean_period'], clock['least_steps'], clock['least_missing']
-    lateness, samples = clock['least'], clock['steps'] - clock['missing']
+    lateness, samples = clock['stretch_least_lateness'], clock['steps'] - clock['missing']
     # More missing than received, and not by one gap, or most steps long: these are no gaps, the
     # driver has changed its rate or delivers in long bursts.
     no_gaps = (

@@ -38,10 +38,10 @@ class Clock(TypedDict):
 
     period: float  # s, that the filter works with: `mean_period` but for small changes
     mean_period: float  # s
-    mean_rate: float  # Hz, of it
+    mean_rate: float  # Hz, 1 / mean_period
     stamp: int  # ns, of the last stamped sample
     started: bool
-    unstamped: float  # s, of `LEAST_STAMPED_SHARE` of the samples' time, that stamps lack
+    unstamped: float  # s, by which stamps tell less than LEAST_STAMPED_SHARE of the samples' time
     irregularity: float  # mean |step - period| / period
     irregularity_steps: int  # that it is the mean of, up to a limit
     burst_step: float  # s, mean of the steps over which samples may be missing; 0 before one
@@ -51,13 +51,13 @@ class Clock(TypedDict):
     # the stretch
     stretch_samples: int
     stretch_length: int  # samples that it takes at least
-    stretch_end: int  # ns, and until when, or STRETCH_SAMPLES
-    least: float  # s, the least lateness
+    stretch_end: int  # ns: it ends at a stamp from here on, or with STRETCH_SAMPLES
+    stretch_least_lateness: float  # s
     least_steps: int  # where it was
     least_missing: int
     least_gap_steps: float
-    longest: float  # s, of delays that are not suspicious or were made up for
-    sum: float  # s, of delays that are not suspicious
+    stretch_longest_delay: float  # s, of those that are not suspicious or were made up for
+    stretch_delay_sum: float  # s, of those that are not suspicious
     # the block
     anchored: bool  # whether it starts at a point of the envelope, not at any sample
     steps: int

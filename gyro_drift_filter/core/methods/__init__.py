@@ -40,9 +40,9 @@ all axes show together, `change_period` for what is counted per sample, `start_o
 `learned_noise`, `noise_block_seconds` and `is_noise_known` for noise that is learned
 (`is_noise_known` is asked after `update`, but is about the innovation variance that was predicted
 before), `divergences` for a method that starts anew where it has diverged, `reason`,
-`innovation_limits` and `is_undecided` for one that judges samples by several rules, `flags_motion`
-for one that flags samples as it lags behind motion, `change_model` for what parameters replace, and
-`take_over` for a start at the rate of another method.
+`innovation_limits` and `was_not_measured` for one that judges samples by several rules,
+`flags_motion` for one that flags samples as it lags behind motion, `change_model` for what
+parameters replace, and `take_over` for a start at the rate of another method.
 
 The functions below choose the method that the settings name. `docs/architecture.md` shows how to
 add a method: its module, and a line or a branch in each of the seven listed first, also where it
@@ -87,14 +87,15 @@ class Method(NamedTuple):
         advice: What to do where it does not fit its sensor; without its own, general texts.
         reasons: Why a sample is accepted or an outlier, by the numbers that `reason` returns. That
             of `WITHIN_LIMITS` says that there was nothing special about it.
-        undecided: Those of samples that tell nothing of outliers before them.
+        unmeasured: Those of samples that the sensor has not measured; outliers in a row go on over
+            them.
     """
 
     name: str
     state: str
     advice: Advice = Advice()
     reasons: Mapping[int, str] = MappingProxyType({0: 'accepted', 1: 'an outlier'})
-    undecided: Collection[int] = ()
+    unmeasured: Collection[int] = ()
 
 
 METHODS = (
@@ -290,8 +291,8 @@ def innovation_limits(filter_: 'FilterRecord', axis: int) -> tuple[float, float]
 
 
 @kernel
-def is_undecided(filter_: 'FilterRecord', axis: int) -> bool:
-    """Return whether a sample tells nothing of outliers before it, see `Method.undecided`."""
+def was_not_measured(filter_: 'FilterRecord', axis: int) -> bool:
+    """Return whether the sensor has not measured a sample, by its reason: `Method.unmeasured`."""
     if filter_['settings']['method'] == ADAPTIVE:
         reason = filter_['workspace']['methods']['adaptive']['axes'][axis]['reason']
         return bool(reason == reasons.Reason.REPEATED)

@@ -17,9 +17,10 @@
 The modes of the mode set (`mode_set.py`) are Kalman filters that weigh each other's predictions
 (`interacting.py`). R and the noise's correlation are learned at rest (`noise.py`). A doubtful
 sample is held back (`outliers.py`), unless the accelerometer explains it (`jolts.py`); if it was
-motion after all, what it turned is given back (`missed_turns.py`). What the accelerometer and all
-axes together say of a sample is in `circumstances.py`, the records of an axis are in
-`adaptive_axis.py`.
+motion after all, what it turned is given back (`compensation.py`). What the accelerometer and all
+axes together say of a sample is in `circumstances.py`, what is remembered of held samples in
+`doubt.py`, the limits are in `outlier_limits.py`, and the records of an axis in `adaptive_axis.py`.
+Each decision has a reason (`reasons.py`).
 
 Rates are in rad/s, variances in (rad/s)^2. Acceleration and jerk are angular, in rad/s per sample
 and per sample squared. Equation numbers are the paper's.
@@ -37,7 +38,14 @@ from gyro_drift_filter.core.methods.adaptive_axis import (
     AdaptiveAxisWorkspace,
 )
 from gyro_drift_filter.core.methods.advice import Advice
-from gyro_drift_filter.core.methods.circumstances import CALM_SECONDS, Circumstances, note_rates
+from gyro_drift_filter.core.methods.circumstances import CALM_SECONDS, Circumstances, compare_rates
+from gyro_drift_filter.core.methods.compensation import (
+    compensate,
+    gives_back_knock,
+    note_prediction,
+    predictable,
+    turn_compensation,
+)
 from gyro_drift_filter.core.methods.doubt import (
     lies_at_accepted,
     note_confirmation,
@@ -60,13 +68,6 @@ from gyro_drift_filter.core.methods.interacting import (
     take_prediction,
 )
 from gyro_drift_filter.core.methods.jolts import FIRST_CHANGE, JOLT_SAMPLES
-from gyro_drift_filter.core.methods.missed_turns import (
-    compensate,
-    gives_back_knock,
-    note_prediction,
-    predictable,
-    turn_compensation,
-)
 from gyro_drift_filter.core.methods.mode_set import MODES, Derivation, ModeSet, derive_mode_set
 from gyro_drift_filter.core.methods.noise import (
     NoiseCoefficients,
@@ -213,7 +214,7 @@ def compare_axes(filter_: 'FilterRecord', sample: Sample, missing: int) -> None:
     state = filter_['state']
     seconds = (1 + missing) * state['clock']['period']
     turn_compensation(state['methods']['adaptive'], seconds)
-    note_rates(filter_, sample)
+    compare_rates(filter_, sample)
 
 
 @kernel
@@ -238,7 +239,8 @@ def update(
     own, circumstances = workspace['axes'][axis], workspace['circumstances']
     doubt, last_accepted = state['doubt'], state['last_accepted']
     own['accepted_before'] = last_accepted
-    own['is_at_accepted'] = doubt['held'] > 0 and lies_at_accepted(doubt, sample, last_accepted)
+    is_behind_others = doubt['unaccepted'] > 0
+    own['is_at_accepted'] = is_behind_others and lies_at_accepted(doubt, sample, last_accepted)
     own['reason'] = _judge(state, own, circumstances, sample, coefficients['limits'])
     _take_in(state, own, circumstances, coefficients, sample)
     _learn(state, own, circumstances, coefficients, sample)
@@ -298,12 +300,12 @@ def _take_in(
         else:
             note_missing(doubt, typical)
         take_prediction(state, workspace)
-        limit_extrapolation(state, limits['growth_limit'] * doubt['held'])
+        limit_extrapolation(state, limits['growth_limit'] * doubt['unaccepted'])
     elif reason == Reason.CONSTANT or decision != Decision.ACCEPT:
         _restart_at(state, workspace, sample, modes)
     else:
-        steps = 1.0 + doubt['held']
-        doubt['held'] = doubt['unmeasured'] = 0
+        steps = 1.0 + doubt['unaccepted']
+        doubt['unaccepted'] = doubt['unmeasured'] = 0
         correct(state, workspace, sample, steps, modes)
     if workspace['hangs'] and decision != Decision.BRIDGE:
         # A value that is used meanwhile was not measured either.
@@ -394,7 +396,7 @@ def _restart_at(
     """Put all modes at a sample (rad/s), for a decision that is not to hold it back."""
     doubt, decision = state['doubt'], decision_of(workspace['reason'])
     put_modes_at(state, sample)
-    doubt['held'] = doubt['unmeasured'] = 0
+    doubt['unaccepted'] = doubt['unmeasured'] = 0
     doubt['before_restart'] = state['last_accepted']
     if decision == Decision.START_ANEW:
         jump = abs(sample - workspace['prediction'])
@@ -439,7 +441,7 @@ def estimate(
     elif not circumstances['still'] and (not measured or decision == Decision.HOLD):
         # A vibration turns back within some samples, so that each further step of an extrapolation
         # comes true by that share alone.
-        steps = 1.0 * state['doubt']['held']
+        steps = 1.0 * state['doubt']['unaccepted']
         left_out = (1.0 - predictable(state['bridge']) ** steps) * (rate - state['last_accepted'])
         rate -= left_out
         variance += left_out * left_out

@@ -43,8 +43,8 @@ from gyro_drift_filter.core.zeros import has_failed_to_read
 if TYPE_CHECKING:
     from gyro_drift_filter.core.records import FilterRecord
 
-# Zeros on all axes are no drop-out where no axis was faster than this, in rad/s: some drivers give
-# zeros for slow rates, of one degree a second at most.
+# Zeros on all axes are no drop-out by their jump where no axis was faster than this, in rad/s: some
+# drivers give zeros for slow rates, of one degree a second at most. At rest `zeros.py` judges them.
 LARGEST_DEAD_ZONE = 0.02
 # Where the noise exceeds a step, a measured rate comes four times in a row in at most one of 50
 # cases: such a rate is that of a bus that hangs.
@@ -138,7 +138,7 @@ def _transition(filter_: 'FilterRecord') -> Transition:
 
 
 @kernel
-def note_rates(filter_: 'FilterRecord', sample: Sample) -> None:
+def compare_rates(filter_: 'FilterRecord', sample: Sample) -> None:
     """Note what the rates of all axes together show, behind their prediction."""
     state, workspace = filter_['state'], filter_['workspace']['methods']['adaptive']
     axes, checks, polling = state['methods']['adaptive'], state['checks'], state['polling']

@@ -32,16 +32,15 @@ from gyro_drift_filter.core.methods.circumstances import Circumstances
 from gyro_drift_filter.core.methods.outliers import CONFIRMED_HIT
 from gyro_drift_filter.core.methods.reasons import Decision, decision_of
 
-# Three angles are given back so that the heading holds: that of held samples that were motion, and
-# that of samples that were bridged, with the first time constant in s; and that which smoothing has
-# removed in motion, with the second one while it is within so many deviations of noise, else with
-# the first. The angle of a knock, on a body that stays where it is, is at most LARGEST_KNOCK.
+# The angles of held samples that were motion, of samples that were bridged, and of what smoothing
+# has removed in motion make one sum. While it is within SMOOTHING_DEVIATIONS of noise it is given
+# back with the time constant SMOOTHING_SECONDS (s), else with COMPENSATION_SECONDS.
 COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
-# In rad; or below 50 Hz, where samples last longer, as much more: three of them at the range of
-# gyroscopes. More is no motion.
+# A larger angle, in rad, is no motion: it is that of three samples at the range of gyroscopes.
+# Where a sample lasts longer than LARGEST_FROM_PERIOD (s) it is larger in proportion.
 LARGEST_COMPENSATION, LARGEST_FROM_PERIOD = 2.0, 0.02
-LARGEST_KNOCK = 0.02  # rad
+LARGEST_KNOCK = 0.02  # rad: a knock turns a body that stays where it is by at most this angle
 # The slowest mode averages over so long: a turn that has begun since then may not show yet.
 RECENT_SECONDS = 1.0
 LEAST_COMPENSATION = 1e-9  # rad: as processors are slow with denormal numbers

@@ -39,7 +39,7 @@ LEAST_SHARE = 1e-9  # as processors are slow with denormal numbers
 class Doubt(TypedDict):
     """The samples of one axis that are held back, the last one, and what is usual."""
 
-    held: int  # consecutive samples that were held back or are missing
+    unaccepted: int  # consecutive samples that were held back, missing or not measured
     unmeasured: int  # consecutive samples that were not measured, up to the last one
     confirmations: int  # accepted samples since the one that it starts at, itself among them
     behind_gap: bool  # the last one that was measured was the first one after some that were not
@@ -57,19 +57,19 @@ class Doubt(TypedDict):
     usual_innovation: float  # rad/s, of the last samples
     usual_rate_change: float  # rad/s, from one of those that were accepted to the next
     last_sample: float  # as it came, rad/s
-    repeats: int  # how often it has come before
+    equal: int  # samples in a row before it that were as good as equal to it
     share_held: float  # of the last samples, not counting drop-outs
 
 
 @kernel
 def start_doubt(doubt: Doubt, sample: float) -> None:
     """Start at a sample (rad/s)."""
-    doubt['held'] = doubt['unmeasured'] = doubt['confirmations'] = 0
+    doubt['unaccepted'] = doubt['unmeasured'] = doubt['confirmations'] = 0
     doubt['behind_gap'] = False
     doubt['before_restart'] = sample
     doubt['usual_innovation'] = LARGEST_NOISE
     doubt['usual_rate_change'] = LEAST_USUAL
-    doubt['repeats'] = 0
+    doubt['equal'] = 0
     doubt['share_held'] = 0.0
     doubt['last_sample'] = sample
 
@@ -77,7 +77,7 @@ def start_doubt(doubt: Doubt, sample: float) -> None:
 @kernel
 def holds_any(doubt: Doubt) -> bool:
     """Return whether a sample was held back since the last accepted one, not only missing."""
-    return doubt['held'] > doubt['unmeasured']
+    return doubt['unaccepted'] > doubt['unmeasured']
 
 
 @kernel
@@ -109,9 +109,9 @@ def note_held(
 ) -> None:
     """Note a sample that is held back; it and its innovations are in rad/s."""
     change = abs(sample - doubt['last_sample'])
-    follows = not dropout and (doubt['held'] == 0 or doubt['offset'] != 0.0)
+    follows = not dropout and (doubt['unaccepted'] == 0 or doubt['offset'] != 0.0)
     doubt['step'] = sample - doubt['last_sample'] if follows else 0.0
-    if doubt['held'] == 0:
+    if doubt['unaccepted'] == 0:
         # What was known before the first of them: it grows while nothing is accepted.
         doubt['typical_innovation'] = typical_innovation
         doubt['first_size'] = 0.0 if dropout else abs(innovation)
@@ -121,7 +121,7 @@ def note_held(
             doubt['agreeing'] = 0
         further = goes_further(doubt, innovation, change, limits)
         doubt['growing'] = doubt['growing'] + 1 if further else 0
-    doubt['held'] += 1
+    doubt['unaccepted'] += 1
     doubt['unmeasured'] = 0
     doubt['agreeing'] += 1
     doubt['offset'] = 0.0 if dropout else innovation
@@ -130,10 +130,10 @@ def note_held(
 @kernel
 def note_missing(doubt: Doubt, typical_innovation: float) -> None:
     """Note a sample that is missing: as much may have happened as in one that is held back."""
-    if doubt['held'] == 0:
+    if doubt['unaccepted'] == 0:
         doubt['typical_innovation'] = typical_innovation
         doubt['first_size'] = 0.0
-    doubt['held'] += 1
+    doubt['unaccepted'] += 1
     doubt['unmeasured'] += 1
     doubt['growing'] = doubt['agreeing'] = 0
     doubt['offset'] = doubt['step'] = 0.0
@@ -166,12 +166,12 @@ def note_repeat(doubt: Doubt, sample: float, variance: float) -> bool:
     Arguments: sample in rad/s, variance of the noise in (rad/s)^2.
     """
     if abs(sample - doubt['last_sample']) > CONSTANT_DEVIATIONS * math.sqrt(variance):
-        doubt['repeats'] = 0
+        doubt['equal'] = 0
         return False
-    doubt['repeats'] += 1
-    if doubt['repeats'] < CONSTANT_SAMPLES:
+    doubt['equal'] += 1
+    if doubt['equal'] < CONSTANT_SAMPLES:
         return False
-    doubt['repeats'] = 0
+    doubt['equal'] = 0
     return True
 
 

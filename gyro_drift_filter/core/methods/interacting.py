@@ -131,7 +131,7 @@ def _growth_of_extrapolation(state: AdaptiveAxis) -> float:
 
     Its error grows about as the number of samples, and so the variance as their square.
     """
-    held = state['doubt']['held']
+    held = state['doubt']['unaccepted']
     return float(state['noise']['variance'] * held * held)
 
 

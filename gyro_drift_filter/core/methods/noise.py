@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.sample import finer
+from gyro_drift_filter.core.sample import smallest_change
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.settings import Settings
@@ -59,7 +59,9 @@ WHITE = 0.3
 LONGEST_DENSE_PERIOD, LONGEST_WHITE_PERIOD = 0.0104, 0.0204  # s
 LARGEST_NOISE = 0.2  # rad/s
 LARGEST_COMMON_DENSITY = 0.002  # rad/s per root of Hz, twice that of the noisiest common ones
-LARGEST_BOUND = 2.0  # R in lowest bounds, at most: motion can only raise a bound
+# The variance of each white block is an upper bound of the noise's, as motion can only add to it. R
+# is the mean of these bounds, and at most this many times the lowest one.
+LARGEST_BOUND = 2.0
 # Of what third differences show of another block before the first rest, the share that is taken for
 # noise: a hand in motion shows 5 to 200 times the variance of a quiet sensor's noise. Too low costs
 # smoothing until a block looks like noise, too high costs motion.
@@ -84,8 +86,8 @@ LEAST_WEIGHT = 0.1
 # standard deviations. What has alternates from sample to sample, as a vibration near half the
 # sample rate does: as if it did not, it would be noise of all frequencies, slow ones among them.
 CHANCE = 0.2
-# In one of 10,000 blocks of 50 samples third differences show less of the noise than a part of it
-# by this factor.
+# In one of 10,000 blocks of 50 samples of noise, third differences show less than its variance by
+# this factor. So noise of more than this many times what they show is not there.
 LEAST_SHOWN = 4.0
 
 # At lags of one and two samples.
@@ -270,7 +272,7 @@ def learn_noise_from_sample(
     block = noise['block']
     if block['run'] >= 1:
         change = abs(sample - block['before'][0])
-        noise['resolution'] = finer(noise['resolution'], change)
+        noise['resolution'] = smallest_change(noise['resolution'], change)
     _add_sample(block, sample)
     length = coefficients['block_samples'] if is_begun(noise) else FIRST_NOISE_BLOCK
     if block['count'] >= length and block['third_difference_count'] >= LEAST_THIRDS:

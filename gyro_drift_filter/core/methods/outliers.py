@@ -78,7 +78,7 @@ def find_reason(
     doubt, innovation_limits = state['doubt'], workspace['innovation_limits']
     prediction, last_accepted = workspace['prediction'], state['last_accepted']
     size, dropout = abs(sample - prediction), circumstances['dropout']
-    held = doubt['held']
+    held = doubt['unaccepted']
     if doubt['share_held'] > LARGEST_SHARE_HELD and not dropout:
         return Reason.CROWDED if held == 0 else Reason.CROWDED_WHILE_HELD
     nearest = min(size, abs(sample - last_accepted), abs(sample - doubt['before_restart']))
@@ -140,7 +140,7 @@ def _reason_behind_held(
     """
     doubt, innovation = state['doubt'], sample - workspace['prediction']
     size, threshold = abs(innovation), workspace['innovation_limits']['innovation_threshold']
-    held, offset = doubt['held'], doubt['offset']
+    held, offset = doubt['unaccepted'], doubt['offset']
     lasted = held >= limits['longest_hold']
     if circumstances['dropout']:
         # One more than other runs: two drop-outs of two samples each may follow each other.
@@ -243,7 +243,7 @@ def _is_extrapolated(
     The error of a prediction grows with the samples that it goes ahead, by no more than a body does
     in one of them.
     """
-    prediction, steps = workspace['prediction'], state['doubt']['held'] + 1.0
+    prediction, steps = workspace['prediction'], state['doubt']['unaccepted'] + 1.0
     innovation = sample - prediction
     ahead = possible * (prediction - state['last_accepted']) / steps
     nearest = min(max(innovation, min(ahead, 0.0)), max(ahead, 0.0))
@@ -305,12 +305,12 @@ def _goes_on(
     if step * before <= 0.0:
         return False
     largest = max(abs(step), abs(before))
-    if doubt['held'] == 1:
+    if doubt['unaccepted'] == 1:
         explained = circumstances['shake'] > CONFIRMED_HIT * limits['shake_per_jump'] * largest
         if circumstances['still'] or not explained or not _is_slower(sample, last_accepted):
             return False
     else:
-        begun = (sample - step - before - last_accepted) / (doubt['held'] - 1.0)
+        begun = (sample - step - before - last_accepted) / (doubt['unaccepted'] - 1.0)
         if begun * step < 0.0:
             return False
         largest = max(largest, abs(begun))

@@ -16,24 +16,23 @@
 
 Gyroscope and accelerometer give six signals. Each is averaged over hundredths of a second, "values"
 below, so that all sample rates are alike, and cut into blocks of an eighth of a second. Blocks that
-are still are gathered into segments of up to two seconds. A block is still where, on every
-signal,
+are still are gathered into segments of up to two seconds. A block is still where, on every signal,
 
 - the values vary about the block's mean no more than the noise does, and
 - the mean lies where those of the segment lie, as far as the noise allows.
 
 The first and the last block of a rest are left out: motion begins and ends gently. Of a segment
 that does not hold together the later half is kept: rest may begin with a turn, or where a hand has
-just let go, and of a thousand segments of plain rest one or two look like that. Once the noise is
-known, that half counts only if the rest is over before the next segment is full. Before the noise
-is known it is the first half of that one.
+just let go, and of a thousand segments of plain rest one or two look like that. Before the noise is
+known, this half is the first one of the next segment. After that it counts only if the rest ends
+before the next segment is full.
 
 What the noise is on each signal, within blocks and from block to block, is learned from segments
 that hold together. The first one may have noise of any spectrum. It is accepted if no mean, of a
 rate or of gravity, moves from its first half to its second by more than such means scatter, if the
 values vary alike in both halves, and if the means scatter no more than those of a body at rest can.
-Noise that is correlated varies more from block to block, and so may
-blocks and segments of it. A machine that is switched on later makes another noise, which is looked
+The means of correlated noise scatter more than its values say, and the limits for blocks and
+segments allow for that. A machine that is switched on later makes another noise, which is looked
 for beside the one that is known. How much more the means of segments vary than the blocks within
 them say, as slow noise makes them, is begun with the correlation of one block and the next, and
 learned from one segment to the next.

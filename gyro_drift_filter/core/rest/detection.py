@@ -125,7 +125,7 @@ def _add_sample(
     """Add a sample to the value under way, as `note_sample` says."""
     rate, force = sample['angular_velocity'], rest['force']
     rest['samples'] += 1 + missing
-    force['repeats'] += missing if trusted else 1 + missing
+    force['samples_since_change'] += missing if trusted else 1 + missing
     if trusted:
         rest['averaged'] += 1
         longest = lengths['value'] * lengths['block'] // 2
@@ -152,8 +152,8 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         has to be called.
     """
     sudden_before, still = rest['sudden'], _is_still(rest, lengths)
-    rest['restless'] += 1
-    if rest['restless'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
+    rest['blocks_since_rest'] += 1
+    if rest['blocks_since_rest'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
     if still:
         return _take_still_block(rest, lengths)

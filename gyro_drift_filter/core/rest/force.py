@@ -34,7 +34,12 @@ from gyro_drift_filter.core.rest.spikes import (
     SPIKE_RATIO,
     USUAL_SAMPLES,
 )
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, finer, is_one_value, is_zero
+from gyro_drift_filter.core.sample import (
+    LARGEST_ACCELERATION,
+    is_one_value,
+    is_zero,
+    smallest_change,
+)
 
 FINEST_RESOLUTION = 1e-5  # m/s^2, of any accelerometer; less is rounding of a calibration
 # A coarse accelerometer at rest may stay the same for long, and then changes by one count.
@@ -49,7 +54,7 @@ class Force(TypedDict):
 
     felt: PerAxis  # what rest sees; 0 before the first
     measured: PerAxis  # the last one that was measured; 0 before the first
-    repeats: int  # how often it has come before in a row
+    samples_since_change: int  # missing ones and those that are not trusted among them
     doubted: CountPerAxis  # 1 where an axis has jumped with it, and another value stands in
     usual: PerAxis  # change from one measurement to the next
     seen: int  # changes that are in it, up to `USUAL_SAMPLES`
@@ -80,20 +85,21 @@ def note_force(force: Force, acceleration: PerAxis, longest: int) -> None:
     comes_late = False
     if failed or _is_repeat(force, acceleration):
         # Of an accelerometer that measures more slowly than the gyroscope.
-        force['repeats'] += 1
-        if failed or force['repeats'] < longest or force['late'] > 0:
+        force['samples_since_change'] += 1
+        if failed or force['samples_since_change'] < longest or force['late'] > 0:
             return
     else:
         comes_late = not first and _note_pace(force, acceleration, longest)
         if not first and not comes_late:
             force['seen'] = min(force['seen'] + 1, USUAL_SAMPLES)
-        force['repeats'] = 0
+        force['samples_since_change'] = 0
     for axis in range(3):
         now = acceleration[axis]
         if not abs(now) <= LARGEST_ACCELERATION:
             continue
         if not comes_late:
-            jumps = not first and force['repeats'] == 0 and _note_change(force, axis, now)
+            changes = not first and force['samples_since_change'] == 0
+            jumps = changes and _note_change(force, axis, now)
             force['doubted'][axis] = 1 if jumps and force['doubted'][axis] == 0 else 0
             if force['doubted'][axis] == 0:
                 force['felt'][axis] = now
@@ -116,7 +122,7 @@ def _note_pace(force: Force, acceleration: PerAxis, longest: int) -> bool:
 
     Return whether it is not felt, as it comes later, or has done so of late.
     """
-    late, changed = force['repeats'] >= longest, False
+    late, changed = force['samples_since_change'] >= longest, False
     for axis in range(3):
         step = abs(acceleration[axis] - force['measured'][axis])
         changed = changed or step > MORE_THAN_A_COUNT * force['resolution'][axis]
@@ -136,7 +142,7 @@ def _note_change(force: Force, axis: int, now: float) -> bool:
     before, usual = force['measured'][axis], force['usual'][axis]
     step, change = abs(now - before), abs(now - force['felt'][axis])
     if before != 0.0 and step > FINEST_RESOLUTION:
-        force['resolution'][axis] = finer(force['resolution'][axis], step)
+        force['resolution'][axis] = smallest_change(force['resolution'][axis], step)
     counted = min(change, LARGEST_SIZE * usual) if usual > 0.0 else change
     force['usual'][axis] += (counted - usual) / force['seen']
     # Nothing is usual for a device that has given one value so far.

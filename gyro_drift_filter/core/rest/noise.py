@@ -72,8 +72,8 @@ def learn_noise_from_segment(rest: Rest, length: int) -> None:
     if rest['learned'] > 1:
         rest['waiting']['spikes'] = 0
     rest['calm_known'] = False
-    rest['restless'] = 0
-    rest['steady_seconds'] = 0.0
+    rest['blocks_since_rest'] = 0
+    rest['standing_seconds'] = 0.0
 
 
 @kernel
@@ -143,7 +143,7 @@ def doubt_noise(rest: Rest) -> None:
     """Forget the noise of the rates, and keep that of the accelerations as a bound."""
     rest['calm_known'] = rest['known'] or rest['calm_known']
     rest['known'] = False
-    rest['restless'] = 0  # so that the bound holds for some time
+    rest['blocks_since_rest'] = 0  # so that the bound holds for some time
 
 
 @kernel
@@ -151,7 +151,7 @@ def expect_no_noise(rest: Rest) -> None:
     """Forget the noise, and take none of the accelerations for the bound of what is rest."""
     rest['known'] = False
     rest['calm_known'] = True
-    rest['restless'] = 0
+    rest['blocks_since_rest'] = 0
     for i in range(3, SIGNALS):
         rest['signals'][i]['variance'] = 0.0
 

@@ -80,7 +80,7 @@ def finds_other_segment(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> 
     if rest['at_rest'] or not rest['known']:
         start_rest(other)
         return False
-    if other['restless'] * lengths['block_seconds'] > FORGET_OTHER_NOISE_SECONDS:
+    if other['blocks_since_rest'] * lengths['block_seconds'] > FORGET_OTHER_NOISE_SECONDS:
         other['known'] = False
     found = close_block(other, lengths)
     if found in (BlockOutcome.END_OF_REST, BlockOutcome.STOP):
@@ -102,7 +102,7 @@ def confirm_other_noise(
     else:
         noise['segments'] = 0
     next_segment(other, False)
-    stands = rest['steady_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
+    stands = rest['standing_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
     stands = stands and not _may_roll(rest, other, lengths['block_seconds'])
     stands = stands and not _wanders(rest, noise)
     if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
@@ -115,8 +115,8 @@ def _may_roll(rest: Rest, other: Rest, block_seconds: float) -> bool:
 
     It does so as steadily as it stood, if the ground lets it; but rolling shakes its rates.
     """
-    since_rest = rest['restless'] * block_seconds
-    pushed = since_rest - rest['steady_seconds'] > LONGEST_START * block_seconds
+    since_rest = rest['blocks_since_rest'] * block_seconds
+    pushed = since_rest - rest['standing_seconds'] > LONGEST_START * block_seconds
     return bool(pushed and since_rest < LONGEST_ROLL and _is_noisier(rest, other, 3))
 
 
@@ -188,7 +188,7 @@ def _is_of_a_machine(rest: Rest, other: Rest) -> bool:
 @kernel
 def _take_noise(rest: Rest, other: Rest) -> None:
     rest['variance_ratio'] = other['variance_ratio']
-    rest['restless'] = 0
+    rest['blocks_since_rest'] = 0
     for i in range(SIGNALS):
         rest['signals'][i]['variance'] = other['signals'][i]['variance']
         rest['signals'][i]['scatter'] = other['signals'][i]['scatter']

@@ -110,7 +110,7 @@ class Obstacle(IntEnum):
     UNEVEN = 6  # the values vary far more at one time than at another
     LOUD = 7  # the accelerations vary far more than at a rest before
     TILTED = 8  # gravity is elsewhere than in the segment before
-    NO_BIAS = 9  # its rate is none that the bias can have come to
+    NOT_ACCEPTED = 9  # its rate is not accepted as the bias (bias/acceptance.py)
     HINTED_MOTION = 10  # the robot itself says that it moves, which leaves its samples out
 
 
@@ -125,8 +125,8 @@ class Rest(TypedDict):
     learned: int  # segments that it was learned from
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
-    restless: int  # blocks since the last rest
-    steady_seconds: float  # for which gravity has stood without a rest
+    blocks_since_rest: int
+    standing_seconds: float  # for which gravity has stood, since the last rest
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile
     standing_blocks: int  # for which it has stood, rest or not

@@ -21,7 +21,7 @@ nothing that has mass turns so. Where the noise is known, outliers are found by 
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
-from gyro_drift_filter.core.sample import SAMPLE, Sample, finer
+from gyro_drift_filter.core.sample import SAMPLE, Sample, smallest_change
 
 # A spike stands out by so many times what is usual: noise alone does in one of 10^7 samples. It
 # is more than so many counts, as a coarse sensor at rest shows single ones.
@@ -95,7 +95,7 @@ def let_wait(waiting: Waiting, sample: Sample, trusted: bool, missing: int) -> N
         rate, before = sample['angular_velocity'][axis], waiting['sample']['angular_velocity'][axis]
         if follows:
             resolution = waiting['resolution'][axis]
-            waiting['resolution'][axis] = finer(resolution, abs(rate - before))
+            waiting['resolution'][axis] = smallest_change(resolution, abs(rate - before))
         waiting['before'][axis] = before
     waiting['sample'] = sample
     waiting['follows'] = follows

@@ -49,12 +49,12 @@ def note_gravity(rest: Rest, block_seconds: float) -> None:
         size += mean * mean
         if abs(mean - gravity[axis]) > STEADY_GRAVITY:
             has_moved = True
-    rest['steady_seconds'] += block_seconds
+    rest['standing_seconds'] += block_seconds
     if has_moved:
         for axis in range(3):
             gravity[axis] = block_mean(rest, 3 + axis)
     if has_moved or size < LEAST_GRAVITY * LEAST_GRAVITY or rest['force']['late'] > 0:
-        rest['steady_seconds'] = 0.0
+        rest['standing_seconds'] = 0.0
         rest['standing_blocks'] = 0
         return
     for axis in range(3):
