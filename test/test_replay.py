@@ -402,6 +402,10 @@ def test_paths_that_are_no_bag(tmp_path):
     (tmp_path / 'folder' / 'bag_0.mcap').touch()
     with pytest.raises(BagError, match=r'name a file in it, as .*bag_0\.mcap'):
         run(tmp_path / 'folder', tmp_path / 'out')
+    for damaged in ('', 'rosbag2_bagfile_information:\n  version: 9\n  storage_id: "mca', 'a: 1'):
+        (tmp_path / 'folder' / 'metadata.yaml').write_text(damaged)
+        with pytest.raises(BagError, match=r'yaml is damaged.*name a file in it, as .*bag_0\.mcap'):
+            run(tmp_path / 'folder', tmp_path / 'out')
     with pytest.raises(BagError, match='can not be opened'):
         run(tmp_path / (300 * 'x'), tmp_path / 'out')
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(9)})

@@ -21,6 +21,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, Self
 
+import yaml
+
 from gyro_drift_filter.bags.library import AnyReader, AnyReaderError, RPath
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
@@ -49,6 +51,7 @@ class StoredPath(RPath, Protocol):
 _log = logging.getLogger(__name__)
 # What the name of a bag ends with that is a single file.
 FILE_SUFFIXES = (*ROSBAG2_SUFFIXES, '.bag')
+_INFORMATION = 'rosbag2_bagfile_information'  # the key of all that a metadata.yaml says
 _MAGIC_OF_ROS1 = b'#ROSBAG V'  # whatever the version, which rosbags judges
 
 
@@ -87,7 +90,7 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
             reader.open()
     except Exception as error:
         why = _why_not_by_name(path) or _why_not_of_ros1(path, str(error))
-        why = why or reason_of_library(error)
+        why = why or _why_not_by_metadata(path) or reason_of_library(error)
         raise BagError(f'{name} can not be read as a bag: {why}{_cut_off_in(path)}') from error
     return reader
 
@@ -100,6 +103,26 @@ def _why_not_by_name(path: Path | StoredPath) -> str:
         f'its name ends with none of {", ".join(FILE_SUFFIXES)}: name such a file, or the folder '
         'that ROS 2 has recorded'
     )
+
+
+def _why_not_by_metadata(path: Path | StoredPath) -> str:
+    """Return why a folder can't be read whose metadata.yaml is not that of a bag."""
+    if not path.is_dir():
+        return ''
+    try:
+        with (path / 'metadata.yaml').open('rb') as file:
+            found = yaml.safe_load(file)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        found = None
+    if isinstance(found, dict) and isinstance(found.get(_INFORMATION), dict):
+        return ''
+    return f'its metadata.yaml is damaged, as where the recorder was killed{_advice_for(path)}'
+
+
+def _advice_for(folder: Path | StoredPath) -> str:
+    """Return what to name instead of a folder without its metadata."""
+    files = sorted(file.name for file in folder.iterdir() if file.suffix in ROSBAG2_SUFFIXES)
+    return f': name a file in it, as {folder / files[0]}' if files else ', and no .mcap or .db3'
 
 
 def _why_not_of_ros1(path: Path | StoredPath, said: str) -> str:
@@ -171,11 +194,9 @@ def check_path(path: Path | StoredPath) -> None:
         if isinstance(path, Path) and not (path.is_file() or path.is_dir()):
             raise BagError(f'{path} is no bag: it is neither a file nor a folder')
         if path.is_dir() and not (path / 'metadata.yaml').exists():
-            files = sorted(file.name for file in path.iterdir() if file.suffix in ROSBAG2_SUFFIXES)
-            advice = (
-                f': name a file in it, as {path / files[0]}' if files else ', and no .mcap or .db3'
+            raise BagError(
+                f'{path} is no rosbag2 folder: it holds no metadata.yaml{_advice_for(path)}'
             )
-            raise BagError(f'{path} is no rosbag2 folder: it holds no metadata.yaml{advice}')
         if path.suffix == '.bag' and path.is_dir():
             # rosbags judges by the name.
             raise BagError(f'{path}: rename the folder, as names in .bag are taken for ROS 1')
