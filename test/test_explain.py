@@ -83,6 +83,7 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
         for one in result['flagged']
     }
     assert list(found) == [(10.0, 'x'), (12.0, 'y'), (14.0, 'z'), (16.0, 'x'), (19.99, 'y')]
+    assert [one['number'] for one in found.values()] == [1000, 1200, 1400, 1600, 1999]
     spike, unusable, two, motion, last = found.values()
     assert (spike['samples'], spike['reason']) == (1, REASONS[Reason.FAR_WHILE_STILL])
     assert spike['outcome'] == two['outcome'] == REASONS[Reason.RETURNED]
@@ -156,7 +157,7 @@ def test_diagnostics_say_why_the_last_outlier_was_flagged(rates_and_forces):
 
 
 def test_a_long_list_ends_with_how_many_more_there_are():
-    one = FlaggedSequence(0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
+    one = FlaggedSequence(0, 0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
     text = page('drive', 500 * [one], 0, {})
     assert text.startswith('drive: 500 samples flagged in 500 sequences')
     assert text.endswith('and 300 more sequences: --start shows later ones, --json writes all')

@@ -532,6 +532,44 @@ def test_it_is_noted_why_a_stretch_is_no_rest(change, obstacle, signal, random):
     assert (obstacle, signal) in noted
 
 
+@pytest.mark.parametrize('size', [0.5, 1.0, 3.0])
+def test_an_even_acceleration_is_no_rest(size, random):
+    """Of a train, an aircraft: its mean was taken for gravity, which was off by 6 to 12 deg."""
+    time = np.arange(8000) / 100.0
+    push = np.interp(time, [15, 15.4, 25, 25.4, 50, 50.4, 60, 60.4], [0, 1, 1, 0, 0, -1, -1, 0])
+    rates, accelerations = at_rest(random, 80)
+    accelerations[:, 0] += size * push
+    filter_, at_rests, noted = Filter(), [], set()
+    for first in range(0, 8000, 10):
+        part = slice(first, first + 10)
+        results = run(filter_, rates[part], accelerations[part], start=START + first * 10_000_000)
+        at_rests.append(results['at_rest'])
+        noted.add(Obstacle(filter_.state['bias']['rest']['obstacle']))
+    resting = np.concatenate(at_rests)
+    assert not resting[np.abs(push) == 1.0].mean() > 0.02
+    assert Obstacle.PUSHED in noted
+    # At an even speed it is.
+    assert resting[(time > 29) & (time < 50)].mean() > 0.8
+    assert resting[time > 65].mean() > 0.8
+
+
+@pytest.mark.parametrize('lost', ['rates', 'samples', 'knock'])
+def test_what_has_turned_unmeasured_is_at_rest_as_soon_as_ever(lost, random):
+    rates, accelerations = at_rest(random, 40)
+    accelerations[1500:] = (0.0, 9.81 * np.sin(0.2), 9.81 * np.cos(0.2))
+    accelerations[1500:] += 0.02 * random.standard_normal((2500, 3))
+    kept = np.full(4000, True)
+    if lost == 'rates':
+        rates[1495:1515] = np.nan
+    elif lost == 'samples':
+        kept[1495:1515] = False
+    else:  # in a few samples that are held back
+        rates[1500:1502] = 10.0
+    stamps = START + 10_000_000 * np.flatnonzero(kept)
+    results = Filter().run(stamps, rates[kept], accelerations[kept])
+    assert results['at_rest'][-2000:].mean() > 0.95
+
+
 @pytest.mark.parametrize(
     'seed',
     [

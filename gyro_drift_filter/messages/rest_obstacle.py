@@ -32,6 +32,7 @@ _TEXTS = {
     Obstacle.UNEVEN: '{} varies far more at one time than at another',
     Obstacle.LOUD: '{} varies far more than at the rests before',
     Obstacle.TILTED: '{} has changed since the rest before: gravity has moved',
+    Obstacle.PUSHED: '{} has changed since the last rest without a turn: the speed changes',
     Obstacle.NOT_ACCEPTED: 'the rate is not accepted as the bias: it is beyond bias.max, '
     'or that of a slow turn, or such a turn has just ended',
     Obstacle.HINTED_MOTION: 'the robot says on motion_hint that it moves, with at least '

@@ -42,6 +42,7 @@ class FlaggedSequence:
     Attributes:
         axis: 0, 1 or 2.
         log_time: Of the first one, in ns.
+        number: Of the first one, among all messages with a rate that have come, from 0 on.
         samples: How many.
         rate: The first one as it came, rad/s.
         innovation: The first one minus its prediction, rad/s; 0 where it was no usable number.
@@ -57,6 +58,7 @@ class FlaggedSequence:
 
     axis: int
     log_time: int
+    number: int
     samples: int
     rate: float
     innovation: float
@@ -131,7 +133,8 @@ class FlaggedLog:
             self._note_unflagged(axis, result['reason'][:, axis], listed, times, before)
             for row in rows[flagged[rows, axis] | ends].tolist():
                 if flagged[row, axis]:
-                    self._add(axis, int(times[row]), float(rates[row, axis]), result[row])
+                    at = int(times[row]), before + row
+                    self._add(axis, at, float(rates[row, axis]), result[row])
                 else:
                     self._close(axis, int(result['reason'][row, axis]))
         self.sequences.sort(key=lambda sequence: sequence.log_time)
@@ -185,7 +188,8 @@ class FlaggedLog:
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """Pass over the reports."""
 
-    def _add(self, axis: int, log_time: int, rate: float, result: Any) -> None:
+    def _add(self, axis: int, at: tuple[int, int], rate: float, result: Any) -> None:
+        """Add a sample by its log time and number."""
         sequence = self._open[axis]
         if sequence is not None:
             sequence.samples += 1
@@ -193,7 +197,8 @@ class FlaggedLog:
         reason = int(result['reason'][axis])
         sequence = FlaggedSequence(
             axis=axis,
-            log_time=log_time,
+            log_time=at[0],
+            number=at[1],
             samples=1,
             rate=rate,
             innovation=float(result['innovation'][axis]),

@@ -14,6 +14,8 @@
 
 """Samples in, rest out: values make blocks, still blocks make segments."""
 
+import math
+
 from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core.rest.force import forget_force, note_force
 from gyro_drift_filter.core.rest.noise import learn_noise_from_segment, learn_variance_ratio
@@ -30,6 +32,7 @@ from gyro_drift_filter.core.rest.records import (
 from gyro_drift_filter.core.rest.segment import (
     add_value,
     add_waiting_block,
+    block_mean,
     drop_early_half,
     forget_segment_before,
     is_block_filled,
@@ -60,6 +63,8 @@ LEAST_STEADY_BLOCKS = 6
 # So long after the noise has been doubted, and without a rest since, the accelerations of the one
 # before are no bound any more. A noise that is known is kept: else a road would be a rest.
 FORGET_CALM_SECONDS = 300.0
+# No vehicle speeds up evenly for longer, in s: a train would be at 100 km/h, with 0.5 m/s^2.
+LONGEST_PUSH = 60.0
 
 
 @kernel
@@ -67,6 +72,7 @@ def start_rest(rest: Rest) -> None:
     """Forget the rest under way; what is known of the noise is kept."""
     rest['at_rest'] = False
     rest['run'] = 0
+    rest['turned'] = math.inf
     start_value(rest)
     start_block(rest)
     start_segment(rest)
@@ -126,6 +132,8 @@ def _add_sample(
     rate, force = sample['angular_velocity'], rest['force']
     rest['samples'] += 1 + missing
     force['samples_since_change'] += missing if trusted else 1 + missing
+    if missing > 0 or not trusted:
+        rest['turned'] = math.inf  # nobody has measured what it turned meanwhile
     if trusted:
         rest['averaged'] += 1
         longest = lengths['value'] * lengths['block'] // 2
@@ -153,6 +161,7 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
     """
     sudden_before, still = rest['sudden'], _is_still(rest, lengths)
     rest['blocks_since_rest'] += 1
+    _note_turn(rest, lengths['block_seconds'])
     if rest['blocks_since_rest'] * lengths['block_seconds'] > FORGET_CALM_SECONDS:
         rest['calm_known'] = False
     if still:
@@ -167,6 +176,20 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
         start_segment(rest)
         forget_segment_before(rest)
     return ended
+
+
+@kernel
+def _note_turn(rest: Rest, block_seconds: float) -> None:
+    """Note by how much the body has turned in a block, against what was a rest before."""
+    if rest['count'] == 0 or rest['blocks_since_rest'] * block_seconds > LONGEST_PUSH:
+        rest['turned'] = math.inf
+        return
+    square = 0.0
+    for axis in range(3):
+        angle = (block_mean(rest, axis) - rest['signals'][axis]['before']) * block_seconds
+        rest['turn'][axis] += angle
+        square += angle * angle
+    rest['turned'] += math.sqrt(square)
 
 
 @kernel
@@ -249,6 +272,9 @@ def next_segment(rest: Rest, ended_rest: bool) -> None:
         rest['at_rest'] = True
         rest['obstacle'] = Obstacle.NONE
         rest['sudden'] = False
+        rest['turned'] = 0.0
+        for axis in range(3):
+            rest['turn'][axis] = 0.0
         for i in range(SIGNALS):
             rest['signals'][i]['before'] = segment_mean(rest, i)
             rest['signals'][i]['before_blocks'] = rest['blocks']

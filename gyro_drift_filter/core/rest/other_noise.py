@@ -22,6 +22,8 @@ vibration of wheels in a steady turn would be confirmed. A robot may drive for l
 Where the noise falls again it is learned as always.
 """
 
+import math
+
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, start_rest
 from gyro_drift_filter.core.rest.noise import LARGEST_EXCESS, correlation_of_means
@@ -62,6 +64,8 @@ FORGET_OTHER_NOISE_SECONDS = 10.0
 def hand_on_block(rest: Rest, other: Rest) -> None:
     """Give the other detector the block that is complete, before it is closed."""
     other['count'] = rest['count']
+    if rest['turned'] == math.inf:
+        other['turned'] = math.inf
     for i in range(SIGNALS):
         given, taken = rest['signals'][i], other['signals'][i]
         taken['least_variance'] = given['least_variance']

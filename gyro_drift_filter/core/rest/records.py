@@ -72,9 +72,8 @@ class Signal(TypedDict):
     early_largest_variance: float
     early_steps: float  # with the step from it to the later half
     late_first: float  # mean of the first block of the later half
-    # the segment before in the same rest
-    before: float
-    before_blocks: int
+    before: float  # mean of the segment before
+    before_blocks: int  # of that segment; 0 where it is of another rest
 
 
 SIGNAL = record(Signal)
@@ -110,8 +109,9 @@ class Obstacle(IntEnum):
     UNEVEN = 6  # the values vary far more at one time than at another
     LOUD = 7  # the accelerations vary far more than at a rest before
     TILTED = 8  # gravity is elsewhere than in the segment before
-    NOT_ACCEPTED = 9  # its rate is not accepted as the bias (bias/acceptance.py)
-    HINTED_MOTION = 10  # the robot itself says that it moves, which leaves its samples out
+    PUSHED = 9  # the acceleration has changed since the last rest by more than the body has turned
+    NOT_ACCEPTED = 10  # its rate is not accepted as the bias (bias/acceptance.py)
+    HINTED_MOTION = 11  # the robot itself says that it moves, which leaves its samples out
 
 
 class Rest(TypedDict):
@@ -126,6 +126,10 @@ class Rest(TypedDict):
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
     blocks_since_rest: int
+    # turns of blocks since the segment before, in rad: their sum, and that of their sizes, which is
+    # infinite where not all was measured
+    turn: PerAxis
+    turned: float
     standing_seconds: float  # for which gravity has stood, since the last rest
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile

@@ -18,6 +18,7 @@ import math
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.gate import is_beyond_gate
+from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.rest.noise import is_calm
 from gyro_drift_filter.core.rest.records import (
     BLOCK_SECONDS,
@@ -53,6 +54,9 @@ LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.16
 FIRST_HALVES_DEVIATIONS = 6.0  # while the noise is not known, where it is correlated over blocks
 # Of two segments' means of gravity, one after the other.
 GRAVITY_DEVIATIONS = 6.0
+# What has changed an acceleration by less, in g, may be the accelerometer: one that is shaken shows
+# another mean, by some hundredths of g.
+LEAST_PUSH = 0.02
 # While the noise is not known, the values of one half may vary by so much more than those of the
 # other: a hand that comes to rest trembles a hundred times as much before as after.
 LARGEST_RATIO_OF_HALVES = 9.0
@@ -143,7 +147,38 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
         spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
         if is_beyond_gate(step, GRAVITY_DEVIATIONS, spread):
             return Obstacle.TILTED
+    if index >= 3 and _is_pushed(rest, index, lengths['block_seconds']):
+        return Obstacle.PUSHED
     return Obstacle.NONE
+
+
+@kernel
+def _is_pushed(rest: Rest, index: int, block_seconds: float) -> bool:
+    """Return whether acceleration `index` has changed since the last rest without a turn.
+
+    Gravity moves by no more than the body turns: the rest of the change is a speed that grows.
+    """
+    signals = rest['signals']
+    gravity = vector_length(signals[3]['before'], signals[4]['before'], signals[5]['before'])
+    step = segment_mean(rest, index) - signals[index]['before']
+    noise = GRAVITY_DEVIATIONS * math.sqrt(2.0 * signals[index]['scatter'] / rest['blocks'])
+    return bool(abs(step) > gravity * (LEAST_PUSH + _largest_turn(rest, block_seconds)) + noise)
+
+
+@kernel
+def _largest_turn(rest: Rest, block_seconds: float) -> float:
+    """Return by how much the body can have turned since the last rest, in rad.
+
+    Turns in a row lead no further than the sum of their sizes s, and than the size of their sum and
+    s^2 / 2, as they do not commute. What is less than a count of the gyroscope does not show.
+    """
+    signals, turn, sizes = rest['signals'], rest['turn'], rest['turned']
+    rounding = 0.0
+    for axis in range(3):
+        rounding += signals[axis]['least_variance']
+    unseen = math.sqrt(rounding) * rest['blocks_since_rest'] * block_seconds
+    size_of_sum = vector_length(turn[0], turn[1], turn[2])
+    return float(min(sizes, size_of_sum + 0.5 * sizes * sizes) + unseen)
 
 
 @kernel
