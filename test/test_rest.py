@@ -553,7 +553,28 @@ def test_an_even_acceleration_is_no_rest(size, random):
     assert resting[time > 65].mean() > 0.8
 
 
-@pytest.mark.parametrize('lost', ['rates', 'samples', 'knock'])
+def test_where_gravity_is_not_shown_no_change_is_a_push(random):
+    """A fusion that takes gravity off leaves an error, which is another one after each drive."""
+    rates, accelerations = at_rest(random, 60)
+    accelerations -= accelerations.mean(axis=0)
+    rates[1500:2000] += (0.0, 0.0, 0.3)
+    accelerations[1500:2000] *= 20.0
+    accelerations[2000:] += (0.1, 0.0, 0.1)
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][2400:].mean() > 0.95
+
+
+def test_behind_a_push_that_was_taken_for_rest_the_stand_is_found_at_once(random):
+    """As samples were lost where it began, it can not be told from a tilt."""
+    rates, accelerations = at_rest(random, 60)
+    accelerations[1500:3000, 0] += 1.0
+    rates[1500:1503] = np.nan
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][2000:2900].mean() > 0.9
+    assert results['at_rest'][3400:].mean() > 0.95
+
+
+@pytest.mark.parametrize('lost', ['rates', 'samples', 'knock', 'turn'])
 def test_what_has_turned_unmeasured_is_at_rest_as_soon_as_ever(lost, random):
     rates, accelerations = at_rest(random, 40)
     accelerations[1500:] = (0.0, 9.81 * np.sin(0.2), 9.81 * np.cos(0.2))
@@ -563,8 +584,9 @@ def test_what_has_turned_unmeasured_is_at_rest_as_soon_as_ever(lost, random):
         rates[1495:1515] = np.nan
     elif lost == 'samples':
         kept[1495:1515] = False
-    else:  # in a few samples that are held back
+    elif lost == 'knock':  # in a few samples that are held back
         rates[1500:1502] = 10.0
+    # Else between two samples of a sensor that is polled.
     stamps = START + 10_000_000 * np.flatnonzero(kept)
     results = Filter().run(stamps, rates[kept], accelerations[kept])
     assert results['at_rest'][-2000:].mean() > 0.95
@@ -668,6 +690,25 @@ def test_a_device_that_is_not_ready_keeps_the_bias_of_the_last_run(random):
     n = 500
     run(filter_, np.zeros((n, 3)), np.tile((0.0, 0.0, 9.81), (n, 1)))
     np.testing.assert_allclose(filter_.state['bias']['bias'], (0.01, -0.02, 0.03), atol=1e-6)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_count_larger_than_the_noise_keeps_the_bias_over_a_slow_slew(seed):
+    """Its axes come alive in the slew, which passes for a rest until the first stand."""
+    random = np.random.default_rng(seed)
+    bias = np.array([-3.0, -1.0, -1.0]) * DEGREE
+    rates, accelerations = at_rest(random, 80.0, bias)
+    rates = bias + 0.03 * (rates - bias)
+    slews = between(80.0, 100.0, [(20.0, 40.0), (46.0, 66.0)])
+    sway = np.sin(2 * np.pi * 0.8 * np.arange(8000) / 100.0 + seed)
+    turn = np.outer(slews * sway, (0.2, 0.5, 0.5)) * DEGREE
+    turn[:, 2] -= 2.4 * DEGREE * slews
+    given = np.round((rates + turn) / DEGREE) * DEGREE
+    assert (np.ptp(given[:1900], axis=0) == 0.0).all()
+    results = run(Filter(Parameters()), given, accelerations)
+    for stand in (4550, 7900):
+        assert np.abs(results['bias'][stand] - bias).max() < 0.3 * DEGREE
+    assert results['at_rest'][4450:4600].all()
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ from gyro_drift_filter.core.bias.records import (
     widen,
 )
 from gyro_drift_filter.core.bias.shared import doubt_wide_prior, forget_scale, limit_prior
+from gyro_drift_filter.core.bias.slow_turn import give_up_bias
 from gyro_drift_filter.core.clock.envelope import lengthen_period
 from gyro_drift_filter.core.out_of_sequence import forget_history
 from gyro_drift_filter.core.records import FilterRecord
@@ -58,7 +59,11 @@ def doubt_rest(filter_: FilterRecord) -> None:
     if bias['segments'] > 0 or has_provisional(bias):
         methods.start_over(filter_)
         doubt_noise(bias['rest'])
-        widen(bias, deviation * deviation)
+        # Axes come alive one by one: once between two rests is enough.
+        lacking = deviation * deviation - bias['process_noise']
+        if lacking > 0.0:
+            give_up_bias(bias)
+            widen(bias, lacking)
         # It comes alive where the robot starts: gravity tells no more than at any start of motion.
         limit_prior(bias['motion'])
 

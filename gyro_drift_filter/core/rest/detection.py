@@ -138,6 +138,8 @@ def _add_sample(
         rest['averaged'] += 1
         longest = lengths['value'] * lengths['block'] // 2
         note_force(force, sample['linear_acceleration'], longest)
+        if force['doubted'][0] + force['doubted'][1] + force['doubted'][2] > 0:
+            rest['turned'] = math.inf  # a knock may have turned it between two samples
         for axis in range(3):
             rest['signals'][axis]['value'] += rate[axis]
             rest['signals'][3 + axis]['value'] += force['felt'][axis]
@@ -181,7 +183,8 @@ def close_block(rest: Rest, lengths: RestLengths) -> BlockOutcome:
 @kernel
 def _note_turn(rest: Rest, block_seconds: float) -> None:
     """Note by how much the body has turned in a block, against what was a rest before."""
-    if rest['count'] == 0 or rest['blocks_since_rest'] * block_seconds > LONGEST_PUSH:
+    rest['seconds_since_segment'] += block_seconds
+    if rest['count'] == 0 or rest['seconds_since_segment'] > LONGEST_PUSH:
         rest['turned'] = math.inf
         return
     square = 0.0
@@ -272,7 +275,7 @@ def next_segment(rest: Rest, ended_rest: bool) -> None:
         rest['at_rest'] = True
         rest['obstacle'] = Obstacle.NONE
         rest['sudden'] = False
-        rest['turned'] = 0.0
+        rest['seconds_since_segment'] = rest['turned'] = 0.0
         for axis in range(3):
             rest['turn'][axis] = 0.0
         for i in range(SIGNALS):

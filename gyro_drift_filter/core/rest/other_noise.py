@@ -193,6 +193,7 @@ def _is_of_a_machine(rest: Rest, other: Rest) -> bool:
 def _take_noise(rest: Rest, other: Rest) -> None:
     rest['variance_ratio'] = other['variance_ratio']
     rest['blocks_since_rest'] = 0
+    rest['turned'] = math.inf  # what shakes the body may have moved the mean of its accelerometer
     for i in range(SIGNALS):
         rest['signals'][i]['variance'] = other['signals'][i]['variance']
         rest['signals'][i]['scatter'] = other['signals'][i]['scatter']

@@ -126,10 +126,10 @@ class Rest(TypedDict):
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
     blocks_since_rest: int
-    # turns of blocks since the segment before, in rad: their sum, and that of their sizes, which is
-    # infinite where not all was measured
-    turn: PerAxis
-    turned: float
+    # since the last segment that was accepted
+    seconds_since_segment: float
+    turn: PerAxis  # rad, sum of the turns of blocks
+    turned: float  # rad, sum of their sizes; infinite where not all was measured
     standing_seconds: float  # for which gravity has stood, since the last rest
     gravity: PerAxis  # m/s^2, when it began to
     standing: Annotated[Sequence[MeanSums], MEAN_SUMS, (3,)]  # of the rates meanwhile

@@ -38,6 +38,7 @@ from gyro_drift_filter.core.rest.segment import (
     segment_mean,
     value_variance,
 )
+from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY
 
 # A block is noise up to a variance of 1 + so many deviations of the variance of n values. With 8,
 # one of some 100,000 blocks of plain noise would exceed it, and a short rest be lost.
@@ -57,6 +58,9 @@ GRAVITY_DEVIATIONS = 6.0
 # What has changed an acceleration by less, in g, may be the accelerometer: one that is shaken shows
 # another mean, by some hundredths of g.
 LEAST_PUSH = 0.02
+# Of a change along the ground, the share by which an accelerometer shows gravity larger or smaller:
+# its offset, over g.
+LARGEST_OFFSET = 0.03
 # While the noise is not known, the values of one half may vary by so much more than those of the
 # other: a hand that comes to rest trembles a hundred times as much before as after.
 LARGEST_RATIO_OF_HALVES = 9.0
@@ -87,15 +91,27 @@ def obstacle_of_block(rest: Rest, index: int) -> Obstacle:
         return Obstacle.NONE
     signal, count = rest['signals'][index], rest['count']
     mean, variance = block_moments(rest, index)
-    alike = _alike_values(signal['scatter'], signal['variance'], 1.0 * count)
-    if variance > _variance_limit(alike, 1.0 * count) * signal['variance']:
+    usual, scatter = _noise_in_blocks(signal, 1.0 * count)
+    alike = _alike_values(scatter, usual, 1.0 * count)
+    if variance > _variance_limit(alike, 1.0 * count) * usual:
         return Obstacle.VARIES
     blocks = rest['blocks']
     if blocks == 0:
         return Obstacle.NONE
     distance = mean - mean_of(signal['segment'], blocks)
-    spread = signal['scatter'] * (1.0 + 1.0 / blocks)
+    spread = scatter * (1.0 + 1.0 / blocks)
     return Obstacle.MOVED if is_beyond_gate(distance, MEAN_DEVIATIONS, spread) else Obstacle.NONE
+
+
+@kernel
+def _noise_in_blocks(signal: Signal, count: float) -> tuple[float, float]:
+    """Return the variance of values at rest, and of the means of blocks of `count`.
+
+    The rounding to counts is in it, as in that of each block: the noise may have been learned from
+    one and the same value, before another one has shown the count.
+    """
+    least = signal['least_variance']
+    return max(signal['variance'], least), max(signal['scatter'], least / count)
 
 
 @kernel
@@ -129,11 +145,12 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
     """Return what of signal `index` shows that the segment is no rest."""
     signal = rest['signals'][index]
     if rest['known']:
+        _, scatter = _noise_in_blocks(signal, 1.0 * lengths['block'])
         limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
-        if scatter_of_means(signal['segment'], rest['blocks']) > limit * signal['scatter']:
+        if scatter_of_means(signal['segment'], rest['blocks']) > limit * scatter:
             return Obstacle.SCATTERS
-        scatter = signal['scatter'] * rest['variance_ratio']
-        if index < 3 and _halves_differ(rest, signal, scatter, HALVES_DEVIATIONS):
+        half_scatter = scatter * rest['variance_ratio']
+        if index < 3 and _halves_differ(rest, signal, half_scatter, HALVES_DEVIATIONS):
             return Obstacle.DRIFTS
     else:
         obstacle = _obstacle_of_first(rest, index, lengths)
@@ -147,26 +164,35 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
         spread = signal['scatter'] * (1.0 / blocks + 1.0 / signal['before_blocks'])
         if is_beyond_gate(step, GRAVITY_DEVIATIONS, spread):
             return Obstacle.TILTED
-    if index >= 3 and _is_pushed(rest, index, lengths['block_seconds']):
+    if index >= 3 and _is_pushed(rest, index):
         return Obstacle.PUSHED
     return Obstacle.NONE
 
 
 @kernel
-def _is_pushed(rest: Rest, index: int, block_seconds: float) -> bool:
+def _is_pushed(rest: Rest, index: int) -> bool:
     """Return whether acceleration `index` has changed since the last rest without a turn.
 
-    Gravity moves by no more than the body turns: the rest of the change is a speed that grows.
+    Gravity moves by no more than the body turns: the rest of the change is a speed that grows. An
+    acceleration along the ground makes gravity larger. So where it has become less, it was the rest
+    before that was none.
     """
     signals = rest['signals']
-    gravity = vector_length(signals[3]['before'], signals[4]['before'], signals[5]['before'])
+    x, y, z = segment_mean(rest, 3), segment_mean(rest, 4), segment_mean(rest, 5)
+    before = vector_length(signals[3]['before'], signals[4]['before'], signals[5]['before'])
+    change = vector_length(
+        x - signals[3]['before'], y - signals[4]['before'], z - signals[5]['before']
+    )
+    is_less = vector_length(x, y, z) < before - LARGEST_OFFSET * change
+    if before < LEAST_GRAVITY or is_less:
+        return False
     step = segment_mean(rest, index) - signals[index]['before']
     noise = GRAVITY_DEVIATIONS * math.sqrt(2.0 * signals[index]['scatter'] / rest['blocks'])
-    return bool(abs(step) > gravity * (LEAST_PUSH + _largest_turn(rest, block_seconds)) + noise)
+    return bool(abs(step) > before * (LEAST_PUSH + _largest_turn(rest)) + noise)
 
 
 @kernel
-def _largest_turn(rest: Rest, block_seconds: float) -> float:
+def _largest_turn(rest: Rest) -> float:
     """Return by how much the body can have turned since the last rest, in rad.
 
     Turns in a row lead no further than the sum of their sizes s, and than the size of their sum and
@@ -176,7 +202,7 @@ def _largest_turn(rest: Rest, block_seconds: float) -> float:
     rounding = 0.0
     for axis in range(3):
         rounding += signals[axis]['least_variance']
-    unseen = math.sqrt(rounding) * rest['blocks_since_rest'] * block_seconds
+    unseen = math.sqrt(rounding) * rest['seconds_since_segment']
     size_of_sum = vector_length(turn[0], turn[1], turn[2])
     return float(min(sizes, size_of_sum + 0.5 * sizes * sizes) + unseen)
 
