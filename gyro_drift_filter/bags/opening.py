@@ -21,8 +21,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, Self
 
-import yaml
-
 from gyro_drift_filter.bags.library import AnyReader, AnyReaderError, RPath
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
@@ -109,10 +107,12 @@ def _why_not_by_metadata(path: Path | StoredPath) -> str:
     """Return why a folder can't be read whose metadata.yaml is not that of a bag."""
     if not path.is_dir():
         return ''
+    import yaml
+
     try:
         with (path / 'metadata.yaml').open('rb') as file:
             found = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+    except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError):
         found = None
     if isinstance(found, dict) and isinstance(found.get(_INFORMATION), dict):
         return ''
