@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.identify.blocks import runs_of
+from gyro_drift_filter.identify.blocks import row_medians, runs_of
 from gyro_drift_filter.identify.quiet import Span
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
@@ -114,15 +114,9 @@ def look_at_rests(
         pieces = values[: len(values) // size * size].reshape(-1, size, 6)
         is_known = pieces.count(axis=1) > _LEAST_SHARE * size
         deviations.append(np.where(is_known, pieces.std(axis=1, ddof=1).filled(np.nan), np.nan))
-    noise = np.array([_median(column) for column in np.concatenate(deviations).T])
+    noise = row_medians(np.concatenate(deviations).T)
     forces = np.array(means).reshape(-1, 3)
     return AtRest(stretches, sum(map(len, stretches)), noise[:3], forces, noise[3:])
-
-
-def _median(values: Floats) -> float:
-    """Return the median of those that are numbers; NaN where none is."""
-    numbers = values[np.isfinite(values)]
-    return float(np.median(numbers)) if len(numbers) else math.nan
 
 
 def judge_unrested_noise(
