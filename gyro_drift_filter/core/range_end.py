@@ -65,7 +65,7 @@ class RangeEnd(TypedDict):
 
 
 @kernel
-def is_at_range_end(
+def note_range_end(
     checks: 'SensorChecks', axis: int, rate: float, change: float, same: bool, rest: Rest
 ) -> bool:
     """Note a rate in rad/s; return whether it is at the end of the range.

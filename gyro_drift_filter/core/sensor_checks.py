@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.range_end import RangeEnd, is_at_range_end
+from gyro_drift_filter.core.range_end import RangeEnd, note_range_end
 from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
 from gyro_drift_filter.core.sample import Sample, are_equal, is_usable, is_zero, smallest_change
@@ -316,7 +316,7 @@ def _note_rates(checks: SensorChecks, sample: Sample, rest: Rest) -> bool:
         at_limit = False
         if is_usable(rate[axis]):
             change = _note_change(checks, axis, rate[axis])
-            at_limit = is_at_range_end(checks, axis, rate[axis], change, same, rest)
+            at_limit = note_range_end(checks, axis, rate[axis], change, same, rest)
         checks['range_end']['at_limit'][axis] = at_limit
         measured[axis] = rate[axis]
     return same
