@@ -133,8 +133,8 @@ class FlaggedLog:
             self._note_unflagged(axis, result['reason'][:, axis], listed, times, before)
             for row in rows[flagged[rows, axis] | ends].tolist():
                 if flagged[row, axis]:
-                    at = int(times[row]), before + row
-                    self._add(axis, at, float(rates[row, axis]), result[row])
+                    rate = float(rates[row, axis])
+                    self._add(axis, before + row, int(times[row]), rate, result[row])
                 else:
                     self._close(axis, int(result['reason'][row, axis]))
         self.sequences.sort(key=lambda sequence: sequence.log_time)
@@ -188,8 +188,7 @@ class FlaggedLog:
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """Pass over the reports."""
 
-    def _add(self, axis: int, at: tuple[int, int], rate: float, result: Any) -> None:
-        """Add a sample by its log time and number."""
+    def _add(self, axis: int, number: int, log_time: int, rate: float, result: Any) -> None:
         sequence = self._open[axis]
         if sequence is not None:
             sequence.samples += 1
@@ -197,8 +196,8 @@ class FlaggedLog:
         reason = int(result['reason'][axis])
         sequence = FlaggedSequence(
             axis=axis,
-            log_time=at[0],
-            number=at[1],
+            log_time=log_time,
+            number=number,
             samples=1,
             rate=rate,
             innovation=float(result['innovation'][axis]),
