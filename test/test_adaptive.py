@@ -951,7 +951,9 @@ def test_a_sensor_that_never_rests_at_a_low_rate_has_an_honest_deviation(rate, r
 @pytest.mark.skipif(not FLIGHTS.exists(), reason='no recordings beside this clone')
 @pytest.mark.parametrize('every', [4, 8, 12, 20])
 def test_real_walks_in_the_hand_are_followed_at_a_low_rate(every):
-    for path in sorted(FLIGHTS.glob('room_*.npz')):
+    paths = sorted(FLIGHTS.glob('room_*.npz'))
+    assert paths
+    for path in paths:
         with np.load(path) as data:
             t, z, acceleration = (data[name][::every] for name in ('t', 'rate', 'acc'))
         results = Filter().run(t, z.astype(float), acceleration.astype(float))

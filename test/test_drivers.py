@@ -369,11 +369,11 @@ def test_spikes_are_found_where_delays_may_hide_losses(lost, least, most, share,
     assert flagged[1500:][~hit[kept][1500:]].mean() < 0.001
 
 
-def gaps_of(samples, n, random):
-    """Return which of n samples are left by ten gaps, each of so many samples."""
+def left_by_gaps(n, random):
+    """Return which of n samples are left by ten gaps of 20 samples."""
     kept = np.ones(n, bool)
     for first in random.choice(np.arange(1500, n - 100), 10, replace=False):
-        kept[first : first + samples] = False
+        kept[first : first + 20] = False
     return kept
 
 
@@ -383,7 +383,7 @@ def read_from_a_fifo(size):
     def do(times, random):
         n = len(times)
         last = np.minimum(np.arange(n) // size * size + size - 1, n - 1)
-        order = np.flatnonzero(gaps_of(20, n, random))
+        order = np.flatnonzero(left_by_gaps(n, random))
         return times[last][order], order
 
     return do
@@ -411,7 +411,7 @@ def overtake_late_messages(times, random):
 def lose_the_first_samples_after_long_delays(times, random):
     """All messages are late now and then, by up to some 0.3 s, and few gaps are lost."""
     held_up = random.exponential(8e7, len(times)) * (random.random(len(times)) < 0.01)
-    order = np.flatnonzero(gaps_of(20, len(times), random))
+    order = np.flatnonzero(left_by_gaps(len(times), random))
     return np.maximum.accumulate(times + held_up.astype(int))[order], order
 
 

@@ -26,12 +26,13 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods.reasons import REASONS, Reason
 from gyro_drift_filter.core.sample import STARTED, UNUSABLE
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.imu import IMU, IMU_TYPE, ImuKind
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import write
+from support.chunks import filtered_imus
 from support.messages import START
 from support.sensor import at_rest
 
@@ -285,10 +286,7 @@ def test_a_bridged_repeat_ends_no_outliers_in_a_row(tmp_path, capsys, random):
 
 def logged(filter_, stamps, rates, forces, piece):
     """Return the messages that a filter has taken, and the log that took them so many at a time."""
-    imus = np.zeros(len(rates), IMU)
-    imus['kind'] = ImuKind.GOOD
-    imus['sample']['angular_velocity'] = rates
-    imus['result'] = filter_.run(stamps, rates, forces)
+    imus = filtered_imus(filter_, stamps, rates, forces)
     log = FlaggedLog(filter_)
     for begin in range(0, len(imus), piece):
         log.take(imus[begin : begin + piece], stamps[begin : begin + piece])

@@ -76,7 +76,7 @@ def measured(small, client, tmp_path_factory):
     return out
 
 
-def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path, capsys):
+def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path):
     bag = small / 'robot_00' / 'day_01'
     (found,) = find_bags([str(bag)], None)
     rows = measure(found, Job(Parameters(), bags=tmp_path / 'bags')).rows
@@ -199,7 +199,7 @@ def test_interrupted_at_random_and_resumed(small, measured, client, tmp_path):
     assert (out / 'fleet.parquet').read_bytes() == (measured / 'fleet.parquet').read_bytes()
 
 
-def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_path, monkeypatch):
+def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_path):
     """Bags that were moved are known; one that has changed under its old name is not."""
     shutil.copytree(measured, tmp_path / 'out')
     moved = tmp_path / 'moved'
@@ -263,7 +263,7 @@ def test_a_bag_is_streamed_once_and_hashed_on_the_way(small, monkeypatch):
     assert len(once) <= len(set(once)) + 2  # the first and the last, for the index
 
 
-def test_a_store_that_fails_is_asked_again_the_next_time(small, client, tmp_path, monkeypatch):
+def test_a_store_that_fails_is_asked_again_the_next_time(small, monkeypatch):
     path = small / 'robot_00' / 'day_01' / 'day_01.mcap'
     data = path.read_bytes()
     (bag,) = find_bags([str(path)], None)

@@ -774,7 +774,7 @@ def test_what_another_method_did_is_no_fault_of_the_new_one():
         assert not changed or of_filter.message == 'filtering'
 
 
-def test_telemetry_is_that_of_the_state(random):
+def test_telemetry_is_that_of_the_state():
     filter_ = MessageFilter(Parameters())
     filter_all(filter_, [*simulated(500), b'junk'])
     state, telemetry = filter_.filter.state, filter_.report().telemetry

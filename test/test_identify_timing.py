@@ -66,7 +66,7 @@ def test_stamps_that_do_not_advance_are_an_error(stamps):
         learn_timing(stamps)
 
 
-def test_stamps_that_go_back_are_told(tmp_path):
+def test_stamps_that_go_back_are_told():
     """A sample rate, which was asked for, does not help where there are stamps."""
     with pytest.raises(IdentificationError, match='go back: record again with a driver') as error:
         learn_timing(even(1000)[::-1].copy())

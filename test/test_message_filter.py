@@ -204,7 +204,7 @@ def test_changes_of_the_frame_are_counted():
     assert filter_.report().frame == 'b \xe4'
 
 
-def test_messages_of_any_size(random):
+def test_messages_of_any_size():
     """The buffers grow."""
     filter_ = MessageFilter(Parameters())
     for size in (0, 5000, 10, 100_000):

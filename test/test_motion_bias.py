@@ -504,7 +504,7 @@ _SCALE = 0.01, -0.02, 0.015, -0.01, 0.02, 0.005, -0.015, 0.01, 0.02
 
 
 @pytest.mark.slow
-def test_the_transition_is_the_derivative_of_the_motion(random):
+def test_the_transition_is_the_derivative_of_the_motion():
     """By differences; that a velocity turns and decays while it grows is left out."""
     rate, force = np.array([0.4, -0.3, 0.8]), np.array([0.5, -0.4, 9.7])
     vector = np.array([0.05, -0.03, 0.998, 1.0, -0.5, 0.2, *(6 * [0.01]), 0.8, -0.2, 0.1, *_SCALE])

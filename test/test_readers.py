@@ -115,7 +115,7 @@ def test_chunks_of_the_output_end_where_messages_end(tmp_path, monkeypatch, rand
 
 
 @pytest.mark.slow
-def test_batches_of_many_messages(tmp_path, monkeypatch, random):
+def test_batches_of_many_messages(tmp_path, monkeypatch):
     """More than fit in a batch, all within a second."""
     rows = [
         (TOPIC, IMU_TYPE, START + 1000 * k, imu_message(START + 1000 * k, (0, 0, 0.1), (0, 0, 9)))

@@ -168,7 +168,7 @@ def test_a_file_that_may_not_be_read_was_not_cut_off(folder, tmp_path, random, m
     assert 'cut off' not in str(error.value)
 
 
-def test_replay_and_its_warning(tmp_path, random, capsys):
+def test_replay_and_its_warning(tmp_path, random):
     path = write_mcap(tmp_path / 'in.mcap', mixed(random), **FORMS['zstd'])
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
@@ -204,14 +204,14 @@ def test_only_what_is_recovered_needs_room_for_a_copy(tmp_path, random, monkeypa
         found(path)
 
 
-def test_a_whole_file_is_not_copied(tmp_path, random, monkeypatch):
+def test_a_whole_file_is_not_copied(tmp_path, random):
     path = write_mcap(tmp_path / 'in.mcap', mixed(random))
     assert not is_cut_off(path)
     with open_bag(path) as recording:
         assert recording.path == path
 
 
-def test_force_replaces_a_bag_when_the_new_one_is_complete(tmp_path, random, caplog):
+def test_force_replaces_a_bag_when_the_new_one_is_complete(tmp_path, random):
     source = write_mcap(tmp_path / 'in.mcap', mixed(random))
     out = tmp_path / 'out'
     replay(source, out, parameters=Parameters())

@@ -44,7 +44,7 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages, w
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write
 from support.browser import check_quiet, opened, wait_for
-from support.chunks import imus_of, piece_of
+from support.chunks import filtered_imus
 from support.messages import EVIL
 from support.paths import PACKAGE
 
@@ -253,10 +253,8 @@ def test_angles_are_the_integral_by_the_stamps(random):
     stamps[400:] += 10**11
     rates = 0.1 + 0.01 * random.standard_normal((n, 3))
     rates[300, 0] = np.nan
-    messages = imu_messages(stamps, rates, (0.0, 0.0, 9.8))
-    imus = imus_of(piece_of([message for _, message in messages]))
     filter_ = Filter()
-    imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
+    imus = filtered_imus(filter_, stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
     signals = Signals(filter_)
     for first, stop in ((0, 1), (1, 250), (250, n)):
         signals.take(imus[first:stop], stamps[first:stop])
@@ -336,10 +334,8 @@ def figures_of(rates, step, stamp_step):
     """
     n = len(rates)
     stamps = 10**18 + stamp_step * np.arange(n)
-    messages = imu_messages(stamps, rates, (0.0, 0.0, 9.8))
-    imus = imus_of(piece_of([message for _, message in messages]))
     filter_ = Filter()
-    imus['result'] = filter_.run(stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
+    imus = filtered_imus(filter_, stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
     signals = Signals(filter_)
     signals.take(imus, 10**18 + step * np.arange(n))
     drawer = Drawer({'adaptive': signals}, 10**18, 10_000)

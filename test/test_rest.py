@@ -683,7 +683,7 @@ def test_a_simulator_without_noise_learns_no_bias_on_the_road(starts, rate):
         assert starts == 'on the road' or not results['at_rest'].any()
 
 
-def test_a_device_that_is_not_ready_keeps_the_bias_of_the_last_run(random):
+def test_a_device_that_is_not_ready_keeps_the_bias_of_the_last_run():
     """Its rates are zeros, and its accelerometer gives one value."""
     filter_ = Filter()
     filter_.set_bias((0.01, -0.02, 0.03), (1e-4, 1e-4, 1e-4))

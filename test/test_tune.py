@@ -73,7 +73,7 @@ def handled(seconds=40.0):
     )
 
 
-def test_smoothing_motion_away_costs(random):
+def test_smoothing_motion_away_costs():
     """What looks best by the deviation at rest predicts motion worst."""
     simulation = handled()
     objective = Objective(material(simulation))
@@ -155,7 +155,7 @@ def test_near_the_best_of_a_fine_grid(monkeypatch):
 
 
 @pytest.mark.slow
-def test_good_defaults_are_kept(capsys):
+def test_good_defaults_are_kept():
     found = tune(material(handled()), Parameters(), budget=24)
     assert found.chosen == found.before == Parameters()
     assert not found.gain.is_worth_it

@@ -91,7 +91,7 @@ def test_a_signal_that_is_ignored_stays_so(tmp_path):
     assert process.returncode == 128 + signal.SIGTERM
 
 
-def test_handlers_of_signals_are_given_back(monkeypatch, tmp_path):
+def test_handlers_of_signals_are_given_back(tmp_path):
     before = signal.getsignal(signal.SIGTERM)
     assert command.run(['replay', str(tmp_path / 'none'), '-o', str(tmp_path / 'out')]) == 1
     assert signal.getsignal(signal.SIGTERM) == before

@@ -37,7 +37,7 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 from gyro_drift_filter.simulation.sensor import START
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.bags import write
-from support.chunks import imus_of, piece_of
+from support.chunks import filtered_imus
 from support.handling import HandlingSettings, simulate_handling
 from support.sensor import at_rest, by_hand, motion_below, taking_off
 
@@ -70,10 +70,13 @@ def judged(source, folder, parameters=None, memory=None):
     return watches[0].verdict(summary)
 
 
+def of_samples(folder, rates, accelerations, stamps=None):
+    """Return the verdict of a replay of these samples."""
+    return judged(bag(folder / 'in', rates, accelerations, stamps), folder)
+
+
 def of_simulation(data, folder):
-    return judged(
-        bag(folder / 'in', data.angular_velocity, data.linear_acceleration, data.stamps), folder
-    )
+    return of_samples(folder, data.angular_velocity, data.linear_acceleration, data.stamps)
 
 
 def heading_drift(data):
@@ -111,7 +114,7 @@ def test_the_drift_of_the_heading_is_that_of_the_truth(kind, seed, tmp_path):
 
 def test_the_bias_counts_from_before_it_was_known(tmp_path, random):
     rates, accelerations = at_rest(random, 10, (0.0, 0.0, 3.0 * DEGREE))
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations)
     known = verdict.bias.known_at
     assert 2.0 < known < 4.0
     assert verdict.heading.raw == pytest.approx(3.0 * DEGREE, rel=0.02)
@@ -130,7 +133,7 @@ def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):
     moved = at_rest(random, 5)
     rates = np.vstack([parts[0][0], moved[0] + turn, parts[1][0]])
     accelerations = np.vstack([parts[0][1], moved[1] + push, parts[1][1]])
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations)
     expected = np.vstack([part[0][200:] - part[0][200:].mean(0) for part in parts]).std(axis=0)
     np.testing.assert_allclose(verdict.rests.raw_deviation, expected, rtol=0.05)
     assert verdict.rests.count >= 2
@@ -144,9 +147,7 @@ def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batc
     """A driver that empties a buffer of ten samples and stamps them once."""
     rates, accelerations = at_rest(random, 30, (0.0, 0.0, 0.01))
     even = START + 10**7 * np.arange(len(rates))
-    verdict = judged(
-        bag(tmp_path / 'in', rates, accelerations, np.repeat(even[9::10], 10)), tmp_path
-    )
+    verdict = of_samples(tmp_path, rates, accelerations, np.repeat(even[9::10], 10))
     assert 26.0 < verdict.rests.seconds <= verdict.seconds
 
 
@@ -187,10 +188,7 @@ def test_a_rate_that_was_given_counts_where_stamps_tell_none(tmp_path):
 def filtered(rates, accelerations):
     """Return the stamps of samples at 100 Hz, and their messages with the filter's results."""
     stamps = START + 10**7 * np.arange(len(rates))
-    messages = imu_messages(stamps, rates, accelerations)
-    imus = imus_of(piece_of([message for _, message in messages]))
-    imus['result'] = Filter().run(stamps, rates, accelerations)
-    return stamps, imus
+    return stamps, filtered_imus(Filter(), stamps, rates, accelerations)
 
 
 def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
@@ -244,7 +242,7 @@ def test_an_acceleration_that_the_filter_does_not_use_is_no_gravity(random):
 def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 12)
-    verdict = judged(bag(tmp_path / 'in', rates + turn, accelerations + push), tmp_path)
+    verdict = of_samples(tmp_path, rates + turn, accelerations + push)
     assert (verdict.outcome, verdict.gains) == ('useless', [])
     text = as_text(verdict)
     assert text.startswith('This filter did nothing useful here: the sensor never stood still')
@@ -255,7 +253,7 @@ def test_a_recording_without_rest_is_told_to_gain_nothing(tmp_path, random):
 
 def test_a_recording_that_is_too_short_for_a_rest_is_not_said_to_move(tmp_path, random):
     rates, accelerations = at_rest(random, 0.02)
-    text = ' '.join(as_text(judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)).split())
+    text = ' '.join(as_text(of_samples(tmp_path, rates, accelerations)).split())
     assert text.startswith(
         'This filter did nothing useful here: the recording of 0.02 s is too short for a rest of 3'
     )
@@ -267,7 +265,7 @@ def test_a_recording_that_is_long_enough_for_a_rest_is_not_said_to_be_too_short(
     """A rest takes less than the three seconds that are told."""
     turn, push = by_hand(random, 2.9)
     rates, accelerations = at_rest(random, 2.9)
-    text = as_text(judged(bag(tmp_path / 'in', rates + turn, accelerations + push), tmp_path))
+    text = as_text(of_samples(tmp_path, rates + turn, accelerations + push))
     assert 'the sensor never stood still for 3 s' in ' '.join(text.split())
 
 
@@ -275,9 +273,7 @@ def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 12)
     spikes = (np.arange(len(rates)) % 100 == 50)[:, None] * 300.0
-    verdict = judged(
-        bag(tmp_path / 'in', np.degrees(rates + turn) + spikes, accelerations + push), tmp_path
-    )
+    verdict = of_samples(tmp_path, np.degrees(rates + turn) + spikes, accelerations + push)
     assert verdict.outliers.samples
     assert (verdict.outcome, verdict.gains) == ('useless', [])
     text = ' '.join(as_text(verdict).split())
@@ -290,7 +286,7 @@ def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
 
 def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random):
     rates, accelerations = at_rest(random, 12, (0.0, 0.0, 1.0))
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations)
     text = as_text(verdict)
     assert text.startswith(
         'This filter did nothing useful here: while the sensor was steady, its rate was beyond '
@@ -325,7 +321,7 @@ def test_a_provisional_bias_is_that_of_this_recording_not_of_the_one_before(tmp_
 def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     """As of a drone that idles, and then flies."""
     flight = taking_off(random, 20, (0.0, 0.02, 0.08))
-    verdict = judged(bag(tmp_path / 'in', *flight), tmp_path)
+    verdict = of_samples(tmp_path, *flight)
     assert verdict.bias.source == 'provisional'
     assert 'provisional: x' in as_text(verdict)
     np.testing.assert_allclose(verdict.bias.rates, (0.0, 0.02, 0.08), atol=6e-3)
@@ -381,7 +377,7 @@ def test_outliers_are_counted_where_they_are(tmp_path, random):
     rates, accelerations = at_rest(random, 30)
     for k in (500, 1500, 1520, 1540, 2500):
         rates[k, 2] += 2.0
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations)
     outliers = verdict.outliers
     assert outliers.axes.tolist() == [0, 0, 5]
     assert (outliers.first, outliers.last) == pytest.approx((5.0, 25.0))
@@ -396,7 +392,7 @@ def test_what_is_no_number_is_no_outlier(tmp_path, random):
     rates[::10] = np.nan
     for k, axis in ((1505, 1), (2005, 0), (2505, 1)):
         rates[k, axis] += 2.0
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations)
     assert verdict.outliers.axes.tolist() == [1, 2, 0]
     assert verdict.outliers.samples == 3
     assert '3 samples flagged as outliers (x 1, y 2, z 0)' in ' '.join(as_text(verdict).split())
@@ -423,7 +419,7 @@ def test_a_useless_filter_that_looks_for_no_outliers_says_so(tmp_path, random):
 
 
 def test_a_filter_that_lags_now_and_then_is_told(tmp_path, random):
-    verdict = judged(bag(tmp_path / 'in', *at_rest(random, 5)), tmp_path)
+    verdict = of_samples(tmp_path, *at_rest(random, 5))
     assert 'nothing unsound' in as_text(verdict)
     lagging = SimpleNamespace(**vars(verdict))
     lagging.lagging = 0.04
@@ -436,7 +432,7 @@ def test_what_is_unsound_is_told_with_what_to_do(tmp_path, random):
     rates, accelerations = at_rest(random, 20)
     stamps = START + 10**7 * np.arange(2000)
     stamps[500:] += np.repeat(np.arange(15), 100) * 5 * 10**7
-    verdict = judged(bag(tmp_path / 'in', rates, accelerations, stamps), tmp_path)
+    verdict = of_samples(tmp_path, rates, accelerations, stamps)
     assert 'gaps' in [finding.name for finding in verdict.findings]
     assert 'a slow disk' in as_text(verdict)
 
@@ -466,7 +462,7 @@ def test_the_verdict_for_programs_says_the_same(tmp_path, random, capsys):
 
 
 def test_what_the_bag_names_can_not_write_on_the_terminal(tmp_path, random):
-    verdict = judged(bag(tmp_path / 'in', *at_rest(random, 5)), tmp_path)
+    verdict = of_samples(tmp_path, *at_rest(random, 5))
     loud = SimpleNamespace(**vars(verdict))
     loud.silent = ['\x1b[2J'] * 3
     assert '\x1b' not in as_text(loud)

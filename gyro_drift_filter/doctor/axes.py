@@ -86,7 +86,7 @@ _FLIPPED = tuple(
     AS_IT_IS._replace(signs=tuple(-1 if axis == flipped else 1 for axis in range(3)))
     for flipped in range(3)
 )
-IN_DEGREES = AS_IT_IS._replace(factor=math.pi / 180.0)
+FROM_DEGREES = AS_IT_IS._replace(factor=math.pi / 180.0)
 # A driver may take the counts for those of another range than is set in the sensor, or of another
 # scale than its maker's: from a quarter to four times, in steps of a tenth.
 OTHER_SCALES = tuple(AS_IT_IS._replace(factor=1.1**k) for k in range(-15, 16) if k)
@@ -98,7 +98,7 @@ WAYS = (
         for signs in itertools.product((1, -1), repeat=3)
         if (axes, signs) != AS_IT_IS[:2]
     ),
-    IN_DEGREES,
+    FROM_DEGREES,
     *OTHER_SCALES,
 )
 
@@ -260,7 +260,7 @@ def judge_axes(
 
 def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Finding:
     """Return the finding that the rates are meant in another way."""
-    if way == IN_DEGREES:
+    if way == FROM_DEGREES:
         return fault(
             'degrees',
             f'the rates are degrees per second: as such they {match}, as rad/s they do not',

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,27 +98,29 @@ def content_of(bag: Bag) -> str:
 def measure(bag: Bag, job: Job) -> Result:
     """Return what the table says of a bag; whatever is wrong with it is a row with the error."""
     content, lasting, error = '', True, ''
-    measured = _Measured([], [])
+    rows: list[Row] = []
+    topics: list[DrawnRecording] = []
     with _notes() as notes, ExitStack() as stack:
         try:
             path = stack.enter_context(bag.opened())
         except GyroDriftFilterError as failure:
             return Result('', [_failed(failure)], lasting=False)
         try:
-            measured = _measured(path, bag, job)
+            rows, topics = _measured(path, bag, job)
         except (GyroDriftFilterError, OSError) as failure:
             error, lasting = str(failure), not _is_of_the_machine(failure)
         except Exception as failure:  # a file that lies may bring about nearly anything
             error, lasting = f'{type(failure).__name__}: {failure}', False
         try:
             content = content_hash(path.contents)
-            if measured.topics and job.reports is not None:
-                write_whole(report_path(job.reports, content), page(measured.topics))
+            if topics and job.reports is not None:
+                write_whole(report_path(job.reports, content), page(topics))
         except (GyroDriftFilterError, OSError) as failure:
             error, lasting = str(failure), False
         for failed in (file.failure for file in path.contents.values() if file.failure):
             error, lasting = f'the store does not give it: {failed}', False
-    rows = [_failed(error)] if error else measured.rows
+    if error:
+        rows = [_failed(error)]
     for row in rows:
         row['content'] = content or None
         row['notes'] = [_nameless(note) for note in notes]
@@ -187,15 +189,8 @@ class _Temperatures:
         return math.fsum(finite) / len(finite) if finite else None
 
 
-class _Measured(NamedTuple):
-    """The rows of a bag, and what its report shows of each topic, where one is wanted."""
-
-    rows: list[Row]
-    topics: list[DrawnRecording]
-
-
-def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
-    """Return what is known of a bag that can be read.
+def _measured(path: StreamedPath, bag: Bag, job: Job) -> tuple[list[Row], list[DrawnRecording]]:
+    """Return the rows of a bag that can be read, and what its report, if any, shows of each topic.
 
     Raises:
         BagError: It can't be.
@@ -245,7 +240,7 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> _Measured:
         for topic, of_topic in signals.items()
         if len(of_topic.log_times)
     ]
-    return _Measured(rows, topics)
+    return rows, topics
 
 
 def written_path(bags: Path, bag: Bag) -> Path:

@@ -47,7 +47,7 @@ class NodeBiasMemory:
         self._messages = messages
         self._filter = messages.filter
         self._frame = ''
-        self._recalled: RememberedBias | None = None
+        self._before: RememberedBias | None = None
         self._saved: RememberedBias | None = None
         self._saved_segments = 0
         self._saved_at = time.monotonic()
@@ -72,7 +72,7 @@ class NodeBiasMemory:
             return
         if found is None:
             return
-        self._recalled = found
+        self._before = found
         found.give(self._filter)
         degrees = ', '.join(f'{value:.3f}' for value in np.degrees(found.bias))
         hours = max(found.age, 0.0) / 3600.0  # a clock may have been set back
@@ -89,7 +89,7 @@ class NodeBiasMemory:
         """Save what was learned since the last time, if anything was."""
         if not self._filter.parameters.bias_memory:
             return
-        learned = RememberedBias.of(self._filter, self._recalled)
+        learned = RememberedBias.of(self._filter, self._before)
         if learned in (None, self._saved):
             return
         if why := why_not_kept(learned, self._messages.report(), self._frame):

@@ -311,18 +311,14 @@ class GyroDriftFilterNode(Node):
         if self._cold_start.waiting is not None:
             return
         now = self._steady.now()
-        logged, when = self._logged.get(status.name, (None, now))
-        self._logged.setdefault(status.name, (status, now))
-        if logged is None:
-            if status.level != Level.OK:
-                self.get_logger().warning(status.message)
-            return
-        if logged.message == status.message:
-            return
-        if logged.level == status.level and (now - when).nanoseconds < _LOG_PAUSE:
-            return
+        known = self._logged.get(status.name)
+        if known is not None:
+            logged, when = known
+            is_soon = (now - when).nanoseconds < _LOG_PAUSE
+            if logged.message == status.message or (logged.level == status.level and is_soon):
+                return
         self._logged[status.name] = status, now
         if status.level != Level.OK:
             self.get_logger().warning(status.message)
-        else:
+        elif known is not None:
             self.get_logger().info(status.message)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
-from gyro_drift_filter.tune.ranges import RANGES, Range, at_places
+from gyro_drift_filter.tune.ranges import RANGES, at_places
 from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, downhill, search
 
 Floats = NDArray[np.float64]
@@ -271,36 +271,36 @@ class _Run:
         names, noise = chosen.names(), self._objective.noise
         now = self._total(self._evaluations.costs(chosen))
         trials = []
+        found: dict[str, list[tuple[float, Any, float]]] = {}
         for range_ in self._ranges:
             own = range_.place(chosen, noise)
             beside = np.concatenate([own - _STEPS, own + _STEPS])
             places = {0.0, 1.0, *beside[(beside > 0.0) & (beside < 1.0)].tolist()} - {own}
-            trials += [_Trial(range_, place, abs(place - own)) for place in places]
+            found[range_.name] = [(own, names[range_.name], 0.0)]
+            trials += [
+                _Trial(range_.name, place, range_.value(place, chosen, noise), abs(place - own))
+                for place in places
+            ]
         # The far ones first, as they tell most where the time is up before the end.
         trials.sort(key=lambda trial: -trial.distance)
 
         def loss(trial: _Trial) -> float:
-            value = trial.range.value(trial.place, chosen, noise)
-            costs = self._evaluations.costs(chosen.with_names({trial.range.name: value}))
+            costs = self._evaluations.costs(chosen.with_names({trial.name: trial.value}))
             return self._total(costs) - now
 
-        found: dict[str, list[tuple[float, Any, float]]] = {
-            range_.name: [(range_.place(chosen, noise), names[range_.name], 0.0)]
-            for range_ in self._ranges
-        }
         for trial, lost in zip(trials, self._evaluations.side_by_side(loss, trials), strict=True):
             if lost is not None:
-                value = trial.range.value(trial.place, chosen, noise)
-                found[trial.range.name].append((trial.place, value, lost))
+                found[trial.name].append((trial.place, trial.value, lost))
         old = self._before.names()
         return [_sensitivity(name, old[name], names[name], found[name]) for name in found]
 
 
 class _Trial(NamedTuple):
-    """A parameter at another place, so far from the one that was chosen."""
+    """A parameter with the value of another place, so far from the one that was chosen."""
 
-    range: Range
+    name: str
     place: float
+    value: Any
     distance: float
 
 

@@ -18,10 +18,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.recording import Piece
+from gyro_drift_filter.core import Filter
 from gyro_drift_filter.mcap.message_kernels import CHANNELS, ROW
+from gyro_drift_filter.simulation.bag import imu_messages
 
 EACH_CHANNEL = np.arange(CHANNELS)
 
@@ -38,4 +41,17 @@ def imus_of(piece: Piece) -> Any:
     """Return an IMU for each message of a piece, whatever its channel."""
     imus = read_imus(piece, np.ones(CHANNELS, np.bool_))
     assert imus['row'].tolist() == list(range(len(piece.rows)))
+    return imus
+
+
+def filtered_imus(
+    filter_: Filter,
+    stamps: NDArray[np.int64],
+    rates: NDArray[np.float64],
+    accelerations: NDArray[np.float64],
+) -> Any:
+    """Return an IMU for each of n samples, with what a filter makes of it."""
+    messages = imu_messages(stamps, rates, accelerations)
+    imus = imus_of(piece_of([message for _, message in messages]))
+    imus['result'] = filter_.run(stamps, rates, accelerations)
     return imus
