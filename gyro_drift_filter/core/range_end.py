@@ -89,8 +89,7 @@ def note_range_end(
     resolution = checks['resolution'][axis]
     if not _is_known_end(ends, axis, size, resolution):
         # Behind a rate that is no number nobody knows whether it stays.
-        stays = change == 0.0
-        if same or not stays or not _may_be_end(ends, axis, rate, resolution):
+        if same or change != 0.0 or not _may_be_end(ends, axis, rate, resolution):
             return False
         ends['largest'][side, axis] = size
     if checks['equal'][axis] + 1 >= CLIPPED_SAMPLES:

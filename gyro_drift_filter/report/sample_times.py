@@ -33,7 +33,7 @@ class SampleTimes(TypedDict):
     standing: bool  # whether stamps tell no time: they stand, or are in another unit
     rate_is_given: bool  # by the parameters, for samples whose stamps tell no time
     started: bool
-    clock: int  # that told the time of the last sample, a `_Clock`
+    clock: int  # that told the time of the last sample, one of those below
     time: int  # of it, ns
     ahead: float  # s, that samples since the last forward step counted for beyond it
     samples: int

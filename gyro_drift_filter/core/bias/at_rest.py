@@ -332,8 +332,8 @@ def _note_stillness(state: Bias, block_seconds: float, calibration_time: float) 
 @kernel
 def calibrate_bias(state: Bias) -> None:
     """Take the mean of the stillness under way for the bias, whatever the bias was."""
+    blocks = state['still_blocks']
     for axis in range(3):
-        blocks = state['still_blocks']
         state['bias'][axis] = state['still_sum'][axis] / blocks
         state['variance'][axis] = variance_of_mean(state['rest'], axis, blocks)
     _settle_anew(state)

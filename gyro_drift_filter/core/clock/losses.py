@@ -263,14 +263,14 @@ def correct_count(clock: Clock) -> None:
 
 
 @kernel
-def _learn_verdict(clock: Clock, missing: bool) -> None:
-    clock['lost_share'] += SHARE_WEIGHT * (missing - clock['lost_share'])
+def _learn_verdict(clock: Clock, was_lost: bool) -> None:
+    clock['lost_share'] += SHARE_WEIGHT * (was_lost - clock['lost_share'])
 
 
 @kernel
-def _conclude(clock: Clock, missing: bool) -> None:
+def _conclude(clock: Clock, was_lost: bool) -> None:
     """End the suspicion by the verdict on it."""
-    _learn_verdict(clock, missing)
+    _learn_verdict(clock, was_lost)
     drop_suspicion(clock)
 
 

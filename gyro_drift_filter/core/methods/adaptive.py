@@ -292,8 +292,9 @@ def _take_in(
     limits, modes = coefficients['limits'], coefficients['modes']
     reason, unmeasured = workspace['reason'], doubt['unmeasured']
     decision = decision_of(reason)
+    predicted = decision == Decision.HOLD or decision == Decision.BRIDGE
     note_confirmation(doubt, reason)
-    if decision == Decision.HOLD or decision == Decision.BRIDGE:
+    if predicted:
         if decision == Decision.HOLD:
             innovation = sample - workspace['prediction']
             note_held(doubt, sample, innovation, typical, circumstances['dropout'], limits)
@@ -314,7 +315,7 @@ def _take_in(
     if doubt['unmeasured'] == 0:
         doubt['behind_gap'] = unmeasured > 0 or may_lie_behind_gap(circumstances)
     doubt['last_sample'] = sample
-    if decision != Decision.HOLD and decision != Decision.BRIDGE:
+    if not predicted:
         state['last_accepted'] = sample
 
 
