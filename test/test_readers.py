@@ -30,9 +30,10 @@ from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.bags.mcap_reader import ChunkReader
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import Output
-from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.recording import BagError, messages
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
+from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.message_kernels import rows_of
 from gyro_drift_filter.mcap.reader import read_layout
@@ -303,6 +304,39 @@ def test_a_damaged_chunk_is_one_line(tmp_path, random):
     data[place.start + place.length // 2] ^= 0xFF
     path.write_bytes(data)
     check_refused(path, tmp_path, 'is damaged and can be read no further: the chunk at byte')
+
+
+@pytest.mark.parametrize('library', [False, True])
+@pytest.mark.parametrize('number', [0, 1, -1])
+def test_only_damage_within_the_time_matters(number, library, tmp_path, monkeypatch, random):
+    """And where messages are lost is told; rosbags reads nothing behind the damage."""
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), chunk_size=30_000)
+    whole, places = path.read_bytes(), places_of(path)
+    place, begin = places[number], places[0].first
+    first, last = (1e-9 * (time - begin) for time in (place.first, place.last))
+    if library:
+        monkeypatch.setattr(opening, 'choose_reader', RosbagsReader)
+    data = bytearray(whole)
+    data[place.start + place.length // 2] ^= 0xFF
+    parts = [Selection(start=0.0, end=first - 0.02)] if number else []
+    if place != places[-1] and not library:
+        parts.append(Selection(start=last + 0.005, end=5.0))
+    for selection in parts:
+        found = []
+        for content in (whole, bytes(data)):
+            path.write_bytes(content)
+            with open_bag(path) as recording:
+                pieces = selection.pieces(recording, lambda done, total: None)
+                found.append([p.message(row) for p in pieces for row in range(len(p.rows))])
+        assert found[0] == found[1]
+        assert len(found[0]) > 50
+    path.write_bytes(data)
+    told = rf'from {first:.3f} s to {last:.3f} s, counted from the first message'
+    if library:
+        told = r'from \d+\.\d+ s on, counted from the first' if number else 'read no further'
+    check_refused(path, tmp_path, told)
+    with pytest.raises(BagError, match=told), open_bag(path) as recording:
+        list(messages(recording))
 
 
 @pytest.mark.parametrize('size', [2**62, 2**31, 17])

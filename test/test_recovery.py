@@ -28,11 +28,11 @@ from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.mcap.reader import read_layout
-from gyro_drift_filter.mcap.records import CHUNK, CHUNK_HEAD, MAGIC, MESSAGE, PREFIX
-from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+from gyro_drift_filter.mcap.records import CHUNK, CHUNK_HEAD, FOOTER_FIELDS, MAGIC, MESSAGE, PREFIX
+from gyro_drift_filter.mcap.recovery import has_damaged_summary, is_cut_off, recover
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from support.bags import mixed, read, write_mcap
+from support.bags import mixed, read, simulated_folder, write_mcap
 from support.messages import START, TEXT, text
 
 FORMS: dict[str, dict[str, object]] = {
@@ -150,6 +150,83 @@ def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
     with pytest.raises(BagError, match=r'folder\.mcap was cut off: name that file'):
         found(folder)
     assert found(file)
+
+
+def with_damage(whole, place):
+    return whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
+
+
+@pytest.mark.parametrize('checksum', [True, False])
+def test_a_damaged_summary_costs_no_message(checksum, tmp_path, random, caplog):
+    """Whatever is damaged in it: the file is read from its beginning, and that is told."""
+    rows = [
+        (topic, kind, time + k, data) for k, (topic, kind, time, data) in enumerate(mixed(random))
+    ]
+    path = write_mcap(tmp_path / 'in.mcap', rows, **FORMS['zstd'], enable_crcs=checksum)
+    whole = path.read_bytes()
+    footer = len(whole) - len(MAGIC) - FOOTER_FIELDS.size - PREFIX.size
+    (summary,) = struct.unpack_from('<Q', whole, footer + PREFIX.size)
+    assert not has_damaged_summary(path)
+    places = [footer, footer + 3, footer + PREFIX.size + 6]
+    if checksum:
+        places += [len(whole) - len(MAGIC) - 1, *range(summary, footer, 97)]
+    wanted = [(topic, time, data) for topic, _, time, data in rows]
+    for place in places:
+        path.write_bytes(with_damage(whole, place))
+        assert has_damaged_summary(path)
+        caplog.clear()
+        assert found(path) == wanted
+        assert 'damaged summary at its end: read to its last whole message (705)' in caplog.text
+
+
+def test_a_folder_with_a_file_whose_summary_is_damaged(tmp_path, random):
+    """An index that lies may hide a chunk, which nobody would notice."""
+    folder = tmp_path / 'folder'
+    replay(write_mcap(tmp_path / 'in.mcap', mixed(random)), folder, parameters=Parameters())
+    file = folder / 'folder.mcap'
+    whole = file.read_bytes()
+    assert found(folder)
+    file.write_bytes(with_damage(whole, len(whole) - len(MAGIC) - 1))
+    with pytest.raises(BagError, match=r'folder\.mcap has a damaged summary.*: name that file'):
+        found(folder)
+    assert found(file)
+
+
+def test_a_summary_and_a_chunk_that_are_damaged(tmp_path, random, caplog):
+    """What lies before the chunk is read, and how much is not read is told."""
+    form = FORMS['plain'] | {'chunk_size': 30_000}
+    path = write_mcap(tmp_path / 'in.mcap', mixed(random), **form)
+    whole = path.read_bytes()
+    wanted = found(path)
+    chunk = list(read_layout(path).chunks())[2]
+    damaged = with_damage(whole, len(whole) - len(MAGIC) - 1)
+    path.write_bytes(with_damage(damaged, chunk.start + chunk.length // 2))
+    got = found(path)
+    assert got == wanted[: len(got)]
+    assert 100 < len(got) < len(wanted)
+    behind = len(whole) - chunk.start - chunk.length
+    assert f'chunk is wrong: this and the {behind} bytes behind it are not read' in caplog.text
+
+
+def test_all_commands_read_a_file_with_a_damaged_summary(tmp_path, capsys):
+    folder = simulated_folder(tmp_path)
+    for name in ('motionless', 'turns'):
+        file = folder / name / f'{name}.mcap'
+        whole = file.read_bytes()
+        file.write_bytes(with_damage(whole, len(whole) - len(MAGIC) - 1))
+    motionless, turns = (str(folder / name / f'{name}.mcap') for name in ('motionless', 'turns'))
+    for arguments in (
+        ['doctor', motionless],
+        ['explain', motionless],
+        ['identify', motionless, '-o', str(tmp_path / 'identified.yaml')],
+        ['report', motionless, '-o', str(tmp_path / 'page.html')],
+        ['replay', motionless, '-o', str(tmp_path / 'out')],
+        ['calibrate', turns, '-o', str(tmp_path / 'calibrated.yaml')],
+    ):
+        main(arguments)
+        printed = capsys.readouterr()
+        assert 'has a damaged summary at its end: read to its last whole message' in printed.err
+        assert 'error' not in printed.err
 
 
 @pytest.mark.parametrize('folder', [True, False])

@@ -346,6 +346,10 @@ def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(tmp_path):
     assert (qos['/words'], qos[TOPIC]) == ('TRANSIENT_LOCAL', 'VOLATILE')
 
 
+def with_damage(whole, place):
+    return whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
+
+
 def test_what_is_no_whole_bag_of_ros_1_is_told_with_what_to_do(tmp_path):
     """The texts of the library were those of its own code."""
     whole = ros1_bag(tmp_path / 'old.bag', simulated(300)).read_bytes()
@@ -354,6 +358,8 @@ def test_what_is_no_whole_bag_of_ros_1_is_told_with_what_to_do(tmp_path):
         (b'#ROS', r'can not be read as a bag: '),
         (whole[:5000], r'its index is missing or damaged.* run `rosbag reindex` of ROS 1'),
         (whole[:-100], r'its index is missing or damaged.* run `rosbag reindex` of ROS 1'),
+        (with_damage(whole, 69), r'it is damaged, or .* run `rosbag reindex` of ROS 1'),
+        (with_damage(whole, whole.index(b'conn=', 9000)), r'a part of it is damaged: run `rosbag'),
         (b'#ROSBAG V1.2\n' + whole[13:], r'version .* is not supported'),
     ):
         (tmp_path / 'no.bag').write_bytes(content)

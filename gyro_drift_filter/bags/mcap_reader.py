@@ -22,10 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.library import AnyReader, DirectoryReader, McapReader
-from gyro_drift_filter.bags.recording import BagError, Piece, identity
+from gyro_drift_filter.bags.recording import (
+    READ_NO_FURTHER,
+    BagError,
+    Damage,
+    Piece,
+    damaged_piece,
+    identity,
+)
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
 from gyro_drift_filter.mcap.message_kernels import CHANNELS
-from gyro_drift_filter.mcap.reader import Layout, Openable, read_layout, read_messages
+from gyro_drift_filter.mcap.reader import Layout, Openable, read_chunk, read_layout
 from gyro_drift_filter.mcap.records import McapError
 
 
@@ -47,17 +54,25 @@ class ChunkReader(RosbagsReader):
 
         The next chunk is read meanwhile, in a thread of its own.
         """
-        chunks = read_messages(self._file, self._layout, self._numbers)
+        pieces = self._chunks()
         try:
             with ThreadPoolExecutor(1) as worker:
-                coming = worker.submit(next, chunks, None)
-                while (chunk := coming.result()) is not None:
-                    coming = worker.submit(next, chunks, None)
-                    yield Piece(*chunk)
-        except (McapError, OSError) as error:
-            raise BagError(
-                f'{self._file} is damaged and can be read no further: {error}'
-            ) from error
+                coming = worker.submit(next, pieces, None)
+                while (piece := coming.result()) is not None:
+                    coming = worker.submit(next, pieces, None)
+                    yield piece
+        except OSError as error:
+            raise BagError(f'{self._file} {READ_NO_FURTHER}: {error}') from error
+
+    def _chunks(self) -> Iterator[Piece]:
+        """Yield a piece for each chunk; for one that is damaged, a piece that says so."""
+        with self._file.open('rb') as file:
+            for chunk in self._layout.chunks():
+                try:
+                    yield Piece(*read_chunk(file, chunk, self._numbers))
+                except McapError as error:
+                    why = f'{self._file} {READ_NO_FURTHER}: {error}'
+                    yield damaged_piece(Damage(why, chunk.first, chunk.last))
 
 
 def chunk_reader(library: AnyReader) -> ChunkReader | None:

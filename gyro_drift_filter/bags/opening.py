@@ -18,18 +18,24 @@ import logging
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Protocol, Self
 
-from gyro_drift_filter.bags.library import AnyReader, AnyReaderError, RPath
+from gyro_drift_filter.bags.library import (
+    AnyReader,
+    AnyReaderError,
+    DirectoryReader,
+    McapReader,
+    RPath,
+)
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
 from gyro_drift_filter.bags.message_types import all_types
 from gyro_drift_filter.bags.recording import ROSBAG2_SUFFIXES, BagError, Recording
-from gyro_drift_filter.bags.ros1_reader import Ros1Reader
+from gyro_drift_filter.bags.ros1_reader import REINDEX, Ros1Reader, is_of_the_system
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.records import McapError
-from gyro_drift_filter.mcap.recovery import is_cut_off, recover
+from gyro_drift_filter.mcap.recovery import has_damaged_summary, is_cut_off, recover
 
 
 class StoredPath(RPath, Protocol):
@@ -50,6 +56,8 @@ _log = logging.getLogger(__name__)
 # What the name of a bag ends with that is a single file.
 FILE_SUFFIXES = (*ROSBAG2_SUFFIXES, '.bag')
 _INFORMATION = 'rosbag2_bagfile_information'  # the key of all that a metadata.yaml says
+# What may be wrong with the end of an MCAP file.
+_CUT_OFF, _DAMAGED_SUMMARY = 'was cut off', 'has a damaged summary at its end'
 _MAGIC_OF_ROS1 = b'#ROSBAG V'  # whatever the version, which rosbags judges
 
 
@@ -66,6 +74,7 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
     with ExitStack() as stack:
         library = _opened(_recovered(path, stack), path)
         stack.callback(library.close)
+        _check_summaries(library, path)
         yield choose_reader(library)
 
 
@@ -87,10 +96,28 @@ def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
             reader = AnyReader([path], default_typestore=all_types())
             reader.open()
     except Exception as error:
-        why = _why_not_by_name(path) or _why_not_of_ros1(path, str(error))
+        why = _why_not_by_name(path) or _why_not_of_ros1(path, error)
         why = why or _why_not_by_metadata(path) or reason_of_library(error)
-        raise BagError(f'{name} can not be read as a bag: {why}{_cut_off_in(path)}') from error
+        raise BagError(f'{name} can not be read as a bag: {why}{_fault_in(path)}') from error
     return reader
+
+
+def _check_summaries(library: AnyReader, folder: Path | StoredPath) -> None:
+    """Look whether the files of a folder have the summaries by which they were written.
+
+    Raises:
+        BagError: One has not, so that messages might be lost without a word.
+    """
+    storage = getattr(library.readers[0], 'storage', None)
+    for file in storage.storages if isinstance(storage, DirectoryReader) else ():
+        if isinstance(file, McapReader) and has_damaged_summary(file.path):
+            advice = _advice_on(PurePath(str(file.path)).name, _DAMAGED_SUMMARY)
+            raise BagError(f'{folder} can not be read as a bag: {advice}')
+
+
+def _advice_on(name: str, fault: str) -> str:
+    """Return what to do about a file in a folder that is not whole."""
+    return f'{name} {fault}: name that file, to read it as far as it goes'
 
 
 def _why_not_by_name(path: Path | StoredPath) -> str:
@@ -125,7 +152,7 @@ def _advice_for(folder: Path | StoredPath) -> str:
     return f': name a file in it, as {folder / files[0]}' if files else ', and no .mcap or .db3'
 
 
-def _why_not_of_ros1(path: Path | StoredPath, said: str) -> str:
+def _why_not_of_ros1(path: Path | StoredPath, error: Exception) -> str:
     """Return why a file in .bag can't be read, where what rosbags has said of it helps nobody."""
     begin = b''
     if path.suffix == '.bag':
@@ -136,49 +163,62 @@ def _why_not_of_ros1(path: Path | StoredPath, said: str) -> str:
             'it is no bag of ROS 1, though its name ends so: name the folder that ROS 2 has '
             'recorded, or the .mcap or .db3 file in it'
         )
-    if begin and any(words in said for words in ('index', 'could not be read')):
-        return (
-            'its index is missing or damaged, as where the recorder was killed: run '
-            '`rosbag reindex` of ROS 1 on a copy of it, and name that'
-        )
-    return ''
+    said = str(error)
+    if not begin or is_of_the_system(error):
+        return ''
+    if any(words in said for words in ('index', 'could not be read')):
+        return f'its index is missing or damaged, as where the recorder was killed: {REINDEX}'
+    if 'not supported' in said:
+        return ''
+    return f'it is damaged, or the definition of a message in it is unknown: {REINDEX}'
 
 
-def _cut_off_in(path: Path | StoredPath) -> str:
-    """Return a hint to the file of a folder that was cut off, if one was."""
+def _fault_of(file: Path | StoredPath) -> str:
+    """Return what is wrong with the end of an MCAP file, nothing where it is whole.
+
+    Raises:
+        OSError: It can't be read.
+    """
+    if is_cut_off(file):
+        return _CUT_OFF
+    return _DAMAGED_SUMMARY if has_damaged_summary(file) else ''
+
+
+def _fault_in(path: Path | StoredPath) -> str:
+    """Return a hint to the file of a folder that is not whole, if there is one."""
     with suppress(OSError):
         for file in path.glob('*.mcap') if path.is_dir() else ():
-            if is_cut_off(file):
-                return f' ({file.name} was cut off: name that file, to read it as far as it goes)'
+            if fault := _fault_of(file):
+                return f' ({_advice_on(file.name, fault)})'
     return ''
 
 
 def _recovered(path: Path | StoredPath, stack: ExitStack) -> Path | StoredPath:
-    """Return a path to open: where an MCAP file was cut off, to a copy of what is whole of it.
+    """Return a path to open: where an MCAP file is not whole, to a copy of what is whole of it.
 
     The copy is removed with the stack.
     """
     try:
-        if path.suffix != '.mcap' or path.is_dir() or not is_cut_off(path):
-            return path
+        fault = _fault_of(path) if path.suffix == '.mcap' and not path.is_dir() else ''
     except OSError as error:
         raise BagError(f'{path} can not be opened: {reason(error)}') from error
+    if not fault:
+        return path
     try:
         copy = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.name
         count = recover(path, copy)
     except McapError as error:
-        raise BagError(f'{path} was cut off, and what is there {error}') from error
+        raise BagError(f'{path} {fault}, and what is there {error}') from error
     except OSError as error:
         raise BagError(
-            f'{path} was cut off, and what is whole of it can not be copied: {reason(error)}'
+            f'{path} {fault}, and what is whole of it can not be copied: {reason(error)}'
         ) from error
-    if count == 0:
+    if count == 0 and fault == _CUT_OFF:
         raise BagError(f'{path} was cut off before its first whole message')
-    _log.warning(
-        '%s was cut off, as when the recorder is killed: read to its last whole message (%d)',
-        path,
-        count,
-    )
+    if count == 0:
+        raise BagError(f'{path} {fault}, and holds no whole message')
+    why = ', as when the recorder is killed' if fault == _CUT_OFF else ''
+    _log.warning('%s %s%s: read to its last whole message (%d)', path, fault, why, count)
     return copy
 
 

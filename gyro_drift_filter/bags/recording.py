@@ -14,6 +14,7 @@
 
 """What a recording is to all who read one, whatever storage it is in."""
 
+import math
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -23,9 +24,13 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.library import Connection, ConnectionExtRosbag2, Qos, Typestore
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.mcap.message_kernels import ROW
 
 # What the name of a file of rosbag2 ends with.
 ROSBAG2_SUFFIXES = ('.mcap', '.db3')
+
+# What is said of a file with damage in its middle, before the reason.
+READ_NO_FURTHER = 'is damaged and can be read no further'
 
 Identity = tuple[str, str, str, tuple[Qos, ...]]
 
@@ -38,6 +43,42 @@ class OutputError(BagError):
     """A bag can't be written, whatever it was to hold: the disk is full, the name is taken."""
 
 
+class Damage(NamedTuple):
+    """A part of a recording that can't be read.
+
+    Attributes:
+        why: What is damaged, as a sentence.
+        first: Log time in ns from which on messages are lost; None where that is not known.
+        last: Log time up to which they are; None where all that follow are lost.
+    """
+
+    why: str
+    first: int | None = None
+    last: int | None = None
+
+    def seconds(self, begin: int | None) -> tuple[float, float]:
+        """Return from when to when messages are lost, in s since a log time in ns.
+
+        Without such a time nothing was read before, so that the recording begins with these.
+        """
+        if self.first is None:
+            return -math.inf, math.inf
+        begin = self.first if begin is None else begin
+        last = math.inf if self.last is None else 1e-9 * (self.last - begin)
+        return 1e-9 * (self.first - begin), last
+
+    def text(self, begin: int | None) -> str:
+        """Return what is damaged, and when messages are lost; times are counted as above."""
+        first, last = self.seconds(begin)
+        if first == -math.inf:
+            return self.why
+        until = 'on' if last == math.inf else f'to {last:.3f} s'
+        return (
+            f'{self.why}; what is lost are the messages from {first:.3f} s {until}, counted from '
+            'the first message of the recording'
+        )
+
+
 class Piece(NamedTuple):
     """Messages that follow each other in a recording.
 
@@ -45,10 +86,12 @@ class Piece(NamedTuple):
         data: What they stand in, bytes.
         rows: (n,) ROW of each, in the order of their log times, but see `Recording.pieces`; the
             channel is the `id` of its connection.
+        damage: Why there are no messages, where they can't be read.
     """
 
     data: NDArray[np.uint8]
     rows: Any
+    damage: Damage | None = None
 
     def message(self, row: int) -> bytes:
         """Return a message by the index of its row."""
@@ -77,10 +120,16 @@ class Recording(Protocol):
         """Yield all messages, in the order of their log times where they are `in_order`.
 
         Else those of each file are in order, one file behind the other, also within a piece.
+        In place of messages that can't be read there is a piece with their `Damage`.
 
         Raises:
-            BagError: The recording is damaged from some message on.
+            BagError: The recording can be read no further.
         """
+
+
+def damaged_piece(damage: Damage) -> Piece:
+    """Return what stands in place of messages that can't be read."""
+    return Piece(np.empty(0, np.uint8), np.empty(0, ROW), damage)
 
 
 def messages(recording: Recording) -> Iterator[tuple[Connection, int, bytes]]:
@@ -90,7 +139,12 @@ def messages(recording: Recording) -> Iterator[tuple[Connection, int, bytes]]:
         BagError: The recording is damaged from some message on.
     """
     connections = {connection.id: connection for connection in recording.connections}
+    begin = None
     for piece in recording.pieces():
+        if piece.damage is not None:
+            raise BagError(piece.damage.text(begin))
+        if begin is None and len(piece.rows):
+            begin = int(piece.rows['log_time'][0])
         for k, row in enumerate(piece.rows):
             log_time = int(row['log_time']) % 2**64
             yield connections[int(row['channel'])], log_time, piece.message(k)

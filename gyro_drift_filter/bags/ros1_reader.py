@@ -18,6 +18,7 @@ Types keep their definitions, but for the header, which has lost its sequence nu
 for the one type that was given another name.
 """
 
+import errno
 from collections.abc import Iterator
 
 from gyro_drift_filter.bags.library import (
@@ -35,6 +36,10 @@ from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
 from gyro_drift_filter.bags.writer import RELIABLE, RELIABLE_AND_LATCHED
+from gyro_drift_filter.errors import reason
+
+# What to do about a damaged bag.
+REINDEX = 'run `rosbag reindex` of ROS 1 on a copy of it, and name that'
 
 _HEADER = 'std_msgs/msg/Header'
 _RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
@@ -50,6 +55,10 @@ class Ros1Reader(RosbagsReader):
         self.connections = [_as_of_ros2(connection) for connection in library.connections]
         self._by_id = {connection.id: connection for connection in self.connections}
 
+    def _reason(self, error: Exception) -> str:
+        """Return why no further message can be read: rosbags tells of its own code."""
+        return reason(error) if is_of_the_system(error) else f'a part of it is damaged: {REINDEX}'
+
     def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
         for of_ros1, log_time, data in super()._messages():
             connection = self._by_id[of_ros1.id]
@@ -61,6 +70,11 @@ class Ros1Reader(RosbagsReader):
                     f'{reason_of_library(error)}'
                 ) from error
             yield connection, log_time, converted
+
+
+def is_of_the_system(error: Exception) -> bool:
+    """Return whether a file can't be read whatever it holds; a place that is none is damage."""
+    return isinstance(error, OSError) and error.errno != errno.EINVAL
 
 
 def _types_of_ros2(types: Typestore) -> Typestore:

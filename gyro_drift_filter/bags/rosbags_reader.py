@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader
-from gyro_drift_filter.bags.recording import BagError, Piece
+from gyro_drift_filter.bags.recording import READ_NO_FURTHER, BagError, Damage, Piece, damaged_piece
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.message_kernels import ROW
 
@@ -65,17 +65,23 @@ class RosbagsReader:
         times: list[int] = []
         channels: list[int] = []
         contents: list[bytes] = []
-        size = 0
-        for connection, log_time, data in self._messages():
-            times.append(log_time)
-            channels.append(connection.id)
-            contents.append(data)
-            size += len(data)
-            if len(times) == _PIECE_MESSAGES or size >= _PIECE_BYTES:
-                yield _piece(times, channels, contents)
-                times, channels, contents, size = [], [], [], 0
+        size, read_to, failure = 0, None, ''
+        try:
+            for connection, log_time, data in self._messages():
+                times.append(log_time)
+                channels.append(connection.id)
+                contents.append(data)
+                size += len(data)
+                read_to = log_time
+                if len(times) == _PIECE_MESSAGES or size >= _PIECE_BYTES:
+                    yield _piece(times, channels, contents)
+                    times, channels, contents, size = [], [], [], 0
+        except BagError as error:
+            failure = str(error)
         if times:
             yield _piece(times, channels, contents)
+        if failure:
+            yield damaged_piece(Damage(failure, read_to if self.in_order else None))
 
     def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
         # An empty selection of connections makes rosbags read all, and fail where there are none.
@@ -84,9 +90,11 @@ class RosbagsReader:
         try:
             yield from self._library.messages()
         except Exception as error:
-            raise BagError(
-                f'{self.path} is damaged and can be read no further: {reason_of_library(error)}'
-            ) from error
+            raise BagError(f'{self.path} {READ_NO_FURTHER}: {self._reason(error)}') from error
+
+    def _reason(self, error: Exception) -> str:
+        """Return why no further message can be read."""
+        return reason_of_library(error)
 
 
 def reason_of_library(error: Exception) -> str:

@@ -20,7 +20,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from gyro_drift_filter.bags.recording import BagError, Piece, Recording, topic_types
+from gyro_drift_filter.bags.recording import BagError, Damage, Piece, Recording, topic_types
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
@@ -131,18 +131,31 @@ class Selection:
             raise BagError(f'no topic {min(missing)} in the bag; it holds {listed}')
         return found
 
+    def _check_damage(self, damage: Damage, begin: int | None) -> None:
+        """Look whether messages are lost within the time, which counts from a log time in ns.
+
+        Raises:
+            BagError: They are.
+        """
+        first, last = damage.seconds(begin)
+        if first <= self.end and last >= self.start:
+            raise BagError(damage.text(begin))
+
     def pieces(self, recording: Recording, progress: Callable[[int, int], None]) -> Iterator[Piece]:
         """Yield what lies within the time; tell how many messages are done, and their total.
 
         Raises:
-            BagError: The recording is damaged from some message on.
+            BagError: The recording is damaged within the time.
         """
         begin, done = None, 0
         for piece in recording.pieces():
+            if piece.damage is not None:
+                begin = piece.damage.first if begin is None else begin
+                self._check_damage(piece.damage, begin)
             times = piece.rows['log_time']
             if not len(times):
                 continue
-            begin = times[0] if begin is None else begin
+            begin = int(times[0]) if begin is None else begin
             done += len(times)
             if self.is_whole:
                 yield piece

@@ -21,7 +21,6 @@ import struct
 from array import array
 from collections.abc import Iterator
 from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,28 +138,26 @@ def _layout(summary: bytes, end: int) -> Layout | None:
     return Layout(channels, chunks)
 
 
-def read_messages(
-    path: Openable, layout: Layout, numbers: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.uint8], Any]]:
-    """Yield the decompressed records of each chunk, and ROWs of its messages by their log times.
+def read_chunk(
+    file: BinaryIO, chunk: ChunkIndex, numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.uint8], Any]:
+    """Return the decompressed records of a chunk, and ROWs of its messages by their log times.
 
     `numbers` is as for `list_messages`.
 
     Raises:
-        McapError: A chunk is damaged.
+        McapError: The chunk is damaged.
         OSError: The file can't be read.
     """
-    with path.open('rb') as file:
-        for chunk in layout.chunks():
-            file.seek(chunk.start)
-            data = np.frombuffer(_decompressed(file.read(chunk.length), chunk), np.uint8)
-            rows = rows_of(data, numbers)
-            first, last, ascend = chunk.first, chunk.last, True
-            if rows is not None and len(rows):
-                first, last, ascend = times_of(rows)
-            if rows is None or not chunk.first <= first <= last <= chunk.last:
-                raise McapError(f'the records in the chunk at byte {chunk.start} are not sound')
-            yield data, rows if ascend else rows[np.argsort(rows['log_time'], kind='stable')]
+    file.seek(chunk.start)
+    data = np.frombuffer(_decompressed(file.read(chunk.length), chunk), np.uint8)
+    rows = rows_of(data, numbers)
+    first, last, ascend = chunk.first, chunk.last, True
+    if rows is not None and len(rows):
+        first, last, ascend = times_of(rows)
+    if rows is None or not chunk.first <= first <= last <= chunk.last:
+        raise McapError(f'the records in the chunk at byte {chunk.start} are not sound')
+    return data, rows if ascend else rows[np.argsort(rows['log_time'], kind='stable')]
 
 
 def _decompressed(record: bytes, chunk: ChunkIndex) -> bytes:
@@ -175,7 +172,6 @@ def _decompressed(record: bytes, chunk: ChunkIndex) -> bytes:
         raise McapError(f'the chunk at byte {chunk.start} {error}') from error
     if not content.whole:
         raise McapError(f'the chunk at byte {chunk.start} can not be as long as it says')
-    sound = content.checksum in (0, crc32(content.data))
-    if len(content.data) != content.size or not sound:
+    if not content.is_sound:
         raise McapError(f'the chunk at byte {chunk.start} is damaged: size or checksum is wrong')
     return content.data

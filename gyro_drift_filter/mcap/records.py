@@ -22,6 +22,7 @@ import struct
 import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
+from zlib import crc32
 
 from gyro_drift_filter.errors import GyroDriftFilterError
 
@@ -106,6 +107,11 @@ class Chunk(NamedTuple):
     checksum: int
     data: bytes
     whole: bool
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the records are as long as they should be, and have their checksum."""
+        return len(self.data) == self.size and self.checksum in (0, crc32(self.data))
 
 
 def unpack_chunk(content: bytes | memoryview) -> Chunk:

@@ -15,13 +15,16 @@
 """Make a whole MCAP file of one that was cut off, for example because the recorder was killed.
 
 Such a file has no summary, and its last records may be missing. All complete records are read, and
-of a last chunk that is incomplete as much as can be unpacked.
+of a last chunk that is incomplete as much as can be unpacked. A file whose summary is damaged is
+read in the same way, as only the summary tells where its chunks are.
 """
 
+import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
+from zlib import crc32
 
 import numpy as np
 
@@ -32,6 +35,7 @@ from gyro_drift_filter.mcap.records import (
     CHUNK,
     DATA_END,
     FOOTER,
+    FOOTER_FIELDS,
     LARGEST_CHUNK,
     MAGIC,
     MESSAGE,
@@ -43,7 +47,12 @@ from gyro_drift_filter.mcap.records import (
 )
 from gyro_drift_filter.mcap.writer import McapWriter
 
+_log = logging.getLogger(__name__)
+
 _KEY = struct.Struct('<H')
+_TAIL_BYTES = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)  # from the footer to the end
+_CHECKSUM_BYTES = 4  # the last field of a footer
+_BLOCK = 2**20  # bytes that are read at once for a checksum
 
 
 def is_cut_off(path: Openable) -> bool:
@@ -59,8 +68,42 @@ def is_cut_off(path: Openable) -> bool:
         return file.read() != MAGIC
 
 
+def has_damaged_summary(path: Openable) -> bool:
+    """Tell whether a file begins and ends as MCAP, and has another summary than was written.
+
+    What tells is the checksum in the footer. Without a checksum, or without a summary, nothing can
+    be known.
+
+    Raises:
+        OSError: The file can't be read.
+    """
+    with path.open('rb') as file:
+        is_mcap = file.read(len(MAGIC)) == MAGIC
+        footer = file.seek(0, 2) - _TAIL_BYTES
+        if not is_mcap or footer < len(MAGIC):
+            return False
+        file.seek(footer)
+        head, fields = file.read(PREFIX.size), file.read(FOOTER_FIELDS.size)
+        if file.read() != MAGIC:
+            return False
+        summary, _, checksum = FOOTER_FIELDS.unpack(fields)
+        if head != PREFIX.pack(FOOTER, FOOTER_FIELDS.size) or summary > footer:
+            return True
+        end = file.tell() - len(MAGIC) - _CHECKSUM_BYTES
+        return summary != 0 and checksum not in (0, _checksum(file, summary, end))
+
+
+def _checksum(file: BinaryIO, start: int, end: int) -> int:
+    """Return the CRC-32 of a part of a file."""
+    file.seek(start)
+    checksum = 0
+    for place in range(start, end, _BLOCK):
+        checksum = crc32(file.read(min(_BLOCK, end - place)), checksum)
+    return checksum
+
+
 def recover(source: Openable, destination: Path) -> int:
-    """Write all whole messages of a file that was cut off into a new one.
+    """Write all whole messages of a file into a new one, up to the first damage; that is logged.
 
     Returns:
         Their number.
@@ -78,10 +121,14 @@ def recover(source: Openable, destination: Path) -> int:
                         _take_records(writer, _unpacked(content, whole))
                     else:
                         _take_records(writer, record(opcode, content))
-            except McapError:
+            except McapError as error:
                 # After a power cut the end may be there without having been written.
                 if not writer.counts:
                     raise
+                behind = -file.tell() + file.seek(0, 2)
+                _log.warning(
+                    '%s %s: this and the %d bytes behind it are not read', source, error, behind
+                )
         writer.finish()
     except BaseException:
         writer.abort()
@@ -113,11 +160,14 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
 def _unpacked(content: bytes, whole: bool) -> bytes:
     """Return the records of a chunk; none where it was cut off too early."""
     try:
-        return unpack_chunk(content).data
+        chunk = unpack_chunk(content)
     except McapError:
         if whole:
             raise
         return b''
+    if whole and not chunk.is_sound:
+        raise McapError('is damaged: the size or checksum of a chunk is wrong')
+    return chunk.data
 
 
 def _take_records(writer: McapWriter, data: bytes) -> None:

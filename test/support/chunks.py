@@ -14,7 +14,8 @@
 
 """Pieces of recordings without a recording, and their Imu messages."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,17 @@ from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.mcap.message_kernels import CHANNELS, ROW
+from gyro_drift_filter.mcap.reader import Layout, read_chunk
 from gyro_drift_filter.simulation.bag import imu_messages
 
 EACH_CHANNEL = np.arange(CHANNELS)
+
+
+def read_messages(path: Path, layout: Layout, numbers: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield what `read_chunk` returns, for each chunk of a file."""
+    with path.open('rb') as file:
+        for chunk in layout.chunks():
+            yield read_chunk(file, chunk, numbers)
 
 
 def piece_of(messages: Sequence[bytes]) -> Piece:

@@ -118,12 +118,12 @@ def messages():
     from gyro_drift_filter.bags.replay import replay
     from gyro_drift_filter.core import Parameters
     from gyro_drift_filter.mcap.message_kernels import rows_of
-    from gyro_drift_filter.mcap.reader import read_layout, read_messages
+    from gyro_drift_filter.mcap.reader import read_layout
     from gyro_drift_filter.messages.imu import read_message
     from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
     from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
     from support.bags import mixed, write_mcap
-    from support.chunks import EACH_CHANNEL, imus_of, piece_of
+    from support.chunks import EACH_CHANNEL, imus_of, piece_of, read_messages
 
     rows = mixed(np.random.default_rng(3), 3)
     with tempfile.TemporaryDirectory() as folder:

@@ -40,7 +40,7 @@ from gyro_drift_filter.bags.recording import Piece
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.bias.shift import BiasShift
-from gyro_drift_filter.mcap.reader import read_layout, read_messages
+from gyro_drift_filter.mcap.reader import read_layout
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import is_cut_off, recover
 from gyro_drift_filter.messages.imu import (
@@ -60,7 +60,7 @@ from gyro_drift_filter.messages.memory_file import (
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import write_mcap
-from support.chunks import EACH_CHANNEL, imus_of
+from support.chunks import EACH_CHANNEL, imus_of, read_messages
 from support.messages import START, TEXT, doubles_of, fault_of, text
 from support.paths import PARAMETER_FILE, TESTS
 
