@@ -391,6 +391,25 @@ def test_stamps_of_zero_take_the_log_times_or_a_rate(options, rate, tmp_path, ca
     assert read_parameters(tmp_path / 'model.yaml').sample_rate == pytest.approx(rate, rel=1e-3)
 
 
+def test_messages_that_come_twice_are_left_out_and_told(tmp_path, capsys):
+    """The rate was twice that of the sensor, and the noise density was wrong by as much."""
+    data = simulate(SimulationSettings(static_seconds=40, dynamic_seconds=0, white_deviation=1e-4))
+    arrays = data.stamps, data.angular_velocity, data.linear_acceleration
+    found = []
+    for times in (1, 2):
+        folder = tmp_path / str(times)
+        folder.mkdir()
+        messages = imu_messages(*(np.repeat(values, times, axis=0) for values in arrays))
+        source = write(folder / 'in', {(TOPIC, IMU_TYPE): messages})
+        assert identify(folder, source, '--kalibr', str(folder / 'kalibr.yaml')) == 0
+        kalibr = (folder / 'kalibr.yaml').read_text()
+        found.append((read_parameters(folder / 'model.yaml'), kalibr))
+        told = f'{len(data.stamps)} messages left out that came once more, with the same stamp'
+        assert (told in capsys.readouterr().err) == (times == 2)
+    assert found[0] == found[1]
+    assert found[0][0].sample_rate == pytest.approx(100.0, rel=1e-3)
+
+
 @pytest.mark.parametrize('factor', [1000, 1e-3])
 def test_stamps_in_another_unit_tell_no_noise(factor, tmp_path, capsys):
     """The noise density for Kalibr was 33 times too large, and nothing was said."""

@@ -16,15 +16,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
 from gyro_drift_filter.bags.recording import BagError
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE, SAMPLE
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.phrases import counted
 
@@ -43,6 +44,7 @@ class Samples:
         rates: Three columns (n,) in rad/s; NaN where the filter would not use them.
         accelerations: Three columns (n,) in m/s^2; the same.
         beyond: Samples with a rate that is too large to be one.
+        doubled: Messages that came once more, with the same stamp and rates, and are left out.
         clock: Where the time was taken from in place of stamps, in words; empty where stamps told.
     """
 
@@ -52,6 +54,7 @@ class Samples:
     rates: tuple[Stored, ...]
     accelerations: tuple[Stored, ...]
     beyond: int
+    doubled: int
     clock: str
 
     def notes(self) -> list[str]:
@@ -63,6 +66,11 @@ class Samples:
             notes.append(
                 f'{counted(self.beyond, "sample")} with a rate beyond {LARGEST_RATE:.0f} rad/s, '
                 'which no gyroscope measures and which counts as no number'
+            )
+        if self.doubled:
+            notes.append(
+                f'{counted(self.doubled, "message")} left out that came once more, with the same '
+                'stamp and rates: is the topic published twice, or recorded twice?'
             )
         return notes
 
@@ -89,8 +97,12 @@ def read_samples(
     """
     stamps, edges = Stored(np.int64), []
     rates, accelerations = stored_columns(3), stored_columns(3)
-    name, clock, refused, count, beyond = '', '', 0, 0, 0
-    for part in imu_parts(bag, topic, progress, between=between):
+    name, clock, refused, count, beyond, doubled = '', '', 0, 0, 0, 0
+    last: Any = np.empty(0, SAMPLE)
+    for whole in imu_parts(bag, topic, progress, between=between):
+        part = _without_doubles(whole, last)
+        last = whole.samples[-1:] if len(whole.samples) else last
+        doubled += len(whole.samples) - len(part.samples)
         name, refused = part.topic, refused + part.refused
         if not len(part.samples):
             continue
@@ -106,7 +118,21 @@ def read_samples(
         append_rows(accelerations, usable(force, LARGEST_ACCELERATION))
     if not clock:
         _check_unit(*(1e-9 * float(np.ptp(times)) for times in zip(*edges, strict=True)))
-    return Samples(name, refused, stamps, rates, accelerations, beyond, clock)
+    return Samples(name, refused, stamps, rates, accelerations, beyond, doubled, clock)
+
+
+def _without_doubles(part: ImuPart, last: Any) -> ImuPart:
+    """Return a part without messages that came once more, as the filter leaves them out.
+
+    `last` is the last sample before it, (1,) or (0,) of SAMPLE.
+    """
+    samples = np.concatenate([last, part.samples])
+    stamps, rates = samples['stamp'], samples['angular_velocity']
+    again = np.zeros(len(samples), np.bool_)
+    again[1:] = (stamps[1:] != 0) & (stamps[1:] == stamps[:-1])
+    again[1:] &= (rates[1:] == rates[:-1]).all(axis=1)
+    new = ~again[len(last) :]
+    return replace(part, samples=part.samples[new], log_times=part.log_times[new])
 
 
 def _check_unit(stamped: float, logged: float) -> None:
