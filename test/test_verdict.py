@@ -89,6 +89,33 @@ def heading_drift(data):
     return about / seconds.sum()
 
 
+def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, random):
+    """What the bias may have become in ten minutes turned nothing that was recorded."""
+    rates, accelerations = at_rest(random, 60, (0.0, 0.0, 3.0 * DEGREE))
+    stamps = START + 10**7 * np.arange(len(rates))
+    left = judged(bag(tmp_path / 'in', rates, accelerations, stamps), tmp_path).heading.left
+    stamps[3000:] += 600 * 10**9
+    verdict = judged(bag(tmp_path / 'gap', rates, accelerations, stamps), tmp_path)
+    assert verdict.rests.count == 2
+    assert left < verdict.heading.left < 8.0 * left
+    assert verdict.seconds == pytest.approx(660, abs=0.1)
+
+
+def test_log_times_that_stand_contradict_nothing(tmp_path, random):
+    rates, accelerations = at_rest(random, 60, (0.0, 0.0, 3.0 * DEGREE))
+    rates[[1000, 2000, 3000], 0] += 100.0 * DEGREE
+    stamps = START + 10**7 * np.arange(len(rates))
+    messages = [(START, data) for _, data in imu_messages(stamps, rates, accelerations)]
+    verdict = judged(write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages}), tmp_path)
+    assert verdict.seconds == pytest.approx(60, abs=0.1)
+    assert verdict.bias.known_at is None
+    text = ' '.join(as_text(verdict).split())
+    assert re.search(r'it stood still for 5\d of 60 s, in 1 rest', text)
+    assert 'deg/s, found at rest; at the end known to' in text
+    assert '3 samples flagged as outliers (x 3, y 0, z 0), 3 of them at rest' in text
+    assert 'from 0.0' not in text
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('kind', ['level', 'handled'])

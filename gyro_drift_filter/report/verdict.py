@@ -102,7 +102,7 @@ class Bias:
         rates: (3,) in rad/s.
         deviations: (3,) its standard deviation in rad/s, by the filter's own account.
         known_at: Log time since the first message in s from which on it was known; None where it
-            was not learned at rest.
+            was not learned at rest, or log times stand.
         taken_off: Whether it is taken off the rates.
     """
 
@@ -142,8 +142,8 @@ class FlaggedOutliers:
         axes: How many on each axis (3,).
         at_rest: Samples with an outlier on some axis while at rest.
         in_motion: The same in motion.
-        first: Log time since the first message in s of the first one; None where there is none,
-            like
+        first: Log time since the first message in s of the first one; None where there is none, or
+            log times stand, like
         last: of the last one.
         busiest: Begin of the ten seconds with most of them.
         in_busiest: How many there are.
@@ -222,9 +222,10 @@ class RunWatch:
         self._given = False
         self._sums = no_sums()
         self._rules = RuleLog()
-        self._lagging = 0.0
-        # Of the bias: seconds, and the sum of its variance over them (3,) in (rad/s)^2 s.
-        self._judged = 0.0
+        # Samples, not seconds: a gap without messages is no time of which anything is said.
+        self._reported = self._lagging = 0
+        # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
+        self._judged = 0
         self._variance = [0.0, 0.0, 0.0]
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
@@ -263,13 +264,14 @@ class RunWatch:
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
         """See which rules apply to a report, so many s after the one before."""
         self._rules.judge(span, rules, seconds)
+        self._reported += span.samples
         if any(rule.name == 'large innovations' for rule in rules):
-            self._lagging += seconds
+            self._lagging += span.samples
         state = span.now.telemetry
         if state.bias_known or not self._sums[0]['known']:
-            self._judged += seconds
+            self._judged += span.samples
             deviations = zip(self._variance, state.bias_deviation, strict=True)
-            self._variance = [total + seconds * (now * now) for total, now in deviations]
+            self._variance = [total + span.samples * (now * now) for total, now in deviations]
 
     def verdict(self, run: Run) -> Verdict:
         """Return the verdict at the end of the run."""
@@ -280,7 +282,7 @@ class RunWatch:
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
         outliers = _flagged_outliers(total['outliers'], filter_.parameters.outlier_enabled, run)
-        lagging = self._lagging / self._rules.seconds if self._rules.seconds > 0.0 else 0.0
+        lagging = self._lagging / self._reported if self._reported else 0.0
         lags = lagging > _LAGGING_SHARE
         moving = int(total['moving'])
         # Of a filter that lags, what it takes for outliers says nothing of the recording.
@@ -304,7 +306,8 @@ class RunWatch:
             received=run.received,
             written=run.written,
             not_reported=run.not_reported,
-            seconds=run.seconds,
+            # Log times may stand, as where a converter has filled them in.
+            seconds=max(run.seconds, float(total['seconds'])),
             period=self.period,
             rests=rests,
             bias=bias,
@@ -334,7 +337,7 @@ class RunWatch:
             source,
             state['bias'].copy(),
             filter_.bias_deviation,
-            1e-9 * (int(total['rested_at']) - run.start) if total['rests'] else None,
+            _since_start(int(total['rested_at']), run) if total['rests'] else None,
             filter_.parameters.bias_enabled,
         )
 
@@ -353,7 +356,7 @@ class RunWatch:
                 before = float(total['up_before'] @ total['first_bias'] - total['taken_before'])
                 turn += before
         variance = np.square(bias.deviations)
-        if self._judged > 0.0:
+        if self._judged:
             variance = np.array(self._variance) / self._judged
         left = float(np.sqrt(total['up_squares'] @ variance / seconds))
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
@@ -383,13 +386,18 @@ def _rests(total: Any, needed: float) -> Rests:
     )
 
 
+def _since_start(log_time: int, run: Run) -> float | None:
+    """Return a log time in s since the first message; None where log times stand."""
+    return 1e-9 * (log_time - run.start) if run.seconds > 0.0 else None
+
+
 def _flagged_outliers(found: Any, looked_for: bool, run: Run) -> FlaggedOutliers:
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
         return FlaggedOutliers(looked_for, axes, 0, 0, None, None, None, 0)
-    first, last = (1e-9 * (int(found[name]) - run.start) for name in ('first', 'last'))
-    busiest = first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
+    first, last = (_since_start(int(found[name]), run) for name in ('first', 'last'))
+    busiest = None if first is None else first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
     in_busiest = int(found['in_busiest'])
     return FlaggedOutliers(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
 

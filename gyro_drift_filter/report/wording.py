@@ -255,15 +255,19 @@ def _about_heading(verdict: Verdict) -> str:
 
 def _about_outliers(verdict: Verdict) -> str:
     outliers, count = verdict.outliers, verdict.outliers.samples
-    if outliers.first is None or outliers.last is None or outliers.busiest is None:
+    if not count:
         return 'none' if outliers.looked_for else _NOT_LOOKED_FOR
     if count == 1:
         where = 'at rest' if outliers.at_rest else 'in motion'
-        return f'1 sample flagged as an outlier, {where} at {outliers.first:.1f} s'
+        when = '' if outliers.first is None else f' at {outliers.first:.1f} s'
+        return f'1 sample flagged as an outlier, {where}{when}'
     text = (
         f'{counted(count, "sample")} flagged as outliers ({by_axis(outliers.axes.tolist())}), '
-        f'{outliers.at_rest} of them at rest; from {outliers.first:.1f} to {outliers.last:.1f} s'
+        f'{outliers.at_rest} of them at rest'
     )
+    if outliers.first is None or outliers.last is None or outliers.busiest is None:
+        return text
+    text += f'; from {outliers.first:.1f} to {outliers.last:.1f} s'
     if outliers.in_busiest < count and outliers.in_busiest > 1:
         text += (
             f', most in the ten seconds from {outliers.busiest:.1f} s on ({outliers.in_busiest})'
