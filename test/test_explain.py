@@ -245,11 +245,15 @@ def test_nothing_to_look_at_is_an_error(bag, tmp_path, capsys):
     """Else an empty topic would seem to have no outliers."""
     empty = write(tmp_path / 'empty', {(TOPIC, IMU_TYPE): []})
     assert main(['explain', str(empty)]) == 1
-    assert f'topic {TOPIC} has no message with an angular velocity' in capsys.readouterr().err
+    assert f'topic {TOPIC} has no messages' in capsys.readouterr().err
     rows = [(START + k, imu_message(START + k, [np.nan] * 3, np.ones(3))) for k in range(100)]
     broken = write(tmp_path / 'broken', {(TOPIC, IMU_TYPE): rows})
     assert main(['explain', str(broken)]) == 1
-    assert f'topic {TOPIC} can not be filtered: no rate is a number' in capsys.readouterr().err
+    told = f'nothing of topic {TOPIC} can be filtered: no rate is a number'
+    assert told in capsys.readouterr().err
+    # `replay` tells it in the same words.
+    assert main(['replay', str(broken), '-o', str(tmp_path / 'out')]) == 1
+    assert told in capsys.readouterr().err
     assert main(['explain', str(bag), '--start', '30']) == 1
     assert 'lasts for 19.99 s, and ends before --start' in capsys.readouterr().err
 

@@ -23,7 +23,7 @@ from gyro_drift_filter.bags.bias_memory import check_replaceable
 from gyro_drift_filter.bags.opening import check_path, open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
-from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch
+from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
@@ -89,7 +89,7 @@ def replay(
                 run.take(piece)
             summaries = run.finish()
             if not any(summary.written for summary in summaries):
-                raise BagError(_why_nothing(summaries[0], selection))
+                raise BagError(why_nothing(summaries[0], selection.when))
         run.save_memory()
     return summaries
 
@@ -116,10 +116,3 @@ def _check_destination(destination: Path, source: Path, force: bool) -> None:
     if is_source:
         raise BagError(f'{head}, and is the bag to be read: choose another name')
     raise BagError(f'{head}: remove it, choose another name or use --force')
-
-
-def _why_nothing(summary: Summary, selection: Selection) -> str:
-    """Return why nothing came out of a filter."""
-    if summary.received:
-        return f'nothing of topic {summary.topic} can be filtered: {summary.status[0].message}'
-    return f'topic {summary.topic} has no messages{selection.when}'

@@ -86,10 +86,7 @@ class Summary:
         written: Messages written to the filtered topic.
         not_reported: Messages without angular velocity, passed on as they came.
         left_out: Topics of the input that were not copied, and why.
-        outliers: Samples flagged, per axis (3,).
         unusable: Samples without a usable rate, per axis (3,).
-        period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
-            that it was given or assumes.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
         seconds: From then to its last message.
@@ -101,21 +98,21 @@ class Summary:
     written: int
     not_reported: int
     left_out: dict[str, str]
-    outliers: NDArray[np.int64]
     unusable: NDArray[np.int64]
-    period: float
     status: list[DiagnosticStatus]
     start: int
     seconds: float
 
 
-def why_nothing(summary: Summary) -> str:
-    """Return what a topic lacks of which nothing came out of a filter."""
-    never = int(summary.unusable.max())
-    if never == 0:
-        return 'has no message with an angular velocity'
-    known = [int(count) < never for count in summary.unusable]
-    return f'can not be filtered: {without_rate(known, LARGEST_RATE)}'
+def why_nothing(summary: Summary, when: str = '') -> str:
+    """Return why nothing of a topic came out of a filter; `when` is the time of a `Selection`."""
+    if not summary.received:
+        return f'topic {summary.topic} has no messages{when}'
+    never, why = int(summary.unusable.max()), summary.status[0].message
+    if never:
+        known = [int(count) < never for count in summary.unusable]
+        why = without_rate(known, LARGEST_RATE) or why
+    return f'nothing of topic {summary.topic} can be filtered: {why}'
 
 
 class ReplayRun:
@@ -302,9 +299,7 @@ class TopicFilter:
             written=written,
             not_reported=report.not_reported,
             left_out=left_out,
-            outliers=state['counts']['outliers'].copy(),
             unusable=state['checks']['unusable'].copy(),
-            period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node).judge(report, seconds, paced=False),
             start=start,

@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> None:
             replay.take(piece)
         (summary,) = replay.finish()
     if not logs[0].samples:
-        raise BagError(f'topic {summary.topic} {why_nothing(summary)}')
+        raise BagError(why_nothing(summary))
     if start > summary.seconds:
         raise BagError(f'the recording lasts for {summary.seconds:g} s, and ends before --start')
     sequences = [

@@ -128,7 +128,7 @@ def filter_recording(
     signals: dict[str, Signals] = {}
     with open_bag(bag) as recording:
         inputs = selection.inputs(recording)
-        ((chosen, names),) = inputs.items()
+        (names,) = inputs.values()
         filtered = _FilteredTopic(recording, names.filtered)
 
         def watched(topic: str, filter_: Filter) -> Signals:
@@ -153,7 +153,7 @@ def filter_recording(
     }
     main, summary = next(iter(signals.values())), all_summaries[0]
     if not len(main.log_times):
-        raise BagError(f'topic {chosen} {why_nothing(summary)}{selection.when}')
+        raise BagError(why_nothing(summary, selection.when))
     recorded = filtered.beside(main, summary.start)
     frame = runs[0].filters[0].messages.report().frame
     return Filtered(signals, summaries, recorded, frame, count)
