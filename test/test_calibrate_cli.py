@@ -107,6 +107,18 @@ def test_errors_are_one_line(tmp_path, capsys, random):
         assert not (tmp_path / 'found.yaml').exists()
 
 
+@pytest.mark.parametrize('accelerometer', [True, False])
+def test_turns_without_whole_turns_are_told(accelerometer, tmp_path, capsys, random):
+    """Else the option would seem to have been of use."""
+    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
+    forces = turns.accelerations if accelerometer else np.zeros_like(turns.accelerations)
+    messages = imu_messages(turns.stamps, turns.rates, forces)
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages})
+    assert calibrate(tmp_path, source, '--turns') == 1
+    assert '--turns says that the sensor was turned by whole turns' in capsys.readouterr().err
+    assert not (tmp_path / 'found.yaml').exists()
+
+
 def test_a_rate_that_can_be_none_is_told(tmp_path, capsys, random):
     turns = lay_down(random, sides(random)[:1], random_faults(random), rate=50.0)
     turns.rates[:, 2] = 1e300

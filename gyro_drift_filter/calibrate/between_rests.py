@@ -160,6 +160,14 @@ class RestsOfOneRecording:
         before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
         return bool(np.linalg.norm(np.cross(before, behind)) < SAME_SIDE)
 
+    @property
+    def has_whole_turns(self) -> bool:
+        """Whether some leg was whole turns, back to the same side."""
+        if not self.measured:
+            return self.turns and bool(self.legs)
+        means = np.array([rest.acceleration for rest in self._rests])
+        return any(self._is_back(leg, turn_alone(leg, np.eye(3)), means) for leg in self.legs)
+
     def residuals(self, unknowns: Floats) -> Residuals:
         """Return all residuals at the unknowns."""
         blocks = self._blocks(unknowns)

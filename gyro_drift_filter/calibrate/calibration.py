@@ -37,6 +37,12 @@ Floats = NDArray[np.float64]
 
 # No hand turns a sensor faster than this, in rad/s: 2000 deg/s are the end of the usual range.
 FASTEST = 35.0
+_NO_WHOLE_TURN = (
+    '--turns says that the sensor was turned by whole turns, but no two rests that follow each '
+    'other are on the same side with a whole turn between them: turn it on the table by one turn '
+    'or more, push it back against the same edge and let it rest for four seconds; or leave out '
+    '--turns, if it was laid on its sides'
+)
 GRAVITIES = 7.0, 13.0  # m/s^2: an accelerometer's size of gravity, its faults included
 
 
@@ -121,6 +127,10 @@ def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None
         raise CalibrationError(
             'no rest found: lay the sensor down on a table that stands firm, let go of it for four '
             'seconds, turn it onto another side, and so on'
+        )
+    if turns and evidence.rests and not any(part.has_whole_turns for part in evidence.rests):
+        raise CalibrationError(
+            '; '.join([_NO_WHOLE_TURN, *what_is_left_out(sessions, evidence.rests)])
         )
     if not (evidence.has_turns or evidence.references):
         raise CalibrationError(
