@@ -86,7 +86,10 @@ class Summary:
         written: Messages written to the filtered topic.
         not_reported: Messages without angular velocity, passed on as they came.
         left_out: Topics of the input that were not copied, and why.
+        outliers: Samples flagged, per axis (3,).
         unusable: Samples without a usable rate, per axis (3,).
+        period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
+            that it was given or assumes.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
         seconds: From then to its last message.
@@ -98,7 +101,9 @@ class Summary:
     written: int
     not_reported: int
     left_out: dict[str, str]
+    outliers: NDArray[np.int64]
     unusable: NDArray[np.int64]
+    period: float
     status: list[DiagnosticStatus]
     start: int
     seconds: float
@@ -299,7 +304,9 @@ class TopicFilter:
             written=written,
             not_reported=report.not_reported,
             left_out=left_out,
+            outliers=state['counts']['outliers'].copy(),
             unusable=state['checks']['unusable'].copy(),
+            period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node).judge(report, seconds, paced=False),
             start=start,
