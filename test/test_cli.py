@@ -348,7 +348,7 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
             '/dev/full exists already: choose another name, as it is no rosbag2 folder',
         ),
         (['replay', '.', '-o', 'out'], '. is no rosbag2 folder: it holds no metadata.yaml'),
-        (['report', 'silent', '-o', 'out'], 'can not be filtered: no rate about y is a number of'),
+        (['report', 'silent', '-o', 'out'], 'can be filtered: no rate about y is a number of'),
         (['replay', 'in', '-o', 'out', '--params', 'none.yaml'], 'none.yaml: No such file'),
         (['replay', 'in', '-o', 'out', '--params', 'bad.yaml'], "did you mean 'epsilon'?"),
         (['replay', 'in', '-o', 'out', '--params', 'text.yaml'], "'epsilon' must be a number"),
