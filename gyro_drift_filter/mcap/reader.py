@@ -30,13 +30,12 @@ from gyro_drift_filter.mcap.records import (
     CHANNEL,
     CHUNK,
     CHUNK_INDEX,
-    FOOTER,
-    FOOTER_FIELDS,
     MAGIC,
     PREFIX,
     SCHEMA,
     Fields,
     McapError,
+    read_footer,
     records,
     unpack_chunk,
 )
@@ -95,16 +94,14 @@ def read_layout(path: Openable) -> Layout | None:
         with path.open('rb') as file:
             if file.read(len(MAGIC)) != MAGIC:
                 return None
-            tail = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
-            footer = file.seek(-tail, 2)
-            opcode, length = PREFIX.unpack(file.read(PREFIX.size))
-            summary, _, _ = FOOTER_FIELDS.unpack(file.read(FOOTER_FIELDS.size))
-            if (opcode, length) != (FOOTER, FOOTER_FIELDS.size) or file.read() != MAGIC:
+            footer = read_footer(file)
+            if footer is None or file.read() != MAGIC:
                 return None
-            if not len(MAGIC) <= summary < footer or footer - summary > _LARGEST_SUMMARY:
+            summary, size = footer.summary, footer.start - footer.summary
+            if summary < len(MAGIC) or not 0 < size <= _LARGEST_SUMMARY:
                 return None
             file.seek(summary)
-            return _layout(file.read(footer - summary), summary)
+            return _layout(file.read(size), summary)
     except (OSError, struct.error, UnicodeDecodeError, KeyError, IndexError):
         return None
 

@@ -21,7 +21,7 @@ endian; a string is its length in four bytes and then UTF-8.
 import struct
 import sys
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from zlib import crc32
 
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -50,6 +50,36 @@ LARGEST_CHUNK = 2**28
 
 class McapError(GyroDriftFilterError):
     """A file is not as its own index says; the text says where."""
+
+
+class Footer(NamedTuple):
+    """The last record of a file.
+
+    Attributes:
+        start: Offset of the record.
+        summary: Offset of the summary section, 0 where there is none.
+        checksum: CRC-32 from there to this checksum itself, 0 where there is none.
+    """
+
+    start: int
+    summary: int
+    checksum: int
+
+
+def read_footer(file: BinaryIO) -> Footer | None:
+    """Return the footer of a file; None where something else stands in its place.
+
+    Behind it the file is left at its last bytes, which should be `MAGIC`.
+    """
+    start = file.seek(0, 2) - PREFIX.size - FOOTER_FIELDS.size - len(MAGIC)
+    if start < len(MAGIC):
+        return None
+    file.seek(start)
+    head, fields = file.read(PREFIX.size), file.read(FOOTER_FIELDS.size)
+    if head != PREFIX.pack(FOOTER, FOOTER_FIELDS.size):
+        return None
+    summary, _, checksum = FOOTER_FIELDS.unpack(fields)
+    return Footer(start, summary, checksum)
 
 
 class Fields:

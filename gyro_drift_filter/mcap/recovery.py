@@ -42,6 +42,7 @@ from gyro_drift_filter.mcap.records import (
     PREFIX,
     SCHEMA,
     McapError,
+    read_footer,
     record,
     unpack_chunk,
 )
@@ -50,7 +51,6 @@ from gyro_drift_filter.mcap.writer import McapWriter
 _log = logging.getLogger(__name__)
 
 _KEY = struct.Struct('<H')
-_TAIL_BYTES = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)  # from the footer to the end
 _CHECKSUM_BYTES = 4  # the last field of a footer
 _BLOCK = 2**20  # bytes that are read at once for a checksum
 
@@ -78,19 +78,17 @@ def has_damaged_summary(path: Openable) -> bool:
         OSError: The file can't be read.
     """
     with path.open('rb') as file:
-        is_mcap = file.read(len(MAGIC)) == MAGIC
-        footer = file.seek(0, 2) - _TAIL_BYTES
-        if not is_mcap or footer < len(MAGIC):
+        if file.read(len(MAGIC)) != MAGIC:
             return False
-        file.seek(footer)
-        head, fields = file.read(PREFIX.size), file.read(FOOTER_FIELDS.size)
+        footer = read_footer(file)
         if file.read() != MAGIC:
             return False
-        summary, _, checksum = FOOTER_FIELDS.unpack(fields)
-        if head != PREFIX.pack(FOOTER, FOOTER_FIELDS.size) or summary > footer:
+        if footer is None or footer.summary > footer.start:
             return True
-        end = file.tell() - len(MAGIC) - _CHECKSUM_BYTES
-        return summary != 0 and checksum not in (0, _checksum(file, summary, end))
+        if footer.summary == 0 or footer.checksum == 0:
+            return False
+        end = footer.start + PREFIX.size + FOOTER_FIELDS.size - _CHECKSUM_BYTES
+        return _checksum(file, footer.summary, end) != footer.checksum
 
 
 def _checksum(file: BinaryIO, start: int, end: int) -> int:
@@ -125,7 +123,8 @@ def recover(source: Openable, destination: Path) -> int:
                 # After a power cut the end may be there without having been written.
                 if not writer.counts:
                     raise
-                behind = -file.tell() + file.seek(0, 2)
+                place = file.tell()
+                behind = file.seek(0, 2) - place
                 _log.warning(
                     '%s %s: this and the %d bytes behind it are not read', source, error, behind
                 )
