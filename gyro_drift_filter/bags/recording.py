@@ -69,10 +69,10 @@ class Damage(NamedTuple):
 
     def text(self, begin: int | None) -> str:
         """Return what is damaged, and when messages are lost; times are counted as above."""
-        first, last = self.seconds(begin)
-        if first == -math.inf:
+        if self.first is None:
             return self.why
-        until = 'on' if last == math.inf else f'to {last:.3f} s'
+        first, last = self.seconds(begin)
+        until = 'on' if self.last is None else f'to {last:.3f} s'
         return (
             f'{self.why}; what is lost are the messages from {first:.3f} s {until}, counted from '
             'the first message of the recording'

@@ -128,18 +128,16 @@ def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None
             'no rest found: lay the sensor down on a table that stands firm, let go of it for four '
             'seconds, turn it onto another side, and so on'
         )
+    if why := _why_no_turn(evidence, turns):
+        raise CalibrationError('; '.join([why, *what_is_left_out(sessions, evidence.rests)]))
+
+
+def _why_no_turn(evidence: Evidence, turns: bool) -> str:
+    """Return in words which turn is missing: a whole one, if it was to be `turns`, or any."""
     if turns and evidence.rests and not any(part.has_whole_turns for part in evidence.rests):
-        raise CalibrationError(
-            '; '.join([_NO_WHOLE_TURN, *what_is_left_out(sessions, evidence.rests)])
-        )
-    if not (evidence.has_turns or evidence.references):
-        raise CalibrationError(
-            '; '.join([_why_no_turn(evidence), *what_is_left_out(sessions, evidence.rests)])
-        )
-
-
-def _why_no_turn(evidence: Evidence) -> str:
-    """Return in words why there is no turn between rests."""
+        return _NO_WHOLE_TURN
+    if evidence.has_turns or evidence.references:
+        return ''
     if any(part.gaps or part.clipped for part in evidence.rests):
         return 'no turn can be used'
     return (
