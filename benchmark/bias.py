@@ -21,7 +21,8 @@ Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of 
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -54,11 +55,10 @@ ROCKED, HINT_EVERY = 30, 0.5  # s
 SENSITIVITIES = (0.0, 0.05, 0.1, 0.2)  # deg/s per g
 LAID, WAY = 8.0, 6.0  # s
 START = 10**18
-# Whether the turn is about the vertical, and whether there is no accelerometer.
 TURNS = {
-    'vertical': (True, False),
-    'horizontal': (False, False),
-    'horizontal, gyroscope alone': (False, True),
+    'vertical': {'upright': True, 'silent': False},
+    'horizontal': {'upright': False, 'silent': False},
+    'horizontal, gyroscope alone': {'upright': False, 'silent': True},
 }
 
 Array = NDArray[np.float64]
@@ -76,6 +76,7 @@ def _biases(
     rates: Array,
     accelerations: Array,
     rate: float,
+    *,
     silent: bool = False,
     drives: NDArray[np.bool_] | None = None,
 ) -> Array:
@@ -96,7 +97,7 @@ def _biases(
 
 
 def slow_turn(
-    random: np.random.Generator, speed: float, upright: bool, silent: bool, rate: float
+    random: np.random.Generator, speed: float, rate: float, *, upright: bool, silent: bool
 ) -> tuple[float, float]:
     """Return the bias of the axis before and at the end of a turn of `speed` deg/s, in deg/s.
 
@@ -111,7 +112,7 @@ def slow_turn(
         angle = speed * DEGREE / rate * np.arange(len(rates) - begin)
         accelerations[begin:, 1] += GRAVITY * np.sin(angle)
         accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
-    bias = _biases(rates, accelerations, rate, silent)[:, axis]
+    bias = _biases(rates, accelerations, rate, silent=silent)[:, axis]
     return float(bias[begin - 1]) / DEGREE, float(bias[-1]) / DEGREE
 
 
@@ -163,14 +164,14 @@ def warm_up_in_stands(random: np.random.Generator, size: float, rate: float) -> 
     return _lost_in_stands(random, _warming(size, rate), rate)
 
 
-def warm_up_in_stops(random: np.random.Generator, stop: float, hums: bool, rate: float) -> float:
+def warm_up_in_stops(random: np.random.Generator, stop: float, rate: float, *, hums: bool) -> float:
     """Return the same of a robot on wheels that stops for `stop` s each.
 
     They vibrate as it drives. It stands for 10 s at first. Then a machine is switched on, if it
     `hums`, and stays on.
     """
     truth = _warming(STOP_WARM_UP, rate)
-    return _lost_in_stands(random, truth, rate, stop, vibrates=True, hums=hums)
+    return _lost_in_stands(random, truth, rate, stand=stop, vibrates=True, hums=hums)
 
 
 def _warming(size: float, rate: float) -> Array:
@@ -183,6 +184,7 @@ def _lost_in_stands(
     random: np.random.Generator,
     truth: Array,
     rate: float,
+    *,
     stand: float = STAND,
     vibrates: bool = False,
     hums: bool = False,
@@ -217,7 +219,7 @@ def _largest_angle(errors: Array, rate: float) -> float:
     return float(np.abs(np.cumsum(errors)).max() / rate / DEGREE)
 
 
-def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: float) -> float:
+def warm_up_in_rocked_stands(random: np.random.Generator, rate: float, *, hinted: bool) -> float:
     """Return the same of a robot that rocks at 1 Hz while it stands, for 30 s each time.
 
     As on soft tires: 0.02 rad/s and 0.1 m/s^2. It says that it stands where `hinted`.
@@ -234,7 +236,7 @@ def warm_up_in_rocked_stands(random: np.random.Generator, hinted: bool, rate: fl
     return _largest_angle(bias - truth, rate)
 
 
-def slow_turns_in_drives(random: np.random.Generator, steady: bool, rate: float) -> float:
+def slow_turns_in_drives(random: np.random.Generator, rate: float, *, steady: bool) -> float:
     """Return the heading that is lost in deg, of a robot that turns slowly between fast turns.
 
     About the vertical and one way, for 6 to 20 s each at 0.3 to 2 deg/s: each time as fast where
@@ -313,8 +315,185 @@ def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, A
     return errors[round(CYCLE * rate) : begin], errors[begin:]
 
 
+@dataclass(frozen=True)
+class Trials:
+    """The same world once for each seed, with samples at a rate in Hz."""
+
+    seeds: int
+    rate: float
+
+    def each(self, world: Callable[..., Any], *arguments: float, **flags: bool) -> Iterator[Any]:
+        """Yield what a world gives for each seed."""
+        for seed in range(self.seeds):
+            yield world(np.random.default_rng(seed), *arguments, self.rate, **flags)
+
+    def results(self, world: Callable[..., Any], *arguments: float, **flags: bool) -> Array:
+        """Return what it gives, with a column for each figure where there are several."""
+        return np.array(list(self.each(world, *arguments, **flags)))
+
+    def lost(self, world: Callable[..., float], *arguments: float, **flags: bool) -> str:
+        """Return the median and the worst of one figure as text."""
+        return _median_and_worst(self.results(world, *arguments, **flags))
+
+
 def _median_and_worst(values: Array, decimals: int = 1) -> str:
     return f'{np.median(values):.{decimals}f}  {values.max():.{decimals}f}'
+
+
+def _titled(title: str, rows: Sequence[Sequence[str]]) -> str:
+    return f'{title}\n\n{table(rows)}'
+
+
+def _slow_turns(trials: Trials) -> str:
+    rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
+    error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
+    for speed in SPEEDS:
+        tell(f'turning at {speed:g} deg/s ...')
+        row, error_row = [f'{speed:g}'], [f'{speed:g}']
+        for turn in TURNS.values():
+            biases = trials.results(slow_turn, speed, **turn)
+            shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
+            row.append(_median_and_worst(shares, 3))
+            before, after = np.sqrt(np.mean(np.square(biases), axis=0))
+            error_row.append(f'{before:.4f}  {after:.4f}')
+        rows.append(row)
+        error_rows.append(error_row)
+    changed = _titled(
+        f'by what share of a turn of {TURN} s after {REST} s of rest the bias has changed', rows
+    )
+    errors = _titled(
+        'error of the bias before the turn and after it, root mean square, deg/s', error_rows
+    )
+    return f'{changed}\n\n{errors}'
+
+
+def _swings(trials: Trials) -> str:
+    rows = [['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)']]
+    for speed, period in product(SWINGS, PERIODS):
+        tell(f'turning to and fro at {speed:g} deg/s within {period} s ...')
+        moved, lost = trials.results(to_and_fro, speed, period).T
+        columns = _median_and_worst(moved, 3), _median_and_worst(lost)
+        rows.append([f'{speed:g}', f'{period}', *columns])
+    return _titled(
+        f'how far a turn of {SWING} s to and fro after {STILL} s of rest moves the bias at most, '
+        'and the\nheading that is lost by the bias, median and worst',
+        rows,
+    )
+
+
+def _jumps_at_rest(trials: Trials) -> str:
+    rows = [['deg/s', 'median (s)', 'known in']]
+    for size in JUMPS:
+        tell(f'jumping by {size:g} deg/s ...')
+        after = trials.results(jump, size)
+        known = np.mean(np.isfinite(after))
+        rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
+    return _titled(
+        f'after how long at rest a bias is known that jumps in any direction, up to {AFTER_JUMP} s',
+        rows,
+    )
+
+
+def _jumps_in_stands(trials: Trials) -> str:
+    rows = [['deg/s', 'heading (deg)']]
+    for size in JUMPS:
+        tell(f'jumping by {size:g} deg/s between drives ...')
+        rows.append([f'{size:g}', trials.lost(jump_in_stand, size)])
+    return _titled(
+        'the heading that is lost, median and worst, where a bias jumps about the vertical, while '
+        f'a\nrobot stands, within {DRIVE} s of stands of {STAND} s and {MOTION} s of motion',
+        rows,
+    )
+
+
+def _warm_ups_in_stands(trials: Trials) -> str:
+    rows = [['deg/s', 'heading (deg)']]
+    for size in WARM_UPS:
+        tell(f'warming up by {size:g} deg/s between drives ...')
+        rows.append([f'{size:g}', trials.lost(warm_up_in_stands, size)])
+    return _titled(
+        f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s', rows
+    )
+
+
+def _warm_ups_in_stops(trials: Trials) -> str:
+    rows = [['stop (s)', 'heading (deg)', 'with a machine (deg)']]
+    for stop in STOPS:
+        tell(f'warming up between stops of {stop:g} s ...')
+        lost = (trials.lost(warm_up_in_stops, stop, hums=hums) for hums in (False, True))
+        rows.append([f'{stop:g}', *lost])
+    return _titled(
+        f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
+        'drives, and stops for so long;\nand with a machine that hums from the first stop on',
+        rows,
+    )
+
+
+def _warm_ups_in_rocked_stands(trials: Trials) -> str:
+    rows = [['it says that it stands', 'heading (deg)']]
+    for name, hinted in {'no': False, 'yes': True}.items():
+        tell(f'warming up in stands in which it rocks, with a hint: {name} ...')
+        rows.append([name, trials.lost(warm_up_in_rocked_stands, hinted=hinted)])
+    return _titled(f'the same where it rocks while it stands, for {ROCKED} s each time', rows)
+
+
+def _slow_turns_in_drives(trials: Trials) -> str:
+    rows = [['slow turns', 'heading (deg)']]
+    for name, steady in {'all as fast': True, 'of any speed': False}.items():
+        tell(f'turning slowly between fast turns, {name} ...')
+        rows.append([name, trials.lost(slow_turns_in_drives, steady=steady)])
+    return _titled(
+        f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
+        'between fast ones',
+        rows,
+    )
+
+
+def _other_sides(trials: Trials) -> str:
+    rows = [['deg/s per g', 'bias (deg/s)', 'angle (deg)']]
+    for sensitivity in SENSITIVITIES:
+        tell(f'laid down on other sides, with {sensitivity:g} deg/s per g ...')
+        error, lost = trials.results(on_other_sides, sensitivity).T
+        columns = _median_and_worst(error, 3), _median_and_worst(lost)
+        rows.append([f'{sensitivity:g}', *columns])
+    return _titled(
+        f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
+        'bias at the end of a\nrest, and the angle that is lost, median and worst',
+        rows,
+    )
+
+
+def _warm_ups_at_rest(trials: Trials) -> str:
+    tell('warming up ...')
+    steady, moving = zip(*trials.each(warm_up_standing), strict=True)
+    rows = [['error (deg/s)', 'rms', 'worst']]
+    errors_of: dict[str, Any] = {
+        'after a rest': trials.results(warm_up),
+        'steady': steady,
+        'standing': moving,
+    }
+    for name, errors in errors_of.items():
+        rms, worst = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
+        rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
+    return _titled(
+        f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
+        f'standing\nall the time, after {WARM_UP} s in which it was steady',
+        rows,
+    )
+
+
+TABLES = (
+    _slow_turns,
+    _swings,
+    _jumps_at_rest,
+    _jumps_in_stands,
+    _warm_ups_in_stands,
+    _warm_ups_in_stops,
+    _warm_ups_in_rocked_stands,
+    _slow_turns_in_drives,
+    _other_sides,
+    _warm_ups_at_rest,
+)
 
 
 def main() -> None:
@@ -323,123 +502,11 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=100, help='default %(default)s')
     parser.add_argument('--rate', type=float, default=100.0, help='Hz, default %(default)s')
     options = parser.parse_args()
-    seeds = range(options.seeds)
-
-    def of_seeds(world: Callable[..., Any], *arguments: float) -> Array:
-        """Return what a world gives for each seed; where it gives several figures, as columns."""
-        results = [world(np.random.default_rng(k), *arguments, options.rate) for k in seeds]
-        return np.array(results)
-
-    def lost_in(world: Callable[..., float], *arguments: float) -> str:
-        return _median_and_worst(of_seeds(world, *arguments))
-
-    rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
-    error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
-    for speed in SPEEDS:
-        tell(f'turning at {speed:g} deg/s ...')
-        row, error_row = [f'{speed:g}'], [f'{speed:g}']
-        for upright, silent in TURNS.values():
-            biases = of_seeds(slow_turn, speed, upright, silent)
-            shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
-            row.append(_median_and_worst(shares, 3))
-            before, after = np.sqrt(np.mean(np.square(biases), axis=0))
-            error_row.append(f'{before:.4f}  {after:.4f}')
-        rows.append(row)
-        error_rows.append(error_row)
-    print(f'by what share of a turn of {TURN} s after {REST} s of rest the bias has changed\n')
-    print(table(rows), end='\n\n')
-    print('error of the bias before the turn and after it, root mean square, deg/s\n')
-    print(table(error_rows), end='\n\n')
-    print(
-        f'how far a turn of {SWING} s to and fro after {STILL} s of rest moves the bias at most, '
-        'and the\nheading that is lost by the bias, median and worst\n'
-    )
-    rows = [['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)']]
-    for speed, period in product(SWINGS, PERIODS):
-        tell(f'turning to and fro at {speed:g} deg/s within {period} s ...')
-        moved, lost = of_seeds(to_and_fro, speed, period).T
-        columns = _median_and_worst(moved, 3), _median_and_worst(lost)
-        rows.append([f'{speed:g}', f'{period}', *columns])
-    print(table(rows), end='\n\n')
-    print(
-        'after how long at rest a bias is known that jumps in any direction, '
-        f'up to {AFTER_JUMP} s\n'
-    )
-    rows = [['deg/s', 'median (s)', 'known in']]
-    for size in JUMPS:
-        tell(f'jumping by {size:g} deg/s ...')
-        after = of_seeds(jump, size)
-        known = np.mean(np.isfinite(after))
-        rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
-    print(table(rows), end='\n\n')
-    print(
-        'the heading that is lost, median and worst, where a bias jumps about the vertical, while '
-        f'a\nrobot stands, within {DRIVE} s of stands of {STAND} s and {MOTION} s of motion\n'
-    )
-    rows = [['deg/s', 'heading (deg)']]
-    for size in JUMPS:
-        tell(f'jumping by {size:g} deg/s between drives ...')
-        rows.append([f'{size:g}', lost_in(jump_in_stand, size)])
-    print(table(rows), end='\n\n')
-    print(f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s\n')
-    rows = [['deg/s', 'heading (deg)']]
-    for size in WARM_UPS:
-        tell(f'warming up by {size:g} deg/s between drives ...')
-        rows.append([f'{size:g}', lost_in(warm_up_in_stands, size)])
-    print(table(rows), end='\n\n')
-    print(
-        f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
-        'drives, and stops for so long;\nand with a machine that hums from the first stop on\n'
-    )
-    rows = [['stop (s)', 'heading (deg)', 'with a machine (deg)']]
-    for stop in STOPS:
-        tell(f'warming up between stops of {stop:g} s ...')
-        rows.append([f'{stop:g}', *(lost_in(warm_up_in_stops, stop, on) for on in (False, True))])
-    print(table(rows), end='\n\n')
-    print(f'the same where it rocks while it stands, for {ROCKED} s each time\n')
-    rows = [['it says that it stands', 'heading (deg)']]
-    for name, hinted in {'no': False, 'yes': True}.items():
-        tell(f'warming up in stands in which it rocks, with a hint: {name} ...')
-        rows.append([name, lost_in(warm_up_in_rocked_stands, hinted)])
-    print(table(rows), end='\n\n')
-    print(
-        f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
-        'between fast ones\n'
-    )
-    rows = [['slow turns', 'heading (deg)']]
-    for name, steady in {'all as fast': True, 'of any speed': False}.items():
-        tell(f'turning slowly between fast turns, {name} ...')
-        rows.append([name, lost_in(slow_turns_in_drives, steady)])
-    print(table(rows), end='\n\n')
-    print(
-        f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
-        'bias at the end of a\nrest, and the angle that is lost, median and worst\n'
-    )
-    rows = [['deg/s per g', 'bias (deg/s)', 'angle (deg)']]
-    for sensitivity in SENSITIVITIES:
-        tell(f'laid down on other sides, with {sensitivity:g} deg/s per g ...')
-        error, lost = of_seeds(on_other_sides, sensitivity).T
-        columns = _median_and_worst(error, 3), _median_and_worst(lost)
-        rows.append([f'{sensitivity:g}', *columns])
-    print(table(rows), end='\n\n')
-    print(
-        f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
-        f'standing\nall the time, after {WARM_UP} s in which it was steady\n'
-    )
-    tell('warming up ...')
-    before, moving = zip(
-        *(warm_up_standing(np.random.default_rng(k), options.rate) for k in seeds), strict=True
-    )
-    rows = [['error (deg/s)', 'rms', 'worst']]
-    of_warm_up: dict[str, Any] = {
-        'after a rest': of_seeds(warm_up),
-        'steady': before,
-        'standing': moving,
-    }
-    for name, errors in of_warm_up.items():
-        rms, worst = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
-        rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
-    print(table(rows))
+    trials = Trials(options.seeds, options.rate)
+    for k, titled_table in enumerate(TABLES):
+        if k > 0:
+            print()
+        print(titled_table(trials), flush=True)
 
 
 if __name__ == '__main__':
