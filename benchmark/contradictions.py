@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tell('riding after a rest ...')
     rows, doubted = _after_a_rest(options.only, options.seeds)
     print(table(rows))
-    return tell_misses([*missed, *doubted], options.check)
+    return tell_misses([*missed, *doubted], check=options.check)
 
 
 if __name__ == '__main__':

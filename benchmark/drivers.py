@@ -296,7 +296,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(table(rows))
     print()
     print(LEGEND)
-    return tell_misses(short, options.check)
+    return tell_misses(short, check=options.check)
 
 
 if __name__ == '__main__':

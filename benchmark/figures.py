@@ -53,6 +53,7 @@ class Figure:
         numbers: tuple[float, float],
         against: str,
         bar: float,
+        *,
         at_least: bool = False,
     ) -> Self:
         """Return a figure that is judged by the ratio of two numbers: ours, and the other one.
@@ -61,7 +62,7 @@ class Figure:
         """
         ours, other = numbers
         texts = form.format(ours), form.format(other)
-        return cls(name, *texts, against, ours / other, bar, at_least)
+        return cls(name, *texts, against, ours / other, bar, at_least=at_least)
 
     @property
     def holds(self) -> bool:
@@ -84,7 +85,7 @@ def tell_figures(figures: Sequence[Figure], json_file: Path | None) -> int:
     return int(not all(figure.holds for figure in figures))
 
 
-def tell_misses(missed: Sequence[str], check: bool) -> int:
+def tell_misses(missed: Sequence[str], *, check: bool) -> int:
     """Print the bars that do not hold; return 1 where there are any and they are checked."""
     for line in missed:
         print(f'FALLS SHORT  {line}')

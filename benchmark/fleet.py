@@ -257,7 +257,7 @@ def interrupted(folder: Path) -> Iterator[Figure]:
         'bytes',
         same,
         1.0,
-        True,
+        at_least=True,
     )
 
 

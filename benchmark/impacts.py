@@ -69,7 +69,7 @@ def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array,
             yield path.stem, data['stamps'], data['rates'] * 1.0, data['accelerations'] * 1.0
 
 
-def lost(times: NDArray[np.int64], rates: Array, accelerations: Array, enabled: bool) -> Array:
+def lost(times: NDArray[np.int64], rates: Array, accelerations: Array, *, enabled: bool) -> Array:
     """Return the angle between the orientations by filtered and by raw rates, (n,) in deg."""
     results = Filter(Parameters(outlier_enabled=enabled)).run(times, rates, accelerations)
     filtered = results['angular_velocity'] + results['bias']
@@ -89,7 +89,7 @@ def main() -> None:
     for name, times, rates, accelerations in worlds(parser.parse_args().data):
         rows.append([name])
         for enabled in (True, False):
-            angle = lost(times, rates, accelerations, enabled)
+            angle = lost(times, rates, accelerations, enabled=enabled)
             rows[-1] += [f'{angle.max():.2f}', f'{angle[-1]:.2f}']
     tell(table(rows))
 

@@ -53,7 +53,7 @@ PATIENCE = 60.0
 class Player:
     """Publish Imu messages at a rate to a process under test, and note when its output comes."""
 
-    def __init__(self, command: Sequence[str], listen: bool = False) -> None:
+    def __init__(self, command: Sequence[str], *, listen: bool = False) -> None:
         self._context = rclpy.Context()
         domain = own_domain()
         rclpy.init(context=self._context, domain_id=domain)
@@ -186,7 +186,7 @@ def cpu_and_latency(repetitions: int) -> dict[str, dict[str, float]]:
     messages = imus(1000.0, 5.0)
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in CANDIDATES}
     for _, (name, (command, listen)) in itertools.product(range(repetitions), CANDIDATES.items()):
-        with Player(command, listen) as player:
+        with Player(command, listen=listen) as player:
             player.ready()
             first = len(player.arrivals)
             cpu = player.play(1000.0, messages)

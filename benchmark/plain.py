@@ -37,7 +37,7 @@ from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, VECTOR_TYP
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-def loop(source: Path, destination: Path, diagnostics: bool) -> None:
+def loop(source: Path, destination: Path, *, diagnostics: bool) -> None:
     """Read, deserialize, step, serialize and write message by message, with rosbags."""
     filter_ = Filter()
     vector, stamped = (
@@ -102,7 +102,7 @@ def main() -> None:
     if options.what == 'copy':
         copy(options.source, options.destination)
     else:
-        loop(options.source, options.destination, options.diagnostics)
+        loop(options.source, options.destination, diagnostics=options.diagnostics)
 
 
 if __name__ == '__main__':

@@ -325,7 +325,7 @@ def main() -> int:
     print(f'{options.rate:g} Hz, {options.kind} noise of {options.noise:g} rad/s\n')
     print(table(rows), end='\n\n')
     print(LEGEND)
-    return tell_misses(short, options.check)
+    return tell_misses(short, check=options.check)
 
 
 if __name__ == '__main__':

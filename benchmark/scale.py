@@ -54,7 +54,7 @@ def rolling(rate: float) -> Vehicle:
 BODIES = {f'rolls at {rate:g} rad/s': rolling(rate) for rate in (0.5, 3.0, 10.0)} | VEHICLES
 
 
-def bias_error(of: Ride, in_motion: bool) -> float:
+def bias_error(of: Ride, *, in_motion: bool) -> float:
     """Return the error of the bias while the body moves, root mean square in rad/s."""
     filter_ = Filter(Parameters(bias_in_motion=in_motion))
     bias = filter_.run(of.stamps, of.rates, of.accelerations)['bias']
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 for seed in range(options.seeds)
             ]
             off, on = (
-                1e3 * np.mean([bias_error(of, in_motion) for of in rides])
+                1e3 * np.mean([bias_error(of, in_motion=in_motion) for of in rides])
                 for in_motion in (False, True)
             )
             row.append(f'{off:.2f}  {on:.2f}')

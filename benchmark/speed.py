@@ -98,7 +98,7 @@ def core(repetitions: int) -> Iterator[Figure]:
         )
 
 
-def node(repetitions: int, quick: bool) -> Iterator[Figure]:
+def node(repetitions: int, *, quick: bool) -> Iterator[Figure]:
     """Measure the node beside relays."""
     start = live.starts(repetitions)
     (bare_time, bare_memory), (time_, memory) = start['bare'], start['node']
@@ -137,7 +137,7 @@ def node(repetitions: int, quick: bool) -> Iterator[Figure]:
         )
 
 
-def replay(repetitions: int, quick: bool, folder: Path) -> Iterator[Figure]:
+def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
     """Measure `gyro_drift replay` beside a plain loop and a copy, and its memory and growth."""
     name, rows = short_one()
     small, plain, large, huge = (
@@ -247,8 +247,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix='.bench_', dir=ROOT) as folder, live.in_repository():
         measured = {
             'core': core(options.repetitions),
-            'live': node(options.repetitions, options.quick),
-            'offline': replay(options.repetitions, options.quick, Path(folder)),
+            'live': node(options.repetitions, quick=options.quick),
+            'offline': replay(options.repetitions, Path(folder), quick=options.quick),
         }
         for name in options.only:
             tell(f'measuring: {name} ...')  # for some minutes each

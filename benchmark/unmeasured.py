@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if max(largest[:2]) > LARGEST:
             missed.append(f'{kind}: a bias of {max(largest[:2]):.1f}e-3 rad/s is found')
     print(table(rows))
-    return tell_misses(missed, options.check)
+    return tell_misses(missed, check=options.check)
 
 
 if __name__ == '__main__':

@@ -197,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(table(rows))
     if not INSIDE[0] <= np.mean(inside) <= INSIDE[1]:
         missed.append(f'{100.0 * np.mean(inside):.1f} % of the time within two deviations')
-    return tell_misses(missed, options.check)
+    return tell_misses(missed, check=options.check)
 
 
 if __name__ == '__main__':

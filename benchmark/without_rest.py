@@ -84,7 +84,7 @@ def _part(of: Ride, samples: slice) -> Ride:
     return Ride(**{field.name: getattr(of, field.name)[samples] for field in fields(of)})
 
 
-def errors_across(of: Ride, followed: bool) -> Array:
+def errors_across(of: Ride, *, followed: bool) -> Array:
     """Return the error of the bias across the vertical, (n,) in 1e-3 rad/s."""
     return errors_of(of, Filter(Parameters(bias_in_motion=followed)))
 
@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tell(f'riding: {name}, {kind} ...')
             rides = [started_in_motion(name, seed, turn_on) for seed in range(options.seeds)]
             off, on = (
-                at_times([errors_across(of, followed) for of in rides])
+                at_times([errors_across(of, followed=followed) for of in rides])
                 for followed in (False, True)
             )
             cells = (f'{a:.1f}  {b:.1f}' for a, b in zip(off[1:], on[1:], strict=True))
@@ -220,7 +220,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             root = [f'{np.sqrt(np.mean(np.square(errors))):.1f}' for errors in (off, on)]
             rows.append([f'{added} deg/s', *root, f'{on.max():.1f}'])
         print(table(rows))
-    return tell_misses(missed, options.check)
+    return tell_misses(missed, check=options.check)
 
 
 if __name__ == '__main__':

@@ -404,7 +404,7 @@ def fleet_of(random, *shape):
 
 
 def change_of(usual, values, both_ways=False):
-    return find_change(Series('the one', values, 0.1), usual, both_ways, 2000)
+    return find_change(Series('the one', values, 0.1), usual, 2000, both_ways=both_ways)
 
 
 def test_a_change_is_found_where_it_is_and_its_size_is_known(random):
@@ -440,7 +440,7 @@ def judged_fleets(draw, fleets=10):
     for _ in range(fleets):
         fleet = [Series(str(k // 3), values, 0.1) for k, values in enumerate(draw())]
         usual, tests = Usual(fleet), sum(len(series.values) for series in fleet)
-        found = [find_change(series, usual, True, tests) for series in fleet]
+        found = [find_change(series, usual, tests, both_ways=True) for series in fleet]
         named += any(change and change.certain for change in found)
     return named
 
@@ -508,7 +508,7 @@ def test_a_frozen_axis_is_found_though_it_has_no_noise_to_be_compared(random):
 def test_a_change_that_is_certain_stands_before_a_larger_one_that_is_not(random, monkeypatch):
     of_axes = [Found(5, 0.0, 1.0, 9.0, certain=False), Found(5, 0.0, 1.0, 4.0, certain=True)]
     told = chain(of_axes, repeat(None))
-    monkeypatch.setattr('gyro_drift_filter.fleet.health.find_change', lambda *_: next(told))
+    monkeypatch.setattr('gyro_drift_filter.fleet.health.find_change', lambda *_, **__: next(told))
     (sensor,) = judged(rows_of_fleet(random, robots=1))
     (change,) = sensor.changes
     assert (change.quantity, change.axis, sensor.size) == ('noise', 'y', 4.0)

@@ -193,7 +193,9 @@ def report_of(count, **changes):
 
 def span(**changes):
     """Return ten seconds of a sound filter, with these changes at their end."""
-    return span_of(report_of(0), report_of(900), report_of(1000, **changes), 10.0, True)
+    return span_of(
+        report_of(0), report_of(900), report_of(1000, **changes), 10.0, is_rate_judged=True
+    )
 
 
 @pytest.mark.parametrize('name', RULES)

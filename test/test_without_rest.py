@@ -61,14 +61,14 @@ def walk():
 def test_gravity_shows_the_bias_of_who_never_rests(vehicle):
     """With the bias of a cheap sensor, which was left in for ever."""
     of = started_in_motion(vehicle, 3, 2.0 * DEGREE)
-    left = [errors_across(of, followed)[LATER] for followed in (False, True)]
+    left = [errors_across(of, followed=followed)[LATER] for followed in (False, True)]
     assert np.mean(left[1]) < 0.3 * np.mean(left[0])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('vehicle', VEHICLES)
 def test_who_never_rests_and_has_no_bias_is_not_given_one(vehicle):
-    errors = errors_across(started_in_motion(vehicle, 3, 0.0), True)
+    errors = errors_across(started_in_motion(vehicle, 3, 0.0), followed=True)
     assert errors[LATER].mean() < 3.0
 
 

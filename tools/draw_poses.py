@@ -83,7 +83,7 @@ def seen(points: Floats) -> Floats:
     return np.stack([points @ _ACROSS, points @ _UP], axis=-1)
 
 
-def draw_pose(panel: Axes, title: str, rotation: Floats, leans: bool) -> None:
+def draw_pose(panel: Axes, title: str, rotation: Floats, *, leans: bool) -> None:
     """Draw a box on a table, and the wall that it leans against."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     corners = signs * HALF @ rotation.T
@@ -116,7 +116,7 @@ def draw_pose(panel: Axes, title: str, rotation: Floats, leans: bool) -> None:
     panel.axis('off')
 
 
-def draw_axes(panel: Axes, rotation: Floats, towards: bool) -> None:
+def draw_axes(panel: Axes, rotation: Floats, *, towards: bool) -> None:
     """Draw those axes that point towards the eye, before the box, or the others, behind it."""
     for k, (name, colour) in enumerate(zip(AXES, COLOURS, strict=True)):
         direction = rotation[:, k]

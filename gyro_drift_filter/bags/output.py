@@ -72,6 +72,7 @@ class Output:
         writer: BagWriter,
         inputs: Mapping[str, Topics],
         kept: Collection[str],
+        *,
         diagnostics: bool,
     ) -> None:
         """Add all topics.

@@ -74,7 +74,7 @@ def replay(
         MemoryFileError: `memory` can't be written, or holds something else.
     """
     check_path(source)
-    _check_destination(destination, source, force)
+    _check_destination(destination, source, force=force)
     if memory is not None:
         check_replaceable(memory)
     with open_bag(source) as recording:
@@ -83,7 +83,7 @@ def replay(
             raise BagError('a file of the bias is of one gyroscope: name one Imu topic')
         hint = selection.hint_topic(recording)
         with _reporting_memory(source), BagWriter(destination, replace=force) as writer:
-            output = Output(recording, writer, inputs, kept, diagnostics)
+            output = Output(recording, writer, inputs, kept, diagnostics=diagnostics)
             run = ReplayRun(recording, output, parameters, inputs, watch.watcher, hint, memory)
             for piece in selection.pieces(recording, watch.progress):
                 run.take(piece)
@@ -94,7 +94,7 @@ def replay(
     return summaries
 
 
-def _check_destination(destination: Path, source: Path, force: bool) -> None:
+def _check_destination(destination: Path, source: Path, *, force: bool) -> None:
     """Look whether a bag can be written there.
 
     Raises:

@@ -92,7 +92,12 @@ class RestsOfOneRecording:
     """
 
     def __init__(
-        self, number: int, session: Session, turns: bool, sensitivity: AccelerationSensitivity
+        self,
+        number: int,
+        session: Session,
+        sensitivity: AccelerationSensitivity,
+        *,
+        turns: bool,
     ) -> None:
         """Take a recording by its number and itself, and what acceleration does to its rates."""
         self._rests: Sequence[Rest] = session.rests.rests

@@ -80,13 +80,13 @@ def calibrate(recordings: Sequence[Samples], *, turns: bool = False) -> Calibrat
     sensitivity = find_sensitivity([session.rests for session in sessions])
     for number, (samples, session) in enumerate(zip(recordings, sessions, strict=True)):
         if session.rests.rests:
-            rests.append(RestsOfOneRecording(number, session, turns, sensitivity))
+            rests.append(RestsOfOneRecording(number, session, sensitivity, turns=turns))
         if samples.reference is not None:
             track, density = session.track, session.rests.rate_density
             reference = samples.reference
             references.append(ReferenceOfOneRecording(number, track, reference, density))
     evidence = Evidence(rests, references, _up(sessions))
-    _check(sessions, evidence, turns)
+    _check(sessions, evidence, turns=turns)
     return make_result(sessions, evidence, solve(evidence), sensitivity)
 
 
@@ -97,7 +97,7 @@ def _up(sessions: Sequence[Session]) -> Floats | None:
     return np.asarray(up / np.linalg.norm(up)) if np.isfinite(up).all() else None
 
 
-def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None:
+def _check(sessions: Sequence[Session], evidence: Evidence, *, turns: bool) -> None:
     """Look whether there is anything to be found.
 
     Raises:
@@ -128,11 +128,11 @@ def _check(sessions: Sequence[Session], evidence: Evidence, turns: bool) -> None
             'no rest found: lay the sensor down on a table that stands firm, let go of it for four '
             'seconds, turn it onto another side, and so on'
         )
-    if why := _why_no_turn(evidence, turns):
+    if why := _why_no_turn(evidence, turns=turns):
         raise CalibrationError('; '.join([why, *what_is_left_out(sessions, evidence.rests)]))
 
 
-def _why_no_turn(evidence: Evidence, turns: bool) -> str:
+def _why_no_turn(evidence: Evidence, *, turns: bool) -> str:
     """Return in words which turn is missing: a whole one, if it was to be `turns`, or any."""
     if turns and evidence.rests and not any(part.has_whole_turns for part in evidence.rests):
         return _NO_WHOLE_TURN

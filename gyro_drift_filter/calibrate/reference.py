@@ -229,7 +229,7 @@ class ReferenceOfOneRecording:
         scale = self.inflation**-0.5
         return Residuals(scale * values, scale * jacobian)
 
-    def renew(self, unknowns: Floats, near: bool) -> None:
+    def renew(self, unknowns: Floats, *, near: bool) -> None:
         """Take over what is known by now: biases, the reference's noise, what has slipped.
 
         Only near the solution it can be told whether errors belong together.

@@ -60,7 +60,7 @@ def find_sensitivity(recordings: Sequence[Rests]) -> AccelerationSensitivity:
     parts = [_without_trend(found) for found in recordings]
     if not parts:
         nothing = np.zeros((3, 3))
-        return AccelerationSensitivity(nothing, nothing, nothing, False)
+        return AccelerationSensitivity(nothing, nothing, nothing, is_found=False)
     rates, forces = (np.concatenate([part[k] for part in parts]) for k in range(2))
     normal = forces.T @ forces
     inverse = np.linalg.inv(normal + (WANDERING * GRAVITY) ** 2 * np.eye(3))
@@ -75,7 +75,7 @@ def find_sensitivity(recordings: Sequence[Rests]) -> AccelerationSensitivity:
     chance = f_distribution.sf(explained, 3, max(free, 1))
     deviation = np.sqrt(np.outer(variance, np.diag(spread)))
     return AccelerationSensitivity(
-        matrix, deviation, spread, bool(free > 0 and chance.min() < BY_CHANCE)
+        matrix, deviation, spread, is_found=bool(free > 0 and chance.min() < BY_CHANCE)
     )
 
 

@@ -128,7 +128,7 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
         if mount is not None:
             mount.turn(unknowns)
             for reference in evidence.references:
-                reference.renew(unknowns, near)
+                reference.renew(unknowns, near=near)
         residuals = _Residuals(evidence)
         found = least_squares(
             lambda x, both=residuals: both(x).values,

@@ -25,7 +25,7 @@ from gyro_drift_filter.errors import GyroDriftFilterError
 _COLOURS = {'helped': '1;32', 'useless': '1;33', 'harmed': '1;31'}
 
 
-def say(text: str, after_files: bool = True) -> None:
+def say(text: str, *, after_files: bool = True) -> None:
     """Print a result, when all else is done.
 
     Args:

@@ -35,7 +35,7 @@ class Progress:
     Elsewhere it is a line now and then, so that a log tells of long work and of no other.
     """
 
-    def __init__(self, enabled: bool, unit: str = 'messages') -> None:
+    def __init__(self, *, enabled: bool, unit: str = 'messages') -> None:
         self._enabled = enabled
         self._unit = unit
         self._terminal = is_terminal()

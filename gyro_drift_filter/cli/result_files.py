@@ -164,7 +164,7 @@ def saying(report: str, json_file: Path | None, value: Any) -> Iterator[list[Pat
     finally:
         if report and written:
             report += '\n\nwrote ' + '\n      '.join(map(str, written))
-        _say_one(report, json_file, value, bool(written))
+        _say_one(report, json_file, value, after_files=bool(written))
 
 
 def give_results(
@@ -184,14 +184,14 @@ def give_results(
         GyroDriftFilterError: They can't be written.
     """
     written = write_json(json_file, value)
-    _say_one(text, json_file, value, after_files or bool(written))
+    _say_one(text, json_file, value, after_files=after_files or bool(written))
 
 
-def _say_one(text: str, json_file: Path | None, value: Any, after_files: bool) -> None:
+def _say_one(text: str, json_file: Path | None, value: Any, *, after_files: bool) -> None:
     if json_file == _STANDARD_OUTPUT:
-        say(_as_json(value), after_files)
+        say(_as_json(value), after_files=after_files)
     elif text:
-        say(text, after_files)
+        say(text, after_files=after_files)
 
 
 def write_json(json_file: Path | None, value: Any) -> list[Path]:

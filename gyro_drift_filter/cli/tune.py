@@ -162,7 +162,7 @@ def _truth(
     return out
 
 
-def report(tuning: 'Tuning', by_truth: bool) -> str:
+def report(tuning: 'Tuning', *, by_truth: bool) -> str:
     """Return what was found, in words and as a table."""
     from gyro_drift_filter.tune.tuning import LEAST_GAIN
 

@@ -68,7 +68,7 @@ class Examined:
         connections: Publishers that it names for the topic.
         rules: What the rules of the live filter said.
         telemetry: Of the filter at the end.
-        not_cut: Whether motion has shown that counts are not cut towards zero.
+        truncation_refuted: Whether motion has shown that counts are not cut towards zero.
     """
 
     stamps: Values
@@ -82,7 +82,7 @@ class Examined:
     connections: int
     rules: RuleLog
     telemetry: Telemetry
-    not_cut: bool
+    truncation_refuted: bool
 
 
 _OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _INVENTED_RATE}
@@ -124,7 +124,7 @@ def examine(seen: Examined) -> list[Finding]:
         refuted.add('clipped')
     findings += [
         _with_constant_axes(finding, seen.rates)
-        for finding in seen.rules.findings(seen.not_cut, refuted)
+        for finding in seen.rules.findings(refuted, truncation_refuted=seen.truncation_refuted)
     ]
     findings += evenness
     if has_stamps:

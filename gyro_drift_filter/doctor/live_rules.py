@@ -39,7 +39,7 @@ _SETTLING_SHARE = 0.1
 _MISSING_SHARE = 1e-3
 
 
-def is_not_cut(filter_: Filter) -> bool:
+def is_truncation_refuted(filter_: Filter) -> bool:
     """Return whether motion has shown that counts are not cut towards zero."""
     return float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
 
@@ -84,12 +84,12 @@ class RuleLog:
         self.seconds += seconds
         self.last = span
 
-    def findings(self, not_cut: bool, refuted: Set[str]) -> list[Finding]:
+    def findings(self, refuted: Set[str], *, truncation_refuted: bool) -> list[Finding]:
         """Return a line for each rule that applied, and for each question that none answered.
 
         Args:
-            not_cut: Whether motion has shown that counts are not cut towards zero.
             refuted: Rules that applied to a part of the recording wrongly, as the whole shows.
+            truncation_refuted: Whether motion has shown that counts are not cut towards zero.
         """
         span = self.last
         if span is None:
@@ -114,7 +114,9 @@ class RuleLog:
             )
         faults = {finding.name for finding in found}
         found += [
-            finding for names, finding in _sound(span, not_cut) if not faults.intersection(names)
+            finding
+            for names, finding in _sound(span, truncation_refuted=truncation_refuted)
+            if not faults.intersection(names)
         ]
         return found
 
@@ -182,14 +184,14 @@ def _rate(span: Span) -> str:
     return f'{span.expected_rate:.4g} Hz' if known else 'too short to know the rate'
 
 
-def _sound(span: Span, not_cut: bool) -> list[tuple[set[str], Finding]]:
+def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
 
     cut = sound('truncation', 'counts are not cut towards zero')
     if not any(state.count_size):
         cut = sound('truncation', 'no counts are seen that could be cut towards zero')
-    elif not not_cut:
+    elif not truncation_refuted:
         cut = unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
     low_pass = sound('low-pass', 'the noise has passed no slow low-pass')
     if min(state.noise_blocks) == 0:

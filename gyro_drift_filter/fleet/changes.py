@@ -180,7 +180,7 @@ def _median_variance(count: int) -> float:
     return 0.5 * math.pi / (count + 0.5 * math.pi - 1.0)
 
 
-def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Found | None:
+def find_change(series: Series, usual: Usual, tests: int, *, both_ways: bool) -> Found | None:
     """Return the change for the worse between an earlier stretch of a series and the last one.
 
     The earlier stretch is the best one, or the first one if a change either way is for the worse.
@@ -188,9 +188,9 @@ def find_change(series: Series, usual: Usual, both_ways: bool, tests: int) -> Fo
     Args:
         series: What is looked at.
         usual: What is usual in the fleet.
-        both_ways: Whether less is worse, too, and not only more.
         tests: Values of all series that are looked at, each of which might be where chance makes a
             change.
+        both_ways: Whether less is worse, too, and not only more.
     """
     values = series.values
     if len(values) < LEAST_BAGS:

@@ -299,7 +299,7 @@ def _sensor(
         quantity, values = one.quantity, one.series.values.tolist()
         points = [Point(k, quantity.shown(v)) for k, v in zip(where, values, strict=True)]
         histories.setdefault(quantity.name, {})[one.axis] = points
-        found = find_change(one.series, usual[quantity.name], quantity.both_ways, tests)
+        found = find_change(one.series, usual[quantity.name], tests, both_ways=quantity.both_ways)
         if found is None:
             continue
         change = Change(

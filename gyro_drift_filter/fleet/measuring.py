@@ -201,7 +201,8 @@ def _measured(path: StreamedPath, bag: Bag, job: Job) -> tuple[list[Row], list[D
         output: Output | NoOutput = NoOutput(len(inputs))
         if job.bags is not None:
             writer = stack.enter_context(BagWriter(written_path(job.bags, bag), replace=True))
-            output = Output(recording, writer, inputs, selection.keeps(recording), False)
+            kept = selection.keeps(recording)
+            output = Output(recording, writer, inputs, kept, diagnostics=False)
         watches: dict[str, RunWatch] = {}
         signals: dict[str, Signals] = {}
 

@@ -82,7 +82,7 @@ class Check:
     consequence: str
 
 
-def _check(name: str, passed: bool, statistic: float, detail: str, failure: str) -> Check:
+def _check(name: str, statistic: float, detail: str, failure: str, *, passed: bool) -> Check:
     """Return a check; what a failure means is left out where it passed."""
     return Check(name, passed, statistic, detail, '' if passed else failure)
 
@@ -157,12 +157,12 @@ def check_zero_mean(residuals: Sequence[Values]) -> Check:
     passed = worst <= MEAN_LIMIT
     return _check(
         'zero mean',
-        passed,
         worst,
         f'the mean of span {where + 1} of {len(residuals)} is the farthest from zero, by '
         f'{worst:.2f} of its standard deviations (limit {MEAN_LIMIT:g})',
         'the bias differs from one motionless span to another by more than the noise '
         'explains, so the bias written is an average that no span has.',
+        passed=passed,
     )
 
 
@@ -258,13 +258,13 @@ def check_normality(residuals: Sequence[Values]) -> Check:
     passed = abs(skewness) <= SKEWNESS_LIMIT and abs(excess) <= KURTOSIS_LIMIT
     return _check(
         'normality',
-        passed,
         statistic,
         f'skewness {skewness:.3f} (limit {SKEWNESS_LIMIT:g}), excess kurtosis {excess:.3f} (limit '
         f'{KURTOSIS_LIMIT:g}); Jarque-Bera {statistic:.4g}, p {p:.2g} on {count} samples, which '
         'does not decide, as any sensor fails with enough of them',
         'the noise is not Gaussian, so the standard errors and the outlier limits, which '
         'assume that it is, are too narrow.',
+        passed=passed,
     )
 
 
@@ -286,11 +286,11 @@ def check_quantisation(spans: Sequence[Values], deviation: float) -> Check:
     )
     return _check(
         'quantisation',
-        passed,
         share,
         detail,
         f'rounding to steps adds {100 * share**2 / 12:.0f} % to the variance as white noise '
         'that is not Gaussian, so the coefficients of the finest noise are those of the rounding.',
+        passed=passed,
     )
 
 

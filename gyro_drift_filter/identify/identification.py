@@ -170,7 +170,9 @@ def identify(
             "measure, or the driver's zero-rate filter takes its noise away"
         )
     axes = tuple(
-        _identify_axis(rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper)
+        _identify_axis(
+            rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper=paper
+        )
         if value is None
         else DeadAxis(value)
         for axis, value in enumerate(dead)
@@ -271,6 +273,7 @@ def _identify_axis(
     period: float,
     name: str,
     orders: Sequence[Order],
+    *,
     paper: bool,
 ) -> AxisModel:
     raw = [Stretch(rate, span.first, span.stop) for span in spans]

@@ -116,7 +116,7 @@ def find_quiet(
     size = max(LEAST_WINDOW, round(WINDOW_SECONDS / period))
     windows = cut(n, timing.breaks, size)
     if not len(windows.first):
-        return Quiet((), None, missing, (0.0, 0.0, 0.0), False, False)
+        return Quiet((), None, missing, (0.0, 0.0, 0.0), accelerometer=False, open=False)
     # An acceleration that is partly NaN beside good rates says nothing about the rates.
     measured = tuple(axis for axis in accelerations if _measures(axis))
     looks = [look(axis, windows, period) for axis in (*rates, *measured)]
@@ -210,16 +210,16 @@ def _same_rate(spans: list[Span], windows: Windows, looks: Sequence[Look]) -> li
     means = np.array([seen.mean for seen in looks])
     limits = np.array([seen.limit for seen in looks])
 
-    def end_mean(span: Span, last: bool) -> Floats:
+    def end_mean(span: Span, *, last: bool) -> Floats:
         inside = np.flatnonzero((windows.first >= span.first) & (windows.stop <= span.stop))
         near = inside[-SLOW_WINDOWS:] if last else inside[:SLOW_WINDOWS]
         return np.asarray(np.median(means[:, near], axis=1))
 
-    def walk(others: list[Span], forward: bool) -> list[Span]:
+    def walk(others: list[Span], *, forward: bool) -> list[Span]:
         kept, reference = [], spans[longest]
         for span in others:
-            step = np.abs(end_mean(span, not forward) - end_mean(reference, forward))
-            if (step <= limits).all():
+            step = end_mean(span, last=not forward) - end_mean(reference, last=forward)
+            if (np.abs(step) <= limits).all():
                 kept.append(span)
                 reference = span
         return kept

@@ -75,7 +75,11 @@ class Stored:
         self._file.readinto(out.data.cast('B'))
         return out
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(
+        self,
+        dtype: Any = None,
+        copy: bool | None = None,  # noqa: FBT001  # numpy's protocol
+    ) -> NDArray[Any]:
         """Read all of them."""
         return np.asarray(self[:], dtype)
 

@@ -86,7 +86,7 @@ class Fit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-def spectrum(spans: Sequence[Values], scale: float = 1.0, differences: bool = False) -> Spectrum:
+def spectrum(spans: Sequence[Values], scale: float = 1.0, *, differences: bool = False) -> Spectrum:
     """Return the binned periodogram of one or several stretches of a recording.
 
     A stretch that is longer than a million samples is taken in parts; what is lost are frequencies

@@ -116,7 +116,7 @@ def recover(source: Openable, destination: Path) -> int:
             try:
                 for opcode, content, whole in _records(file):
                     if opcode == CHUNK:
-                        _take_records(writer, _unpacked(content, whole))
+                        _take_records(writer, _unpacked(content, whole=whole))
                     else:
                         _take_records(writer, record(opcode, content))
             except McapError as error:
@@ -156,7 +156,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
             file.seek(length, 1)
 
 
-def _unpacked(content: bytes, whole: bool) -> bytes:
+def _unpacked(content: bytes, *, whole: bool) -> bytes:
     """Return the records of a chunk; none where it was cut off too early."""
     try:
         chunk = unpack_chunk(content)

@@ -71,10 +71,10 @@ class Health:
         self._silent = True
 
     def judge(
-        self, now: MessageReport, seconds: float, paced: bool = True
+        self, now: MessageReport, seconds: float, *, paced: bool = True
     ) -> list[DiagnosticStatus]:
         """Return the status of the input and of the filter; arguments are those of `rules`."""
-        return self.statuses(*self.rules(now, seconds, paced))
+        return self.statuses(*self.rules(now, seconds, paced=paced))
 
     def statuses(
         self, span: Span, of_input: Sequence[Rule], of_filter: Sequence[Rule]
@@ -87,7 +87,7 @@ class Health:
         ]
 
     def rules(
-        self, now: MessageReport, seconds: float, paced: bool = True
+        self, now: MessageReport, seconds: float, *, paced: bool = True
     ) -> tuple[Span, list[Rule], list[Rule]]:
         """Return what the reports up to this one are about, and which rules apply to it.
 
@@ -116,7 +116,7 @@ class Health:
         self._silent = now.received == before.received
         # A partial second at either end is a small share of this.
         is_long = last + seconds - self._window[0][0] >= _LEAST_SECONDS
-        span = span_of(first, before, now, last + seconds - start, paced and is_long)
+        span = span_of(first, before, now, last + seconds - start, is_rate_judged=paced and is_long)
         of_input = applying(INPUT_RULES, span, self._applied)
         of_filter = applying(FILTER_RULES, span, self._applied)
         self._applied = {rule.name for rule in of_input + of_filter}

@@ -108,6 +108,7 @@ def span_of(
     before: MessageReport,
     now: MessageReport,
     seconds: float,
+    *,
     is_rate_judged: bool,
 ) -> Span:
     """Return the span of three reports, of which the first and the last are `seconds` apart."""

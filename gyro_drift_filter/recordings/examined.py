@@ -41,7 +41,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION
 from gyro_drift_filter.doctor.covariances import Stated
 from gyro_drift_filter.doctor.examination import Examined
-from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
+from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
 from gyro_drift_filter.doctor.reference import Reference
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.messages.health import Health
@@ -54,7 +54,7 @@ _COVARIANCES = (4, 16, 28)
 class _Orientations:
     """Orientations of one topic, kept as they come."""
 
-    def __init__(self, name: str, own: bool) -> None:
+    def __init__(self, name: str, *, own: bool) -> None:
         self.name, self.own = name, own
         self._stamps = Stored(np.int64)
         self._columns = stored_columns(4)
@@ -147,7 +147,7 @@ class Reading:
             connections=int(np.count_nonzero(self._filter.is_imu)),
             rules=self._rules,
             telemetry=self._filter.messages.report().telemetry,
-            not_cut=is_not_cut(self._filter.messages.filter),
+            truncation_refuted=is_truncation_refuted(self._filter.messages.filter),
         )
 
     def why_nothing(self) -> str:

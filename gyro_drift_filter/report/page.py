@@ -276,7 +276,7 @@ def _figure(number: int, k: int, figure: Figure) -> str:
     )
 
 
-def _cell(name: str, value: float, text: str, known: bool = True) -> str:
+def _cell(name: str, value: float, text: str, *, known: bool = True) -> str:
     """Return a cell with a figure; programs find its value in SI units by its name in the JSON.
 
     A value that is not known, such as the bias without a rest, is there for programs, but is not
@@ -410,12 +410,15 @@ def _seconds_per_tick(recording: DrawnRecording) -> float:
 def _packed_panels(figure: Figure, recording: DrawnRecording) -> list[dict[str, Any]]:
     scale = _seconds_per_tick(recording)
     return [
-        {'name': name, 'traces': [_packed(trace, figure.in_time, scale) for trace in traces]}
+        {
+            'name': name,
+            'traces': [_packed(trace, scale, in_time=figure.in_time) for trace in traces],
+        }
         for name, traces in figure.panels.items()
     ]
 
 
-def _packed(trace: Trace, in_time: bool, scale: float) -> dict[str, Any]:
+def _packed(trace: Trace, scale: float, *, in_time: bool) -> dict[str, Any]:
     out = {'role': trace.role, 'style': trace.style, 'y': _base64(trace.y, np.float32)}
     if in_time:
         ticks = np.clip(np.round(np.asarray(trace.x) / scale), 0, _TICKS)

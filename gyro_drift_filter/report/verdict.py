@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
-from gyro_drift_filter.doctor.live_rules import RuleLog, is_not_cut
+from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
 from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
@@ -281,13 +281,15 @@ class RunWatch:
         rests = _rests(total, self._seconds_needed())
         bias = self._bias(total, run)
         heading = self._heading(total, bias)
-        outliers = _flagged_outliers(total['outliers'], filter_.parameters.outlier_enabled, run)
+        outliers = _flagged_outliers(
+            total['outliers'], run, looked_for=filter_.parameters.outlier_enabled
+        )
         lagging = self._lagging / self._reported if self._reported else 0.0
         lags = lagging > _LAGGING_SHARE
         moving = int(total['moving'])
         # Of a filter that lags, what it takes for outliers says nothing of the recording.
         following = {'outliers', 'diverged'} if lags else set()
-        found = self._rules.findings(is_not_cut(filter_), following)
+        found = self._rules.findings(following, truncation_refuted=is_truncation_refuted(filter_))
         faults = [finding for finding in found if finding.is_fault]
         gains = _gains(rests, bias, outliers, run)
         if in_degrees(faults):
@@ -391,7 +393,7 @@ def _since_start(log_time: int, run: Run) -> float | None:
     return 1e-9 * (log_time - run.start) if run.seconds > 0.0 else None
 
 
-def _flagged_outliers(found: Any, looked_for: bool, run: Run) -> FlaggedOutliers:
+def _flagged_outliers(found: Any, run: Run, *, looked_for: bool) -> FlaggedOutliers:
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:

@@ -241,7 +241,7 @@ class GyroDriftFilterNode(Node):
     def _note_temperature(self, message: Temperature) -> None:
         self._cold_start.call(self._messages.filter.note_temperature, message.temperature)
 
-    def _note_hint(self, moves: bool) -> None:
+    def _note_hint(self, moves: bool) -> None:  # noqa: FBT001  # MotionHint calls it
         self._cold_start.call(self._messages.filter.hint, moves)
 
     def destroy_node(self) -> None:
@@ -260,7 +260,7 @@ class GyroDriftFilterNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         # In a simulation the messages follow its clock, which may be of any speed.
         paced = not self.get_parameter('use_sim_time').value
-        statuses = self._health.judge(self._message_report(), seconds, paced)
+        statuses = self._health.judge(self._message_report(), seconds, paced=paced)
         for status in map(self._with_surroundings, statuses):
             self._log_change(status)
             array.status.append(
