@@ -58,7 +58,7 @@ class ReplayBiasMemory:
         self._messages, self._filter = messages, messages.filter
         self._frame: str | None = None
         self._time = 0.0
-        self._recalled: RememberedBias | None = None
+        self._before: RememberedBias | None = None
 
     def note(self, piece: Piece, imus: Any) -> None:
         """Recall the bias before the Imu messages of a piece go through the filter."""
@@ -74,19 +74,19 @@ class ReplayBiasMemory:
     def _recall(self, frame: str, now: float) -> None:
         largest = self._filter.parameters.bias_max
         try:
-            self._recalled = recall(self._path, None, frame, largest, now)
+            self._before = recall(self._path, None, frame, largest, now)
         except MemoryFileError as error:
             _log.warning('the bias of the last recording is not used: %s', error)
             return
-        if self._recalled is None:
+        if self._before is None:
             return
-        if self._recalled.age < 0.0:
+        if self._before.age < 0.0:
             _log.warning(
                 'the bias of %s is from %.0f s after the start of this recording: remove the file '
                 'to begin without it, as it is used all the same',
-                *(self._path, -self._recalled.age),
+                *(self._path, -self._before.age),
             )
-        self._recalled.give(self._filter)
+        self._before.give(self._filter)
 
     def save(self) -> None:
         """Write what was learned, if anything was.
@@ -94,7 +94,7 @@ class ReplayBiasMemory:
         Raises:
             MemoryFileError: The disk does not take it.
         """
-        learned = RememberedBias.of(self._filter, self._recalled)
+        learned = RememberedBias.of(self._filter, self._before)
         if self._frame is None or learned is None:
             return
         if why := why_not_kept(learned, self._messages.report(), self._frame):

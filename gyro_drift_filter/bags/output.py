@@ -92,6 +92,26 @@ class Output:
         # The channels that messages are copied to, by their connections; 0 where they are not.
         self._copies = np.zeros(by_connection(recording), np.int64)
         self._is_report = np.zeros_like(self._copies, np.bool_)
+        report_channel = self._copy_topics(recording, kept, own)
+        self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
+        self._states['last_at_rest'] = -1.0
+        for state, names in zip(self._states, inputs.values(), strict=True):
+            state['filtered'] = writer.add_connection(names.filtered, IMU_TYPE).id
+            if not report_channel:
+                report_channel = writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE).id
+            state['reports'] = report_channel
+            if diagnostics:
+                self._add_sample_topics(state, names)
+        self._own_statuses = {n.node + part for n in inputs.values() for part in (INPUT, FILTER)}
+
+    def _copy_topics(
+        self, recording: Recording, kept: Collection[str], own: Collection[str]
+    ) -> int:
+        """Add the topics that are copied, and note those that are left out.
+
+        Returns:
+            The channel of the reports in the recording, 0 where none are copied.
+        """
         report_channel = 0
         for connection in recording.connections:
             topic = connection.topic
@@ -103,24 +123,18 @@ class Output:
                 continue
             if topic not in kept:
                 continue
-            copy = writer.copy_connection(connection, recording)
+            copy = self._writer.copy_connection(connection, recording)
             self._copies[connection.id] = copy.id
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
                 self._is_report[connection.id] = True
-        self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)
-        self._states['last_at_rest'] = -1.0
-        for state, names in zip(self._states, inputs.values(), strict=True):
-            state['filtered'] = writer.add_connection(names.filtered, IMU_TYPE).id
-            if not report_channel:
-                report_channel = writer.add_connection(DIAGNOSTICS, DIAGNOSTICS_TYPE).id
-            state['reports'] = report_channel
-            if diagnostics:
-                for k, name in enumerate(SAMPLE_TOPICS):
-                    connection = writer.add_connection(names.sample(name), VECTOR_TYPE)
-                    state['samples'][k] = connection.id
-                state['at_rest'] = writer.add_connection(names.sample(AT_REST), BOOL_TYPE).id
-        self._own_statuses = {n.node + part for n in inputs.values() for part in (INPUT, FILTER)}
+        return report_channel
+
+    def _add_sample_topics(self, state: Any, names: Topics) -> None:
+        """Add the topics of every sample of an Imu topic."""
+        for k, name in enumerate(SAMPLE_TOPICS):
+            state['samples'][k] = self._writer.add_connection(names.sample(name), VECTOR_TYPE).id
+        state['at_rest'] = self._writer.add_connection(names.sample(AT_REST), BOOL_TYPE).id
 
     @property
     def written(self) -> list[int]:

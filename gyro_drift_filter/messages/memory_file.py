@@ -27,7 +27,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 from urllib.parse import quote
 
 import numpy as np
@@ -171,18 +171,7 @@ def recall(
         if content['format'] != FORMAT:
             raise MemoryFileError(f'{path} is of another version of this package')
         owner = node and content['node'], content['frame']
-        bias, deviation = _three(content['bias']), _three(content['deviation'])
-        shift = BiasShift(_three(content['shift']), _three(content['shift_deviation']))
-        if min(*deviation, *shift.deviation) < 0.0:
-            raise ValueError('a deviation is negative')
-        provisional = content.get('provisional', False)
-        if not isinstance(provisional, bool):
-            raise ValueError('provisional is neither true nor false')
-        age = (time.time() if now is None else now) - float(content['time'])
-        if not math.isfinite(age):
-            raise ValueError('its time is not finite')
-        if abs(age) > _LONGEST_TIME:
-            raise ValueError('its time is no date')
+        found = _remembered(content, time.time() if now is None else now)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -191,18 +180,44 @@ def recall(
         raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
     if owner != (node, frame):
         raise MemoryFileError(f'{path} is of another node or frame')
-    if age < -CLOCK_ERROR:
-        raise MemoryFileError(
-            f'{path} is from {-age / 86_400.0:.1f} days ahead: is the clock of this machine set?'
-        )
-    if age > LONGEST_AGE:
-        raise MemoryFileError(
-            f'{path} is from {age / 86_400.0:.1f} days ago, which is too old, unless the clock of '
+    if why := _why_not_used(found, largest):
+        raise MemoryFileError(f'{path} {why}')
+    return found
+
+
+def _remembered(content: Any, now: float) -> RememberedBias:
+    """Return the bias that a file holds, at a time in s since 1970.
+
+    Raises:
+        ValueError: A value is impossible. What is missing, or of another type, raises as it comes.
+    """
+    bias, deviation = _three(content['bias']), _three(content['deviation'])
+    shift = BiasShift(_three(content['shift']), _three(content['shift_deviation']))
+    if min(*deviation, *shift.deviation) < 0.0:
+        raise ValueError('a deviation is negative')
+    provisional = content.get('provisional', False)
+    if not isinstance(provisional, bool):
+        raise ValueError('provisional is neither true nor false')
+    age = now - float(content['time'])
+    if not math.isfinite(age):
+        raise ValueError('its time is not finite')
+    if abs(age) > _LONGEST_TIME:
+        raise ValueError('its time is no date')
+    return RememberedBias(bias, deviation, shift, provisional, age)
+
+
+def _why_not_used(found: RememberedBias, largest: float) -> str:
+    """Return why a bias is not that of the sensor now; empty where it may be."""
+    if found.age < -CLOCK_ERROR:
+        return f'is from {-found.age / 86_400.0:.1f} days ahead: is the clock of this machine set?'
+    if found.age > LONGEST_AGE:
+        return (
+            f'is from {found.age / 86_400.0:.1f} days ago, which is too old, unless the clock of '
             'this machine is wrong'
         )
-    if max(map(abs, bias)) > largest:
-        raise MemoryFileError(f'{path} holds {list(bias)} rad/s, which is beyond bias.max')
-    return RememberedBias(bias, deviation, shift, provisional, age)
+    if max(map(abs, found.bias)) > largest:
+        return f'holds {list(found.bias)} rad/s, which is beyond bias.max'
+    return ''
 
 
 def remember(

@@ -30,7 +30,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -56,19 +56,26 @@ def _any_file() -> IO[bytes]:
         return Path(os.devnull).open('w+b')
 
 
+class _Call(NamedTuple):
+    """A call that is kept for later."""
+
+    function: Callable[[Any], None]
+    argument: Any
+    is_command: bool
+
+
 class ColdStart:
     """Take what arrives at once, or keep it while the kernels are compiled.
 
     Attributes:
-        waiting: What is kept: functions with their arguments, and whether that is a command; None
-            where the filter is ready.
+        waiting: Calls that are kept; None where the filter is ready.
         messages: How many of them are no commands.
         dropped: How many messages were too many.
     """
 
     def __init__(self, node: Node) -> None:
         """Begin to compile if kernels are not in the cache; `stop` has to be called then."""
-        self.waiting: deque[tuple[Callable[[Any], None], Any, bool]] | None = None
+        self.waiting: deque[_Call] | None = None
         self.messages = self.dropped = 0
         self._node = node
         self._compiler: subprocess.Popen[bytes] | None = None
@@ -97,6 +104,11 @@ class ColdStart:
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether the filter takes what arrives at once."""
+        return self.waiting is None
+
     def call(
         self, function: Callable[[Any], None], argument: Any, *, is_command: bool = False
     ) -> None:
@@ -108,10 +120,10 @@ class ColdStart:
         if self.waiting is None:
             function(argument)
             return
-        self.waiting.append((function, argument, is_command))
+        self.waiting.append(_Call(function, argument, is_command))
         self.messages += not is_command
         if self.messages > LARGEST_QUEUE:
-            oldest = next(k for k, entry in enumerate(self.waiting) if not entry[2])
+            oldest = next(k for k, kept in enumerate(self.waiting) if not kept.is_command)
             del self.waiting[oldest]
             self.messages -= 1
             self.dropped += 1
@@ -153,9 +165,9 @@ class ColdStart:
         assert self.waiting is not None
         end = time.monotonic() + _SLICE_SECONDS
         while self.waiting:
-            function, argument, is_command = self.waiting.popleft()
-            self.messages -= not is_command
-            function(argument)
+            kept = self.waiting.popleft()
+            self.messages -= not kept.is_command
+            kept.function(kept.argument)
             if time.monotonic() > end:
                 return
         self.waiting = None

@@ -224,7 +224,7 @@ class GyroDriftFilterNode(Node):
         return response
 
     def _calibrate(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._cold_start.waiting is not None:
+        if not self._cold_start.is_ready:
             response.success = False
             response.message = 'the filter is being compiled for its first start: try again later'
             return response
@@ -275,14 +275,14 @@ class GyroDriftFilterNode(Node):
         self._diagnostics.publish(array)
 
     def _message_report(self) -> MessageReport:
-        if self._cold_start.waiting is None:
+        if self._cold_start.is_ready:
             return self._messages.report()
         # A report of its own would compile the filter in here, where nobody is answered meanwhile.
         return NOTHING_RECEIVED._replace(parameters=self._messages.filter.parameters)
 
     def _count_losses(self) -> None:
         # What is kept for later is not received yet, and of two publishers each has its own count.
-        if self._cold_start.waiting is not None or self._input.get_publisher_count() != 1:
+        if not self._cold_start.is_ready or self._input.get_publisher_count() != 1:
             self._losses.forget()
         else:
             self._losses.count(self._input)
@@ -291,7 +291,7 @@ class GyroDriftFilterNode(Node):
         self, status: diagnostics.DiagnosticStatus
     ) -> diagnostics.DiagnosticStatus:
         """Add what the messages don't show: a first start, and who else is on the topics."""
-        if self._cold_start.waiting is not None:
+        if not self._cold_start.is_ready:
             kept = counted(self._cold_start.messages, 'message')
             message = f'compiling for the first start: {kept} kept'
             return status._replace(level=Level.WARN, message=message)
@@ -308,7 +308,7 @@ class GyroDriftFilterNode(Node):
 
     def _log_change(self, status: diagnostics.DiagnosticStatus) -> None:
         """Log a status whose message has changed, but not often while its level is the same."""
-        if self._cold_start.waiting is not None:
+        if not self._cold_start.is_ready:
             return
         now = self._steady.now()
         known = self._logged.get(status.name)
