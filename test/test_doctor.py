@@ -27,7 +27,7 @@ from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
-from gyro_drift_filter.doctor.findings import Finding, Verdict
+from gyro_drift_filter.doctor.findings import Finding, FindingVerdict
 from gyro_drift_filter.doctor.repeats import judge_repeats
 from gyro_drift_filter.doctor.rests import (
     judge_accelerometer,
@@ -58,7 +58,7 @@ def of_verdict(findings, verdict):
 
 
 def faults(findings):
-    return of_verdict(findings, Verdict.FAULT)
+    return of_verdict(findings, FindingVerdict.FAULT)
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def again(simulation, index):
 def test_a_sound_recording_has_no_faults(found, seed, settings):
     findings = found(handled(seed, **settings))
     assert faults(findings) == set()
-    sound = of_verdict(findings, Verdict.SOUND)
+    sound = of_verdict(findings, FindingVerdict.SOUND)
     assert {'axes', 'accelerometer', 'stamp times', 'clock', 'covariances', 'rests'} <= sound
 
 
@@ -262,7 +262,7 @@ def test_a_driver_that_polls_five_times_as_fast_has_no_other_fault(found, stampe
     findings = found(simulation, log_times=np.maximum.accumulate(even + late))
     named = {finding.name: finding for finding in findings}
     assert faults(findings) == {'repeated samples'} | (set() if stamped else {'zero stamps'})
-    assert named['axes'].verdict == Verdict.SOUND
+    assert named['axes'].verdict == FindingVerdict.SOUND
     assert named['rests'].values['seconds'] < 0.01 * n
     assert ('clock' in named) == stamped
 
@@ -344,7 +344,7 @@ def test_counts_that_are_rounded_are_sound(found):
     count = math.radians(0.25)
     findings = found(rates_of(simulation, np.round(simulation.angular_velocity / count) * count))
     assert faults(findings) == set()
-    assert 'truncation' in of_verdict(findings, Verdict.SOUND)
+    assert 'truncation' in of_verdict(findings, FindingVerdict.SOUND)
 
 
 def test_the_noise_of_a_rest_that_is_shorter_than_a_second_is_not_known(random):
@@ -354,7 +354,7 @@ def test_the_noise_of_a_rest_that_is_shorter_than_a_second_is_not_known(random):
     seen = look_at_rests(resting, columns[:3], columns[3:], 0.01)
     assert seen.samples > 0
     finding = judge_resolution(np.full(3, 1e-3), seen)
-    assert finding.verdict == Verdict.UNKNOWN
+    assert finding.verdict == FindingVerdict.UNKNOWN
     assert 'nan' not in finding.text
 
 
@@ -376,7 +376,7 @@ def test_values_that_are_missing_now_and_then_hide_no_noise_of_a_rest(random):
 def test_the_accelerations_of_a_foot_that_never_rests_are_no_fault(random):
     columns = tuple(30.0 * random.standard_normal((3, 500)))
     seen = look_at_rests(np.zeros(500), columns, columns, 0.01)
-    assert judge_accelerometer(seen, columns).verdict == Verdict.UNKNOWN
+    assert judge_accelerometer(seen, columns).verdict == FindingVerdict.UNKNOWN
 
 
 @pytest.mark.slow
@@ -453,7 +453,7 @@ def test_vibration_is_found_wherever_it_begins(random):
     rates = tuple(3e-3 * random.standard_normal(len(seconds)) for _ in range(3))
     rates[1][-150_000:] += 0.1 * np.sin(2.0 * np.pi * 117.0 * seconds[-150_000:])
     finding = judge_vibration(rates, 1e-3)
-    assert finding.verdict == Verdict.FAULT
+    assert finding.verdict == FindingVerdict.FAULT
     (line,) = finding.values['lines']
     assert (line.axis, line.frequency) == ('y', pytest.approx(117.0, abs=0.1))
 
@@ -484,7 +484,7 @@ def test_units_of_the_accelerometer(found, factor, expected):
     )
     assert expected in {*faults(findings), ''}
     if not expected:
-        assert {'axes', 'accelerometer'} <= of_verdict(findings, Verdict.UNKNOWN)
+        assert {'axes', 'accelerometer'} <= of_verdict(findings, FindingVerdict.UNKNOWN)
 
 
 def test_gravity_that_was_taken_off(found):
@@ -533,7 +533,7 @@ def test_values_beyond_numbers_and_messages_that_are_none(found):
     forces[300::970] = np.inf
     findings = found(replace(simulation, angular_velocity=rates, linear_acceleration=forces))
     assert faults(findings) == {'unusable'}
-    assert 'rests' in of_verdict(findings, Verdict.SOUND)
+    assert 'rests' in of_verdict(findings, FindingVerdict.SOUND)
 
 
 def test_an_acceleration_that_the_filter_does_not_use_is_not_examined(tmp_path):
@@ -555,7 +555,7 @@ def test_rates_that_never_change_are_not_said_to_live(found):
     simulation = simulate(SimulationSettings(static_seconds=20.0, dynamic_seconds=0.0))
     findings = found(rates_of(simulation, np.zeros_like(simulation.angular_velocity)))
     (alive,) = [finding for finding in findings if finding.name == 'alive']
-    assert alive.verdict == Verdict.UNKNOWN
+    assert alive.verdict == FindingVerdict.UNKNOWN
     assert 'always the same rate about x, y, z: dead' in alive.text
 
 
@@ -564,7 +564,9 @@ def test_a_tenth_of_a_second_says_next_to_nothing(found):
     first = slice(0, 10)
     findings = found(again(replace(simulation, stamps=simulation.stamps[first]), first))
     assert faults(findings) == {'rests'}
-    assert {'axes', 'stamp times', 'clock', 'vibration'} <= of_verdict(findings, Verdict.UNKNOWN)
+    assert {'axes', 'stamp times', 'clock', 'vibration'} <= of_verdict(
+        findings, FindingVerdict.UNKNOWN
+    )
     assert not any('nan' in finding.text for finding in findings)
 
 
@@ -606,7 +608,7 @@ def test_the_orientation_of_the_messages_themselves(found):
     own = orientations(simulation)
     findings = found(simulation, orientations=own)
     assert faults(findings) == set()
-    assert 'orientation /imu/data_raw' in of_verdict(findings, Verdict.SOUND)
+    assert 'orientation /imu/data_raw' in of_verdict(findings, FindingVerdict.SOUND)
 
 
 @pytest.mark.slow
@@ -635,9 +637,9 @@ def test_an_orientation_that_nobody_measures(found):
 @pytest.mark.parametrize(
     ('signs', 'accelerometer', 'expected'),
     [
-        ((1.0, 1.0, 1.0), True, Verdict.SOUND),
-        ((1.0, 1.0, 1.0), False, Verdict.SOUND),
-        ((1.0, 1.0, -1.0), False, Verdict.FAULT),
+        ((1.0, 1.0, 1.0), True, FindingVerdict.SOUND),
+        ((1.0, 1.0, 1.0), False, FindingVerdict.SOUND),
+        ((1.0, 1.0, -1.0), False, FindingVerdict.FAULT),
     ],
 )
 def test_poses_of_a_body_that_the_sensor_is_mounted_on(found, signs, accelerometer, expected):
@@ -654,7 +656,9 @@ def test_poses_of_a_body_that_the_sensor_is_mounted_on(found, signs, acceleromet
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('sign', 'expected'), [(1.0, Verdict.SOUND), (-1.0, Verdict.FAULT)])
+@pytest.mark.parametrize(
+    ('sign', 'expected'), [(1.0, FindingVerdict.SOUND), (-1.0, FindingVerdict.FAULT)]
+)
 def test_a_robot_on_a_floor_is_told_by_its_odometry(found, sign, expected):
     """Gravity says nothing of turns about the vertical; the sensor hangs upside down."""
     simulation = handled()
@@ -668,7 +672,7 @@ def test_a_robot_on_a_floor_is_told_by_its_odometry(found, sign, expected):
     topics = poses(simulation, running_products(from_vectors(upright / 100.0)))
     findings = found(down, topics=topics, deviations=(2e-3, 0.02))
     assert 'orientation /mocap' in of_verdict(findings, expected)
-    assert 'axes' in of_verdict(findings, Verdict.UNKNOWN)
+    assert 'axes' in of_verdict(findings, FindingVerdict.UNKNOWN)
 
 
 REAL = {
@@ -690,7 +694,7 @@ def test_real_recordings_are_told_as_they_are(name):
         pytest.skip(f'without {RECORDINGS / name}')
     findings = examined(RECORDINGS / name)
     assert faults(findings) == REAL[name] | {'zero covariance'}
-    assert 'clock' in of_verdict(findings, Verdict.UNKNOWN)
+    assert 'clock' in of_verdict(findings, FindingVerdict.UNKNOWN)
 
 
 def test_the_command_prints_a_page_and_writes_json(tmp_path, capsys):
@@ -741,4 +745,4 @@ def test_a_time_without_messages_is_told(tmp_path, capsys):
 
 
 def test_control_characters_do_not_reach_the_terminal():
-    assert '\x1b' not in page('\x1b[2J', [Finding('a', Verdict.SOUND, 'b\x1b[1m')])
+    assert '\x1b' not in page('\x1b[2J', [Finding('a', FindingVerdict.SOUND, 'b\x1b[1m')])

@@ -104,8 +104,9 @@ def test_a_tau_beyond_the_curve_is_an_error(random):
 def test_a_real_sensor_has_its_known_figures(real):
     stamps, rates, accelerations = real('static_adis16405')
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
+    begins = [span.first * PERIOD for span in spans]
     curves = [
-        allan_deviation(preprocess(rates[:, axis], spans, PERIOD).cleaned, PERIOD)
+        allan_deviation(preprocess(rates[:, axis], spans, PERIOD, begins).cleaned, PERIOD)
         for axis in range(3)
     ]
     at_one = [curve.at(1.0) * DEGREES_PER_HOUR for curve in curves]

@@ -30,12 +30,17 @@ TIME = np.arange(N) * PERIOD
 WHOLE = [Span(0, N)]
 
 
+def without_gaps(values, spans):
+    """Preprocess spans of a recording in which no sample is missing."""
+    return preprocess(values, spans, PERIOD, [span.first * PERIOD for span in spans])
+
+
 def noise(random, n=N):
     return NOISE * random.standard_normal(n)
 
 
 def test_bias_without_trend(random):
-    result = preprocess(0.01 + noise(random), WHOLE, PERIOD)
+    result = without_gaps(0.01 + noise(random), WHOLE)
     assert abs(result.bias - 0.01) < 4 * result.bias_deviation
     assert result.trend_order == 0
     assert result.trend == ()
@@ -49,7 +54,7 @@ def test_the_uncertainty_of_the_bias_covers_the_truth(phi):
     hits, ratios = 0, []
     for seed in range(200):
         values = lfilter([1.0], [1.0, -phi], noise(np.random.default_rng(seed)))
-        result = preprocess(values, WHOLE, PERIOD)
+        result = without_gaps(values, WHOLE)
         hits += abs(result.bias) < 1.96 * result.bias_deviation
         ratios.append(result.bias_deviation * (1 - phi) * np.sqrt(N) / NOISE)
     assert hits >= 184
@@ -63,7 +68,7 @@ def test_the_uncertainty_grows_where_the_bias_wanders(random):
 
 
 def test_a_linear_trend_is_found_in_its_units(random):
-    result = preprocess(0.01 + 2e-5 * TIME + noise(random), WHOLE, PERIOD)
+    result = without_gaps(0.01 + 2e-5 * TIME + noise(random), WHOLE)
     assert result.trend_order == 1
     np.testing.assert_allclose(result.trend, [2e-5], rtol=0.05)
     np.testing.assert_allclose(result.bias, 0.01 + 2e-5 * TIME.mean(), atol=2e-4)
@@ -72,7 +77,7 @@ def test_a_linear_trend_is_found_in_its_units(random):
 
 
 def test_warm_up_takes_order_two(random):
-    result = preprocess(0.02 * np.exp(-TIME / 100) + noise(random), WHOLE, PERIOD)
+    result = without_gaps(0.02 * np.exp(-TIME / 100) + noise(random), WHOLE)
     assert result.trend_order == 2
     np.testing.assert_allclose(np.std(result.residuals[0]), NOISE, rtol=0.1)
 
@@ -80,18 +85,17 @@ def test_warm_up_takes_order_two(random):
 @pytest.mark.slow
 def test_no_trend_is_made_up():
     orders = [
-        preprocess(noise(np.random.default_rng(seed)), WHOLE, PERIOD).trend_order
-        for seed in range(100)
+        without_gaps(noise(np.random.default_rng(seed)), WHOLE).trend_order for seed in range(100)
     ]
     assert np.count_nonzero(orders) <= 3
 
 
 def test_outliers_are_replaced_and_counted(random):
     values = 0.01 + 1e-5 * TIME + noise(random)
-    clean = preprocess(values, WHOLE, PERIOD)
+    clean = without_gaps(values, WHOLE)
     where = random.choice(N, 100, replace=False)
     values[where] += random.choice([-0.5, 5.0], 100)
-    result = preprocess(values, WHOLE, PERIOD)
+    result = without_gaps(values, WHOLE)
     assert result.outliers == 100
     np.testing.assert_allclose(result.bias, clean.bias, atol=1e-5)
     np.testing.assert_allclose(np.std(result.residuals[0]), NOISE, rtol=0.03)
@@ -100,14 +104,14 @@ def test_outliers_are_replaced_and_counted(random):
 
 def test_noise_of_a_coarse_sensor_is_no_outlier(random):
     step = 3 * NOISE
-    result = preprocess(step * np.round(noise(random) / step), WHOLE, PERIOD)
+    result = without_gaps(step * np.round(noise(random) / step), WHOLE)
     assert result.outliers == 0
 
 
 def test_samples_that_are_not_finite_are_replaced_and_counted(random):
     values = noise(random)
     values[[5, 100, 101, N - 1]] = np.nan, np.inf, -np.inf, np.nan
-    result = preprocess(values, WHOLE, PERIOD)
+    result = without_gaps(values, WHOLE)
     assert result.missing == 4
     assert np.isfinite(result.residuals[0][:]).all()
     assert len(result.residuals[0]) == N
@@ -116,7 +120,7 @@ def test_samples_that_are_not_finite_are_replaced_and_counted(random):
 def test_spans_share_bias_and_trend(random):
     values = 0.01 + 2e-5 * TIME + noise(random)
     values[8000:12000] = 3.0
-    result = preprocess(values, [Span(0, 8000), Span(12000, N)], PERIOD)
+    result = without_gaps(values, [Span(0, 8000), Span(12000, N)])
     assert [len(span) for span in result.residuals] == [8000, 8000]
     np.testing.assert_allclose(result.trend, [2e-5], rtol=0.05)
 
@@ -136,12 +140,12 @@ def test_the_trend_counts_a_gap_of_time(random):
 )
 def test_too_little_is_an_error(values, text):
     with pytest.raises(IdentificationError, match=text):
-        preprocess(values, [Span(0, len(values))], PERIOD)
+        without_gaps(values, [Span(0, len(values))])
 
 
 @pytest.mark.slow
 def test_the_bias_of_a_real_sensor(real):
     stamps, rates, accelerations = real('static_adis16405')
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
-    biases = [preprocess(rates[:, axis], spans, PERIOD).bias for axis in range(3)]
+    biases = [without_gaps(rates[:, axis], spans).bias for axis in range(3)]
     np.testing.assert_allclose(np.degrees(biases), [0.401, -0.388, -0.276], atol=0.01)

@@ -26,7 +26,7 @@ from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.covariances import Stated, judge_covariances
 from gyro_drift_filter.doctor.evenness import judge_evenness
-from gyro_drift_filter.doctor.findings import Finding, Verdict, fault, sound, unknown
+from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault, sound, unknown
 from gyro_drift_filter.doctor.live_rules import RuleLog
 from gyro_drift_filter.doctor.publishers import judge_publishers
 from gyro_drift_filter.doctor.reference import Reference, compare_turns, judge_reference
@@ -158,7 +158,7 @@ def _is_constant(values: Values) -> bool:
 
 def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
     """Return a finding; that all axes live becomes an open question if one has never changed."""
-    if finding.name != 'alive' or finding.verdict != Verdict.SOUND:
+    if finding.name != 'alive' or finding.verdict != FindingVerdict.SOUND:
         return finding
     constant = [axis for axis, of_axis in zip(AXES, rates, strict=True) if _is_constant(of_axis)]
     if not constant:
@@ -175,8 +175,8 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
     """Return findings, the faults first, without those that come of others."""
     faults = {finding.name for finding in findings if finding.is_fault}
     following = {other for name in faults for other in _FOLLOWS.get(name, ())}
-    order = (Verdict.FAULT, Verdict.UNKNOWN, Verdict.SOUND)
-    left: dict[tuple[str, Verdict], Finding] = {}
+    order = (FindingVerdict.FAULT, FindingVerdict.UNKNOWN, FindingVerdict.SOUND)
+    left: dict[tuple[str, FindingVerdict], Finding] = {}
     for finding in findings:
         if not (finding.is_fault and finding.name in following):
             # Gravity and a rule may both tell of degrees: the first one says more.

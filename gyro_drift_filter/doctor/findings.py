@@ -20,7 +20,7 @@ from enum import StrEnum
 from typing import Any
 
 
-class Verdict(StrEnum):
+class FindingVerdict(StrEnum):
     """How a line ends the question that it answers."""
 
     SOUND = 'sound'
@@ -41,7 +41,7 @@ class Finding:
     """
 
     name: str
-    verdict: Verdict
+    verdict: FindingVerdict
     text: str
     advice: str = ''
     values: dict[str, Any] = field(default_factory=dict)
@@ -49,24 +49,24 @@ class Finding:
     @property
     def is_fault(self) -> bool:
         """Whether it is a fault."""
-        return self.verdict == Verdict.FAULT
+        return self.verdict == FindingVerdict.FAULT
 
 
 def fault(name: str, text: str, advice: str, values: dict[str, Any] | None = None) -> Finding:
     """Return the line of a fault."""
-    return Finding(name, Verdict.FAULT, text, advice, values or {})
+    return Finding(name, FindingVerdict.FAULT, text, advice, values or {})
 
 
 def sound(name: str, text: str, values: dict[str, Any] | None = None) -> Finding:
     """Return the line of a question that ends well."""
-    return Finding(name, Verdict.SOUND, text, values=values or {})
+    return Finding(name, FindingVerdict.SOUND, text, values=values or {})
 
 
 def unknown(
     name: str, text: str, advice: str = '', values: dict[str, Any] | None = None
 ) -> Finding:
     """Return the line of a question that the recording leaves open."""
-    return Finding(name, Verdict.UNKNOWN, text, advice, values or {})
+    return Finding(name, FindingVerdict.UNKNOWN, text, advice, values or {})
 
 
 def is_sound(findings: Sequence[Finding]) -> bool:

@@ -91,7 +91,7 @@ class Preprocessed:
 
 
 def preprocess(
-    rate: Values, spans: Sequence[Span], period: float, begins: Sequence[float] | None = None
+    rate: Values, spans: Sequence[Span], period: float, begins: Sequence[float]
 ) -> Preprocessed:
     """Return the residuals of one axis over the motionless spans, and what was taken out.
 
@@ -103,8 +103,7 @@ def preprocess(
         rate: (n,) of the whole recording in rad/s; may hold NaN.
         spans: Of samples at rest, in order.
         period: In s.
-        begins: Time of each span's first sample in s, for the trend; by default its index times
-            the period, which is right where the recording has no gaps.
+        begins: Time of each span's first sample in s, for the trend.
 
     Raises:
         IdentificationError: There are too few samples, or too few of them are finite.
@@ -117,8 +116,6 @@ def preprocess(
     if any(less > 0.5 * len(span) for less, span in zip(lacking, spans, strict=True)):
         raise IdentificationError('more than half of the samples of a span at rest are not finite')
     cleaned, outliers = replace_outliers(raw, period)
-    if begins is None:
-        begins = [span.first * period for span in spans]
     ramps = [Ramp(begin, period, len(span)) for begin, span in zip(begins, spans, strict=True)]
     centre, bias = mean_of(ramps), mean_of(cleaned)
     trend = _fit_trend(
