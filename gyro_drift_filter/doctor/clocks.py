@@ -54,8 +54,9 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         )
     seconds = float(places[-1] - places[0])
     drift, spread = _slope(places, offsets)
+    offset = float(np.median(offsets))
     values: dict[str, Any] = {
-        'offset_seconds': float(np.median(offsets)),
+        'offset_seconds': offset,
         'drift_ppm': 1e6 * drift,
         'drift_ppm_deviation': 1e6 * spread,
     }
@@ -78,7 +79,6 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             'integrated by them are off by the same share',
             values,
         )
-    offset = float(np.median(offsets))
     if abs(offset) > _OFFSET or offset < -_AHEAD:
         return fault(
             'clock offset',

@@ -14,6 +14,7 @@
 
 """Whether the covariances of the messages can be what their drivers say."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -89,46 +90,53 @@ def judge_covariances(
         for count in ('not_reported', 'zero', 'impossible'):
             values[f'{name} {count}'] = getattr(of, count)
         values[f'{name} deviation'] = of.deviations
-    found = []
+    found = [
+        *_zero(named, values),
+        *_impossible(named, values),
+        *_invented(QUANTITIES[1], 'rad/s', named, rate_noise, values),
+        *_invented(QUANTITIES[2], 'm/s^2', named, force_noise, values),
+    ]
+    if found:
+        return found
+    known = [name for name in QUANTITIES if np.isfinite(named[name].deviations).all()]
+    text = f'plausible for {" and ".join(known)}' if known else 'nothing is reported'
+    return [sound('covariances', text, values)]
+
+
+def _zero(named: Mapping[str, Stated], values: dict[str, Any]) -> Iterator[Finding]:
     # Of an orientation that is not there zeros are the usual slip; `orientation` tells of it.
     if zero := [name for name in QUANTITIES[1:] if named[name].zero]:
-        found.append(
-            fault(
-                'zero covariance',
-                f'the covariance of {" and ".join(zero)} is all zeros, which means unknown',
-                'have the driver state the variance of the noise; some programs take zeros for '
-                'certainty, or refuse them (for the rates this filter writes its own)',
-                values,
-            )
+        yield fault(
+            'zero covariance',
+            f'the covariance of {" and ".join(zero)} is all zeros, which means unknown',
+            'have the driver state the variance of the noise; some programs take zeros for '
+            'certainty, or refuse them (for the rates this filter writes its own)',
+            values,
         )
+
+
+def _impossible(named: Mapping[str, Stated], values: dict[str, Any]) -> Iterator[Finding]:
     if impossible := [name for name in QUANTITIES if named[name].impossible]:
-        found.append(
-            fault(
-                'impossible covariance',
-                f'the covariance of {" and ".join(impossible)} is impossible: NaN, a negative '
-                'variance, or not symmetric',
-                'correct the driver; zeros mean unknown, -1 at the first place not reported',
-                values,
-            )
+        yield fault(
+            'impossible covariance',
+            f'the covariance of {" and ".join(impossible)} is impossible: NaN, a negative '
+            'variance, or not symmetric',
+            'correct the driver; zeros mean unknown, -1 at the first place not reported',
+            values,
         )
-    noises = dict(zip(QUANTITIES[1:], (rate_noise, force_noise), strict=True))
-    for name, noise in noises.items():
-        # Values without any noise are coarser than it is, or not measured at all.
-        ratio = named[name].deviations / np.where(noise > 0.0, noise, np.nan)
-        if (ratio < _LEAST).any() or (ratio > _MOST).any():
-            unit = 'rad/s' if name == QUANTITIES[1] else 'm/s^2'
-            found.append(
-                fault(
-                    f'invented covariance of {name}',
-                    f'the covariance of {name} says a deviation of '
-                    f'{np.max(named[name].deviations):.2g} {unit}, at rest it is '
-                    f'{np.max(noise):.2g}',
-                    'have the driver state the variance of the noise',
-                    values,
-                )
-            )
-    if not found:
-        known = [name for name in QUANTITIES if np.isfinite(named[name].deviations).all()]
-        text = f'plausible for {" and ".join(known)}' if known else 'nothing is reported'
-        found.append(sound('covariances', text, values))
-    return found
+
+
+def _invented(
+    name: str, unit: str, named: Mapping[str, Stated], noise: Floats, values: dict[str, Any]
+) -> Iterator[Finding]:
+    # Values without any noise are coarser than it is, or not measured at all.
+    deviations = named[name].deviations
+    ratio = deviations / np.where(noise > 0.0, noise, np.nan)
+    if (ratio < _LEAST).any() or (ratio > _MOST).any():
+        yield fault(
+            f'invented covariance of {name}',
+            f'the covariance of {name} says a deviation of {np.max(deviations):.2g} {unit}, at '
+            f'rest it is {np.max(noise):.2g}',
+            'have the driver state the variance of the noise',
+            values,
+        )

@@ -187,17 +187,6 @@ def _rate(span: Span) -> str:
 def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
-
-    cut = sound('truncation', 'counts are not cut towards zero')
-    if not any(state.count_size):
-        cut = sound('truncation', 'no counts are seen that could be cut towards zero')
-    elif not truncation_refuted:
-        cut = unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
-    low_pass = sound('low-pass', 'the noise has passed no slow low-pass')
-    if min(state.noise_blocks) == 0:
-        low_pass = unknown('low-pass', 'without a rest the noise is not known, nor its low-pass')
-    elif not math.isnan(span.low_pass):
-        low_pass = sound('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
     return [
         (
             {'malformed', 'not reported', 'no usable rate', 'unusable', 'changing frame'},
@@ -213,8 +202,8 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             {'clipped', 'degrees', 'noise in degrees'},
             sound('range', 'no rate is at the end of the range'),
         ),
-        ({'truncated'}, cut),
-        ({'low-pass'}, low_pass),
+        ({'truncated'}, _about_truncation(span, refuted=truncation_refuted)),
+        ({'low-pass'}, _about_low_pass(span)),
         (
             {'outliers', 'diverged'},
             sound('outliers', f'samples flagged: {by_axis(state.outliers)}'),
@@ -231,3 +220,19 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             ),
         ),
     ]
+
+
+def _about_truncation(span: Span, *, refuted: bool) -> Finding:
+    if not any(span.now.telemetry.count_size):
+        return sound('truncation', 'no counts are seen that could be cut towards zero')
+    if refuted:
+        return sound('truncation', 'counts are not cut towards zero')
+    return unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
+
+
+def _about_low_pass(span: Span) -> Finding:
+    if min(span.now.telemetry.noise_blocks) == 0:
+        return unknown('low-pass', 'without a rest the noise is not known, nor its low-pass')
+    if math.isnan(span.low_pass):
+        return sound('low-pass', 'the noise has passed no slow low-pass')
+    return sound('low-pass', f'the noise has passed a low-pass of {span.low_pass:.2g} Hz')
