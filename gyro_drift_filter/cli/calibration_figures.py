@@ -19,6 +19,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from gyro_drift_filter.calibrate.calibration import Samples
 from gyro_drift_filter.calibrate.results import Calibration
@@ -43,7 +44,15 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
     Returns:
         The files written.
     """
-    written = []
+    drawn = {'turns.png': _turns(result, recordings), 'closures.png': _closures(result)}
+    for name, figure in drawn.items():
+        draw_whole(folder / name, figure)
+        plt.close(figure)
+    return [folder / name for name in drawn]
+
+
+def _turns(result: Calibration, recordings: Sequence[Samples]) -> Figure:
+    """Return the raw rates of each recording, with the turns shaded."""
     figure, panels = plt.subplots(
         len(recordings), 1, figsize=(9, 3.5 * len(recordings)), layout='constrained', squeeze=False
     )
@@ -58,9 +67,11 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
         panel.set_ylabel('raw rate (deg/s)')
         panel.legend(loc='best', fontsize=8)
     figure.suptitle('Turns, shaded, between rests')
-    written.append(folder / 'turns.png')
-    draw_whole(written[-1], figure)
-    plt.close(figure)
+    return figure
+
+
+def _closures(result: Calibration) -> Figure:
+    """Return by how much each turn misses gravity, before and after."""
     figure, closures = plt.subplots(figsize=(9, 4), layout='constrained')
     place = np.arange(len(result.legs))
     for closed, colour, label, shift in (
@@ -75,7 +86,4 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
     closures.legend()
     closures.grid(alpha=0.3, axis='y')
     figure.suptitle('How the turns close')
-    written.append(folder / 'closures.png')
-    draw_whole(written[-1], figure)
-    plt.close(figure)
-    return written
+    return figure

@@ -144,8 +144,8 @@ class Drawer:
         longest = max(calm, key=lambda rest: rest[1] - rest[0], default=(0, 0))
         if (longest[1] - longest[0]) * period >= _SHORTEST:
             drawn += [self._spectrum(longest, period), self._allan(longest, period)]
-        drawn += self._whiteness()
-        return drawn
+        innovations = self._autocorrelation(), self._histogram()
+        return drawn + [figure for figure in innovations if figure.panels]
 
     def roles(self) -> dict[str, str]:
         """Return the name of each role that can be shown and hidden."""
@@ -345,8 +345,8 @@ class Drawer:
                 found.append((role, bridged(values, good)))
         return [(role, values) for role, values in found if np.ptp(values) > 0]
 
-    def _whiteness(self) -> list[Figure]:
-        correlation = Figure(
+    def _autocorrelation(self) -> Figure:
+        figure = Figure(
             'autocorrelation',
             'Autocorrelation of the innovations',
             'At rest, where the filter leaves nothing that it could have foreseen, all lags lie '
@@ -354,7 +354,21 @@ class Drawer:
             'correlation',
             'lag (samples)',
         )
-        histogram = Figure(
+        resting = np.asarray(self.main.resting) > 0
+        for axis, name in enumerate(AXES):
+            innovations = self._normalised(axis).astype(np.float64)
+            piece = innovations[self._is_usual(innovations, axis) & resting][:_LARGEST_FOURIER]
+            if len(piece) > 10 * _LAGS and np.ptp(piece) > 0:
+                lags = np.arange(1, _LAGS + 1)
+                limit = np.full(_LAGS, 1.96 / np.sqrt(len(piece)))
+                figure.panels[name] = [
+                    Trace('band', lags, limit, 'band'),
+                    Trace(self._method, lags, autocorrelation(piece, _LAGS), 'bars'),
+                ]
+        return figure
+
+    def _histogram(self) -> Figure:
+        figure = Figure(
             'histogram',
             'Normalised innovations',
             'Innovations in predicted standard deviations, of all samples, beside the normal '
@@ -362,29 +376,23 @@ class Drawer:
             'density',
             'standard deviations',
         )
-        resting = np.asarray(self.main.resting) > 0
         for axis, name in enumerate(AXES):
-            innovation = self._normalised(axis).astype(np.float64)
-            flagged = np.asarray(self.main.columns['outlier'][axis]) > 0
-            usable = np.isfinite(innovation) & ~flagged
-            normal = innovation[usable]
-            if len(normal) and np.ptp(normal) > 0:
-                density, _ = np.histogram(normal.clip(-6.0, 6.0), _BINS, density=True)
+            innovations = self._normalised(axis).astype(np.float64)
+            usual = innovations[self._is_usual(innovations, axis)]
+            if len(usual) and np.ptp(usual) > 0:
+                density, _ = np.histogram(usual.clip(-6.0, 6.0), _BINS, density=True)
                 centres = 0.5 * (_BINS[1:] + _BINS[:-1])
                 bell = np.exp(-0.5 * centres**2) / np.sqrt(2.0 * np.pi)
-                histogram.panels[name] = [
+                figure.panels[name] = [
                     Trace(self._method, centres, density, 'bars'),
                     Trace('expected', centres, bell),
                 ]
-            piece = innovation[usable & resting][:_LARGEST_FOURIER]
-            if len(piece) > 10 * _LAGS and np.ptp(piece) > 0:
-                lags = np.arange(1, _LAGS + 1)
-                limit = np.full(_LAGS, 1.96 / np.sqrt(len(piece)))
-                correlation.panels[name] = [
-                    Trace('band', lags, limit, 'band'),
-                    Trace(self._method, lags, autocorrelation(piece, _LAGS), 'bars'),
-                ]
-        return [figure for figure in (correlation, histogram) if figure.panels]
+        return figure
+
+    def _is_usual(self, innovations: Floats, axis: int) -> NDArray[np.bool_]:
+        """Return which innovations (n,) of an axis are known, and not those of outliers."""
+        flagged = np.asarray(self.main.columns['outlier'][axis]) > 0
+        return np.asarray(np.isfinite(innovations) & ~flagged)
 
 
 def reduced(values: NDArray[Any], room: int) -> NDArray[np.int64]:
