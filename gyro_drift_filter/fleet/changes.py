@@ -90,14 +90,15 @@ class Usual:
 
     Attributes:
         scatter: Deviation of a value from one bag to another.
-        known: Of how many bags it is worth the knowledge: the fewer, the more the sensors differ.
+        prior_freedom: Degrees of freedom that this knowledge is worth: the fewer, the more the
+            sensors differ.
     """
 
     def __init__(self, fleet: Sequence[Series]) -> None:
         self._fleet = [series for series in fleet if len(series.values) >= LEAST_BAGS]
         self._wander: dict[int, tuple[NDArray[Any], Floats]] = {}  # by bags in a mean
         self._of_others: dict[tuple[str, int], float] = {}
-        self.scatter = self.known = 0.0
+        self.scatter = self.prior_freedom = 0.0
         if self._fleet:
             steps = np.array([_log_steps(series.values) for series in self._fleet])
             means, variances = np.array([_by_chance(len(s.values)) for s in self._fleet]).T
@@ -109,7 +110,7 @@ class Usual:
             unsure = float(np.mean(variances)) * math.sqrt(2.0 / len(self._fleet))
             more = max(float(np.mean(np.square(logs - centre) - variances)), 0.0) + unsure
             # The variance of the logarithm of a chi-square is about 2 / n + 2 / n^2.
-            self.known = (1.0 + math.sqrt(1.0 + 2.0 * more)) / more
+            self.prior_freedom = (1.0 + math.sqrt(1.0 + 2.0 * more)) / more
 
     def wander(self, series: Series) -> float:
         """Return how many times more than white noise other robots vary over many bags."""
@@ -216,13 +217,13 @@ def find_change(series: Series, usual: Usual, tests: int, *, both_ways: bool) ->
     # stretch, so that one odd bag of two does not make a change.
     difference = max(float(high[(len(high) - 1) // 2] - low[len(low) // 2]), 0.0)
     # The scatter is that of the history alone: what gets worse may scatter as it does. What is
-    # known of it from the fleet counts as so many bags more.
+    # known of it from the fleet counts as so many degrees of freedom more.
     least = max(series.own, usual.scatter)
-    free = sum(map(len, history)) - len(history)
+    freedom = sum(map(len, history)) - len(history) + usual.prior_freedom
     squares = sum(float(np.square(s - s.mean()).sum()) for s in history)
-    pooled = math.sqrt((squares + usual.known * least**2) / (free + usual.known))
+    pooled = math.sqrt((squares + usual.prior_freedom * least**2) / freedom)
     scatter = wander * max(pooled, least)
     size = difference / scatter
     ratio = size / math.sqrt(_median_variance(len(low)) + _median_variance(len(high)))
-    certain = size > MATTERS and 2.0 * float(stats.t.sf(ratio, free + usual.known)) < chance
+    certain = size > MATTERS and 2.0 * float(stats.t.sf(ratio, freedom)) < chance
     return Found(int(edges[reference + 1]), before, after, size, certain)

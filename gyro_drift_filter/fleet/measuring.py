@@ -40,14 +40,14 @@ from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path, shown_topic
-from gyro_drift_filter.fleet.noise import identify_noise
+from gyro_drift_filter.fleet.noise import AxisNoise, identify_noise
 from gyro_drift_filter.fleet.sources import Bag
 from gyro_drift_filter.fleet.streamed import StreamedPath, content_hash
-from gyro_drift_filter.messages.telemetry import MessageReport
+from gyro_drift_filter.messages.telemetry import MessageReport, Telemetry
 from gyro_drift_filter.recordings.examined import Reading
 from gyro_drift_filter.report.page import DrawnRecording, page
 from gyro_drift_filter.report.signals import Signals
-from gyro_drift_filter.report.verdict import BiasSource, RunWatch
+from gyro_drift_filter.report.verdict import BiasSource, RunWatch, Verdict
 from gyro_drift_filter.whole_file import write_whole
 
 Row = dict[str, Any]
@@ -293,31 +293,39 @@ def _rows_of_topic(
         'outcome': str(verdict.outcome),
         'faults': sorted({f.name for f in findings if f.is_fault}),
     }
-    rows = []
-    for axis, name in enumerate(AXES):
-        noise, is_known = noises[axis], verdict.bias.source != BiasSource.UNKNOWN
-        line = _strongest_line(findings, name)
-        nis = state.nis_samples[axis]
-        row = common | {
-            'axis': name,
-            'noise': verdict.rests.raw_deviation[axis],
-            'bias': verdict.bias.rates[axis] if is_known else None,
-            'bias_deviation': verdict.bias.deviations[axis] if is_known else None,
-            'vibration': line[0],
-            'vibration_frequency': line[1],
-            'outlier_share': verdict.outliers.axes[axis] / max(summary.received, 1),
-            'consistency': state.nis_sum[axis] / nis if nis else None,
-        }
-        if noise is not None:
-            walk = noise.allan.angle_random_walk
-            row |= {
-                'angle_random_walk': walk.value if walk else None,
-                'bias_instability': noise.allan.bias_instability.value,
-                'bias_instability_is_bound': noise.allan.still_falls,
-                'bias_trend': noise.trend,
-            }
-        rows.append({key: _plain(value) for key, value in row.items()})
-    return rows
+    rows = (
+        common | _figures_of_axis(axis, verdict, findings, state) | _figures_of_noise(noise)
+        for axis, noise in enumerate(noises)
+    )
+    return [{key: _plain(value) for key, value in row.items()} for row in rows]
+
+
+def _figures_of_axis(axis: int, verdict: Verdict, findings: list[Finding], state: Telemetry) -> Row:
+    is_known = verdict.bias.source != BiasSource.UNKNOWN
+    amplitude, frequency = _strongest_line(findings, AXES[axis])
+    judged = state.nis_samples[axis]
+    return {
+        'axis': AXES[axis],
+        'noise': verdict.rests.raw_deviation[axis],
+        'bias': verdict.bias.rates[axis] if is_known else None,
+        'bias_deviation': verdict.bias.deviations[axis] if is_known else None,
+        'vibration': amplitude,
+        'vibration_frequency': frequency,
+        'outlier_share': verdict.outliers.axes[axis] / max(verdict.received, 1),
+        'consistency': state.nis_sum[axis] / judged if judged else None,
+    }
+
+
+def _figures_of_noise(noise: AxisNoise | None) -> Row:
+    if noise is None:
+        return {}
+    walk = noise.allan.angle_random_walk
+    return {
+        'angle_random_walk': walk.value if walk else None,
+        'bias_instability': noise.allan.bias_instability.value,
+        'bias_instability_is_bound': noise.allan.still_falls,
+        'bias_trend': noise.trend,
+    }
 
 
 def _value(findings: list[Finding], key: str) -> Any:
