@@ -148,7 +148,7 @@ def page(
         lines += ['', 'What the next sample showed:', *_tally(map(_outcome, sequences))]
     if unflagged:
         lines += ['', 'Not flagged, and decided by other rules than the two limits:']
-        lines += [line for samples in unflagged for line in _lines_of(samples, start)]
+        lines += [line for each in unflagged for line in _lines_of_unflagged(each, start)]
     if named:
         lines += ['', 'The parameters that are named here:']
         lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
@@ -156,24 +156,14 @@ def page(
         return '\n'.join(lines)
     lines += ['', 'The first sample of each sequence, with rates in rad/s:', '', _HEAD]
     for sequence in sequences[:_MOST_LISTED]:
-        seconds = 1e-9 * (sequence.log_time - start)
-        innovation = deviations = None
-        if sequence.innovation != 0.0 and sequence.deviation > 0.0:
-            innovation = sequence.innovation
-            deviations = abs(innovation) / sequence.deviation
-        limits = sequence.innovation_threshold, sequence.least_jump
-        lines.append(
-            f'{seconds:8.3f} {AXES[sequence.axis]:>4} {sequence.samples:7} {sequence.rate:8.3g} '
-            + ' '.join(map(_cell, (innovation, *limits, deviations)))
-        )
-        lines += [f'         {sequence.reason}', f'         -> {_outcome(sequence)}']
+        lines += _lines_of_sequence(sequence, start)
     if len(sequences) > _MOST_LISTED:
         more = counted(len(sequences) - _MOST_LISTED, 'more sequence')
         lines += ['', f'and {more}: --start shows later ones, --json writes all']
     return '\n'.join(lines)
 
 
-def _lines_of(samples: 'UnflaggedSamples', start: int) -> list[str]:
+def _lines_of_unflagged(samples: 'UnflaggedSamples', start: int) -> list[str]:
     """Return two lines: of which samples, and what was decided of them."""
     first, last, longest = (
         f'{1e-9 * (time - start):.3f}'
@@ -184,6 +174,22 @@ def _lines_of(samples: 'UnflaggedSamples', start: int) -> list[str]:
         when += f', up to {samples.longest} in a row, at {longest} s'
     of_axis = f'{samples.samples:8}  {AXES[samples.axis]}, {when}'
     return [of_axis, f'             {samples.reason}']
+
+
+def _lines_of_sequence(sequence: 'FlaggedSequence', start: int) -> list[str]:
+    """Return three lines: the first sample below `_HEAD`, why it was flagged, what came of it."""
+    seconds = 1e-9 * (sequence.log_time - start)
+    innovation = deviations = None
+    if sequence.innovation != 0.0 and sequence.deviation > 0.0:
+        innovation = sequence.innovation
+        deviations = abs(innovation) / sequence.deviation
+    limits = sequence.innovation_threshold, sequence.least_jump
+    return [
+        f'{seconds:8.3f} {AXES[sequence.axis]:>4} {sequence.samples:7} {sequence.rate:8.3g} '
+        + ' '.join(map(_cell, (innovation, *limits, deviations))),
+        f'         {sequence.reason}',
+        f'         -> {_outcome(sequence)}',
+    ]
 
 
 def _named(

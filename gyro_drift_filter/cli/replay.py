@@ -16,6 +16,7 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,7 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
+    from gyro_drift_filter.bags.replay_run import Summary
     from gyro_drift_filter.core import Filter
     from gyro_drift_filter.report.verdict import RunWatch, Verdict
 
@@ -108,11 +110,7 @@ def run(options: argparse.Namespace) -> None:
         others={'-o': options.output, '--bias-memory': options.bias_memory},
     )
     parameters = chosen_parameters(options.params, options.method)
-    if parameters.motion_hint != 'none' and options.motion_hint is None:
-        tell(
-            f'warning: motion_hint is {parameters.motion_hint}, but no topic is named by '
-            '--motion-hint: the bias may be another one than on the robot, where hints came'
-        )
+    _warn_without_hints(parameters.motion_hint, options.motion_hint)
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet)
@@ -145,13 +143,7 @@ def run(options: argparse.Namespace) -> None:
             force=options.force,
             watch=Watch(progress, watched) if is_shown else Watch(progress),
         )
-    for summary in summaries:
-        of_topic = f'{printable(summary.topic)}: ' if len(summaries) > 1 else ''
-        for status in summary.status:
-            if status.level:
-                tell(f'warning: {of_topic}{status.message}')
-    for topic, reason in summaries[0].left_out.items():
-        tell(f'note: left out {printable(topic)}: {reason}')
+    _tell_remarks(summaries)
     if not is_shown:
         return
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
@@ -159,6 +151,26 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         text = '\n\n'.join(map(describe, verdicts)) + f'\nwrote {options.output}'
     give_results(text, options.json, verdicts_of([(options.bag, verdicts)]))
+
+
+def _warn_without_hints(kind: str, topic: str | None) -> None:
+    """Warn where the parameters have the robot hint at motion, and no topic is named."""
+    if kind != 'none' and topic is None:
+        tell(
+            f'warning: motion_hint is {kind}, but no topic is named by --motion-hint: the bias may '
+            'be another one than on the robot, where hints came'
+        )
+
+
+def _tell_remarks(summaries: Sequence['Summary']) -> None:
+    """Tell what is wrong with the input or the filter of each topic, and what was not copied."""
+    for summary in summaries:
+        of_topic = f'{printable(summary.topic)}: ' if len(summaries) > 1 else ''
+        for status in summary.status:
+            if status.level:
+                tell(f'warning: {of_topic}{status.message}')
+    for topic, reason in summaries[0].left_out.items():
+        tell(f'note: left out {printable(topic)}: {reason}')
 
 
 def describe(verdict: 'Verdict') -> str:

@@ -88,25 +88,32 @@ def check_targets(
             raise GyroDriftFilterError(f'{first} and {option} name the same path, {path}')
         _check_lies_beside(path, option, others)
     for path in filter(None, files.values()):
-        if path.is_dir():
-            raise GyroDriftFilterError(f'{path} is a folder: name a file')
-        if path.exists() or path.is_symlink():
-            raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
-        if not path.parent.is_dir():
-            raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
-        _check_writable(path.parent)
+        _check_file(path)
     for option, folder in pictures.items():
-        if folder is None:
-            continue
-        if folder.suffix.lower() in _PICTURES and not folder.is_dir():
-            raise GyroDriftFilterError(
-                f'{option} {folder}: name a folder; several PNG files are written into it'
-            )
-        _check_can_be_made(option, folder)
-        check_no_pictures(option, folder)
+        if folder is not None:
+            _check_picture_folder(option, folder)
     for option, path in others.items():
         if path is not None:
             _check_can_be_made(option, path.absolute().parent)
+
+
+def _check_file(path: Path) -> None:
+    if path.is_dir():
+        raise GyroDriftFilterError(f'{path} is a folder: name a file')
+    if path.exists() or path.is_symlink():
+        raise GyroDriftFilterError(f'{path} exists already: remove it or choose another name')
+    if not path.parent.is_dir():
+        raise GyroDriftFilterError(f'{path}: there is no folder {path.parent}')
+    _check_writable(path.parent)
+
+
+def _check_picture_folder(option: str, folder: Path) -> None:
+    if folder.suffix.lower() in _PICTURES and not folder.is_dir():
+        raise GyroDriftFilterError(
+            f'{option} {folder}: name a folder; several PNG files are written into it'
+        )
+    _check_can_be_made(option, folder)
+    check_no_pictures(option, folder)
 
 
 def _check_lies_beside(path: Path, option: str, folders: Mapping[str, Path | None]) -> None:

@@ -164,33 +164,6 @@ def _truth(
 
 def report(tuning: 'Tuning', *, by_truth: bool) -> str:
     """Return what was found, in words and as a table."""
-    from gyro_drift_filter.tune.tuning import LEAST_GAIN
-
-    gain = tuning.gain
-    percent = f'{100.0 * gain.mean:.2f} +- {100.0 * gain.deviation:.2f} %'
-    if tuning.chosen != tuning.before:
-        names = [one.name for one in tuning.sensitivities if one.chosen != one.before]
-        head = f'Worth changing: {", ".join(names)}.'
-        if by_truth:
-            head += (
-                f' On the stretches held back the error falls from {tuning.cost_before:.6f} to '
-                f'{tuning.cost_best:.6f} rad/s.'
-            )
-        else:
-            head += (
-                ' On the stretches held back they predict the samples better, by '
-                f'{gain.mean:.3f} +- {gain.deviation:.3f} nats a sample.'
-            )
-    elif tuning.best == tuning.before:
-        head = (
-            'Keep the settings: no change that was tried gains as much as '
-            f'{100.0 * LEAST_GAIN:g} % on the stretches of the search.'
-        )
-    else:
-        head = (
-            'Keep the settings: on the stretches held back, the best that was found gains '
-            f'{percent}: that may be by chance, or is below {100.0 * LEAST_GAIN:g} %.'
-        )
     rows = [['', 'before', 'now', 'as good from', 'to', 'loss at worst (nats)']]
     for one in tuning.sensitivities:
         looked = one.low is not None and one.high is not None and one.loss is not None
@@ -202,10 +175,41 @@ def report(tuning: 'Tuning', *, by_truth: bool) -> str:
                 *((f'{one.low:g}', f'{one.high:g}', f'{one.loss:.4f}') if looked else 3 * ('-',)),
             ]
         )
-    lines = [head, '', table(rows), '', f'{tuning.evaluations} runs of the filter']
+    advice = _advice(tuning, by_truth=by_truth)
+    lines = [advice, '', table(rows), '', f'{tuning.evaluations} runs of the filter']
     if tuning.out_of_time:
         lines.append('The time limit has cut it short: --seconds gives it more.')
     return '\n'.join(lines)
+
+
+def _advice(tuning: 'Tuning', *, by_truth: bool) -> str:
+    """Return which settings are worth changing, if any are, and why."""
+    from gyro_drift_filter.tune.tuning import LEAST_GAIN
+
+    gain = tuning.gain
+    if tuning.chosen != tuning.before:
+        names = [one.name for one in tuning.sensitivities if one.chosen != one.before]
+        worth = f'Worth changing: {", ".join(names)}. On the stretches held back'
+        if by_truth:
+            return (
+                f'{worth} the error falls from {tuning.cost_before:.6f} to '
+                f'{tuning.cost_best:.6f} rad/s.'
+            )
+        return (
+            f'{worth} they predict the samples better, by {gain.mean:.3f} +- '
+            f'{gain.deviation:.3f} nats a sample.'
+        )
+    least = f'{100.0 * LEAST_GAIN:g} %'
+    if tuning.best == tuning.before:
+        return (
+            f'Keep the settings: no change that was tried gains as much as {least} on the '
+            'stretches of the search.'
+        )
+    percent = f'{100.0 * gain.mean:.2f} +- {100.0 * gain.deviation:.2f} %'
+    return (
+        'Keep the settings: on the stretches held back, the best that was found gains '
+        f'{percent}: that may be by chance, or is below {least}.'
+    )
 
 
 def _shown(value: Any) -> str:
