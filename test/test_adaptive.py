@@ -43,7 +43,7 @@ from gyro_drift_filter.core.methods.mode_set import (
 from gyro_drift_filter.core.methods.noise import largest_variance
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
-from support.messages import START
+from support.messages import START, even_stamps
 from support.paths import FLIGHTS
 from support.sensor import by_hand, motion_below
 
@@ -52,7 +52,7 @@ RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
 
 def run(z, rate=100.0, **parameters):
     z = np.asarray(z, float)
-    stamps = START + np.round(np.arange(len(z)) * 1e9 / rate).astype(np.int64)
+    stamps = even_stamps(len(z), rate)
     filter_ = Filter(Parameters(sample_rate=rate, bias_enabled=False, **parameters))
     return filter_.run(stamps, z, np.zeros_like(z))
 
@@ -98,7 +98,7 @@ def test_noise_is_learned_anew_in_spite_of_losses(rate, loss, random):
     z = 0.002 * random.standard_normal((n, 3))
     z[:20] *= 50
     kept = random.random(n) > loss
-    stamps = START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    stamps = even_stamps(n, rate)
     filter_ = Filter(Parameters(sample_rate=rate))
     results = filter_.run(stamps[kept], z[kept], np.zeros_like(z[kept]))
     learned = np.sqrt(results['measurement_noise'][-1])
@@ -121,7 +121,7 @@ def test_a_vibration_is_not_held_for_ever(rate, hertz, size, random):
 
 
 def with_accelerations(z, accelerations):
-    stamps = START + 10_000_000 * np.arange(len(z))
+    stamps = even_stamps(len(z))
     return Filter(Parameters(sample_rate=100.0)).run(stamps, z, accelerations)
 
 
@@ -160,7 +160,7 @@ def test_what_is_given_back_turns_with_the_body_while_samples_are_missing(random
     """It belongs to an orientation of the past, and turned by one sample period over a gap."""
     period, rate = 0.01, 5.0
     rates = 1e-3 * random.standard_normal((500, 3)) + [0.0, 0.0, rate]
-    times, still = START + 10_000_000 * np.arange(500), np.zeros((500, 3))
+    times, still = even_stamps(500), np.zeros((500, 3))
     filter_ = Filter()
     filter_.run(times, rates, still)
     axes = filter_.state['methods']['adaptive']
@@ -251,7 +251,7 @@ def test_a_shake_is_that_of_one_sample(random):
     accelerations[1500:, 0] += 9.0
     accelerations[1501:, 1] += 8.0
     filter_ = Filter(Parameters(sample_rate=100.0))
-    filter_.run(START + 10_000_000 * np.arange(1502), z[:1502], accelerations[:1502])
+    filter_.run(even_stamps(1502), z[:1502], accelerations[:1502])
     circumstances = filter_.record[0]['workspace']['methods']['adaptive']['circumstances']
     assert not circumstances['still']
     assert circumstances['shake'] == pytest.approx(9.0, abs=0.2)  # 12.0 before
@@ -703,7 +703,7 @@ def test_before_the_first_rest_motion_is_hardly_booked_as_noise(amplitude, frequ
         rates = shaken + deviation * random.standard_normal((len(time), 3))
         accelerations = (0.0, 0.0, 9.81) + 0.5 * random.standard_normal((len(time), 3))
         filter_ = Filter()
-        results = filter_.run(START + 10_000_000 * np.arange(len(time)), rates, accelerations)
+        results = filter_.run(even_stamps(len(time)), rates, accelerations)
         learned.append(results['measurement_noise'][-1] / deviation**2)
     assert 0.7 < np.median(learned) < 2.0
 
@@ -740,7 +740,7 @@ def test_a_slow_turn_that_begins_in_motor_vibration_is_given_back(random):
     lacking = []
     for _ in range(16):
         z = rate[:, None] * [1.0, 0.0, 0.0] + np.radians(1.0) * random.standard_normal((9200, 3))
-        stamps = START + 5_000_000 * np.arange(len(z))
+        stamps = even_stamps(len(z), 200.0)
         results = Filter(Parameters()).run(stamps, z, still_accelerations(random, len(z)))
         difference = (z - results['bias'] - results['angular_velocity'])[6000:, 0]
         lacking.append(np.degrees(np.cumsum(difference) * 0.005))
@@ -800,7 +800,7 @@ def test_each_reason_is_given_for_some_sample(random):
     rates[4400:4404, 0] += [20.0, 14.0, 8.0, 2.0]  # ... that ends in a strike
     rates[4600:4650, 2] += np.linspace(0.0, 50.0, 50)  # a body that spins up, until it is held
     rates[4650:4800, 2] += 50.0
-    stamps = START + np.arange(n) * 10_000_000
+    stamps = even_stamps(n)
     found = reasons_of(stamps[kept], rates[kept], accelerations[kept])
     assert found == set(Reason)
 
@@ -825,7 +825,7 @@ def test_a_simulated_body_without_noise_is_followed_when_it_is_shaken(seed):
     rates = np.concatenate([np.zeros((500, 3)), 8.0 * shaken])
     accelerations = np.tile((0.0, 0.0, 9.81), (len(rates), 1))
     accelerations[500:] += 20.0 * shaken[:, [1, 2, 0]]
-    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    results = Filter().run(even_stamps(len(rates)), rates, accelerations)
     assert np.abs(results['angular_velocity'] - rates)[500:].max() < 0.05
 
 
@@ -856,7 +856,7 @@ def test_slow_rates_that_a_driver_takes_for_none_are_no_drop_out(random):
     accelerations = np.tile((0.0, 0.0, 9.81), (len(rates), 1))
     accelerations += 0.02 * random.standard_normal(accelerations.shape)
     accelerations[1500:4500] += push
-    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    results = Filter().run(even_stamps(len(rates)), rates, accelerations)
     assert np.abs(results['angular_velocity'] - rates).max() < 0.02
     assert not results['outlier'].any()
 
@@ -870,7 +870,7 @@ def test_zeros_of_a_driver_that_takes_more_than_the_noise_for_none_are_no_drop_o
     given = np.where(np.abs(rates) < np.radians(limit), 0.0, rates)
     accelerations = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal(rates.shape)
     accelerations[3000:6000] += push
-    results = Filter().run(START + 10_000_000 * np.arange(len(rates)), given, accelerations)
+    results = Filter().run(even_stamps(len(rates)), given, accelerations)
     still = np.r_[1000:2900, 6600:9000]
     assert results['outlier'][still].mean() < 0.001
     led_away = np.abs(results['angular_velocity'])[still].max()
@@ -970,12 +970,12 @@ def test_at_a_low_rate_the_accelerometer_sees_a_part_of_a_push(random):
     acceleration = still_accelerations(random, n)
     acceleration[2000, 0] += 2.0 / 3.0 * lever * jump / 0.02
     z = truth + 1e-3 * random.standard_normal(truth.shape)
-    results = Filter().run(START + 20_000_000 * np.arange(n), z, acceleration)
+    results = Filter().run(even_stamps(n, 50.0), z, acceleration)
     assert not results['outlier'][1000:].any()
 
 
 def at_rate(rate, rates, accelerations):
-    stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+    stamps = even_stamps(len(rates), rate)
     return Filter().run(stamps, rates, accelerations)
 
 

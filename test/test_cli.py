@@ -37,7 +37,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import simulated, write
-from support.messages import NOT_REPORTED, START, TEXT, imu_fields, text
+from support.messages import NOT_REPORTED, TEXT, even_stamps, imu_fields, text
 from support.processes import run_command
 
 COMMAND = Path(sys.executable).parent / 'gyro_drift'
@@ -100,7 +100,7 @@ def resting(random, seconds, bias, moving=0.0):
     rates = np.array(bias) + 0.002 * random.standard_normal((n, 3))
     rates[: round(100 * moving)] += np.sin(0.05 * np.arange(round(100 * moving)))[:, None]
     forces = [0.0, 0.0, 9.8] + 0.01 * random.standard_normal((n, 3))
-    return list(imu_messages(START + 10**7 * np.arange(n), rates, forces))
+    return list(imu_messages(even_stamps(n), rates, forces))
 
 
 def test_the_table_counts_from_the_bias_on(tmp_path, random, capsys):

@@ -28,7 +28,7 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.clock.periodogram import keep_stamp, period_of_stamps
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
-from support.messages import START
+from support.messages import START, even_stamps
 from support.paths import RECORDINGS
 from support.sensor import GRAVITY, NOISE, at_rest, by_hand, fast_turn
 
@@ -298,7 +298,7 @@ def test_losses_that_come_often_stay_losses(random):
 
 def late(n, rate, mean, random):
     """Stamped on arrival, by an exponential delay (s) late; none overtakes another."""
-    stamps = START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+    stamps = even_stamps(n, rate)
     return np.maximum.accumulate(stamps + random.exponential(mean * 1e9, n).astype(np.int64))
 
 

@@ -32,7 +32,7 @@ from benchmark.covariance import (
     turn_on_bias,
 )
 from gyro_drift_filter.core import Filter, Parameters
-from support.messages import START
+from support.messages import START, even_stamps
 from support.paths import RECORDINGS
 from support.sensor import DEGREE, NOISE, at_rest, by_hand
 
@@ -132,7 +132,7 @@ def test_a_bias_that_is_remembered_is_as_uncertain_as_it_was():
 def test_another_turn_on_deviation_holds_at_once_and_until_the_first_rest(random):
     filter_ = Filter(Parameters(bias_turn_on_deviation=0.02))
     rates, accelerations = at_rest(random, 10, 3 * [DEGREE])
-    stamps = START + np.arange(1000) * 10_000_000
+    stamps = even_stamps(1000)
     filter_.run(stamps[:50], rates[:50], accelerations[:50])
     np.testing.assert_allclose(filter_.bias_deviation, 0.02, rtol=1e-3)
     filter_.configure(Parameters(bias_turn_on_deviation=0.08))
@@ -213,7 +213,7 @@ def test_a_bias_that_flickers_at_rest_is_less_certain(random):
             bias += 1.7e-4 * lfilter([1.0], [1.0, -kept], steps, axis=0, zi=start)[0]
         rates = bias + 1e-3 * random.standard_normal((n, 3))
         forces = at_rest(random, 600.0)[1]
-        results = Filter().run(START + 10**7 * np.arange(n), rates, forces)[6000:]
+        results = Filter().run(even_stamps(n), rates, forces)[6000:]
         deviation = np.sqrt(results['angular_velocity_variance'])
         inside.append((np.abs(results['angular_velocity']) <= 2.0 * deviation).mean())
     assert np.mean(inside) > 0.8
@@ -235,7 +235,7 @@ def test_a_bias_is_known_as_well_as_the_counts_of_a_rest_show_it(counts, random)
             truth[start : start + 1500] = motion[0]
             accelerations[start : start + 1500] += motion[1]
         rates = np.round((rates + truth + bias) / count) * count
-        stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
+        stamps = even_stamps(len(rates), rate)
         moving = slice(3200, 4400)
         results = Filter().run(stamps, rates, accelerations)[moving]
         told.append(results['angular_velocity_variance'])

@@ -33,7 +33,7 @@ from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
 from support.bags import write
 from support.chunks import filtered_imus
-from support.messages import START
+from support.messages import START, even_stamps
 from support.sensor import at_rest
 
 SPIKE, SECOND, UNUSABLE_TEXT = 2.0, 100, 'no usable number'
@@ -54,7 +54,7 @@ def rates_and_forces(random):
 
 @pytest.fixture
 def bag(tmp_path, rates_and_forces):
-    stamps = START + 10_000_000 * np.arange(len(rates_and_forces[0]))
+    stamps = even_stamps(len(rates_and_forces[0]))
     return write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): imu_messages(stamps, *rates_and_forces)})
 
 
@@ -302,7 +302,7 @@ def logged(filter_, stamps, rates, forces, piece):
 def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):
     rates, forces = rates_and_forces
     rates[11 * SECOND :: 37, 0] += 0.4  # many more
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     imus, log = logged(Filter(Parameters(method=method)), stamps, rates, forces, piece)
     flagged = imus['result']['outlier'] > 0.0
     assert ((imus['result']['reason'] == UNUSABLE) == np.isnan(rates)).all()
@@ -332,7 +332,7 @@ def test_a_result_has_the_limits_that_its_innovation_was_held_against(rates_and_
     rates[600:900] += np.sin(0.05 * np.arange(300))[:, None]
     rates[700, 2] += SPIKE
     rates[800, 2] += 30.0
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     results = Filter(Parameters()).run(stamps, rates, forces)
     size = np.abs(results['innovation'])
     threshold, least_jump = results['innovation_threshold'], results['least_jump']
@@ -356,7 +356,7 @@ def test_what_is_not_judged_by_its_innovation_has_no_limits(random):
     rates, forces = at_rest(random, 20)
     rates[1000:] += (1.0 - np.cos(0.05 * np.arange(1000)))[:, None]
     rates[1520:1522] = 0.0
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     failed = Filter(Parameters()).run(stamps, rates, forces)[1520]
     assert (failed['reason'] == Reason.DROPOUT).all()
     assert (failed['innovation_threshold'] == 0.0).all()
@@ -367,7 +367,7 @@ def test_what_is_not_judged_by_its_innovation_has_no_limits(random):
 def test_the_limit_says_how_far_to_turn_the_threshold(more, flagged, random):
     rates, forces = at_rest(random, 11)
     rates[1000, 0] += 0.06
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     spike = Filter(Parameters()).run(stamps, rates, forces)[1000]
     assert spike['reason'][0] == Reason.FAR_WHILE_STILL
     needed = 7.0 * abs(spike['innovation'][0]) / spike['innovation_threshold'][0]
@@ -377,7 +377,7 @@ def test_the_limit_says_how_far_to_turn_the_threshold(more, flagged, random):
 
 def test_the_methods_of_the_paper_hold_no_innovation_against_a_limit(rates_and_forces):
     rates, forces = rates_and_forces
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     results = Filter(Parameters(method='kalman')).run(stamps, rates, forces)
     assert (results['innovation_threshold'] == 0.0).all()
     assert (results['least_jump'] == 0.0).all()
@@ -413,7 +413,7 @@ def test_each_sample_is_told_once(bag, tmp_path):
 def test_unflagged_samples_are_counted_within_the_times_asked_for(piece, random):
     rates, forces = at_rest(random, 12)
     rates[1050:1100, 2] = 0.001  # a driver that hangs
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     imus, log = logged(Filter(Parameters()), stamps, rates, forces, piece)
     reason = imus['result']['reason'][:, 2]
     samples = {one.reason_name: one for one in log.unflagged(START, 0.0, np.inf) if one.axis == 2}

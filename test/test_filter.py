@@ -38,7 +38,7 @@ from gyro_drift_filter.core.methods import (
 from gyro_drift_filter.core.quantisation import QUANTISATION, note_counts
 from gyro_drift_filter.core.sample import RESULT, SampleStatus
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from support.messages import START
+from support.messages import even_stamps
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -495,7 +495,7 @@ def test_a_snapshot_continues_through_missing_rates_after_repeats(seed):
     rates[3::4] = rates[2::4]
     rates[596:] = np.nan
     accelerations = (0.0, 0.0, 9.81) + 0.02 * random.standard_normal(rates.shape)
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     continued, restored = Filter(), Filter()
     continued.run(stamps[:596], rates[:596], accelerations[:596])
     restored.restore(continued.snapshot())

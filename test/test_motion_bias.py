@@ -54,7 +54,7 @@ from gyro_drift_filter.core.sample import SampleStatus
 from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.rotations import from_vectors, running_products
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
-from support.messages import START
+from support.messages import START, even_stamps
 from support.paths import FLIGHTS
 from support.rests import run
 from support.sensor import DEGREE, at_rest, by_hand, motion_below, turning_gravity
@@ -442,7 +442,7 @@ def test_below_20_hz_no_bias_is_followed_in_motion(random):
     turn, push = by_hand(random, 50)
     rates[1000:] += turn
     accelerations[1000:] += push
-    stamps = START + 10_000_000 * np.arange(len(rates))
+    stamps = even_stamps(len(rates))
     for every, is_followed in ((10, False), (4, True)):
         filter_ = Filter()
         filter_.run(stamps[::every], rates[::every], accelerations[::every])
@@ -654,7 +654,7 @@ def moving_filter(random):
     filter_ = Filter()
     rates, accelerations = at_rest(random, 10)
     turn, push = by_hand(random, 10)
-    stamps = START + 10_000_000 * np.arange(1500)
+    stamps = even_stamps(1500)
     filter_.run(stamps[:1000], rates, accelerations)
     filter_.run(stamps[1000:], rates[:500] + turn[:500], accelerations[:500] + push[:500])
     assert filter_.state['bias']['motion']['directed']

@@ -25,7 +25,7 @@ from gyro_drift_filter.core.rest.standing import (
     standing_scatter,
     variance_of_standing_mean,
 )
-from support.messages import START
+from support.messages import even_stamps
 from support.rests import run, slow_noise
 from support.sensor import DEGREE, at_rest, by_hand, idling, taking_off
 
@@ -90,7 +90,7 @@ def test_noise_that_is_correlated_over_seconds_hides_no_bias_at_low_rates(random
     for _ in range(6):
         noise = signal.sosfilt(section, 0.012 * random.standard_normal((800, 3)), axis=0)[300:]
         acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((500, 3))
-        stamps = START + 100_000_000 * np.arange(500)
+        stamps = even_stamps(500, 10.0)
         results = Filter().run(stamps, noise + bias, acceleration)
         assert np.abs(results['bias'][200:] - bias).max() < np.radians(0.4)
 
@@ -98,7 +98,7 @@ def test_noise_that_is_correlated_over_seconds_hides_no_bias_at_low_rates(random
 def test_a_bias_is_provisional_later_too_while_gravity_has_stood(random):
     """With noise as slow as this minutes may pass without any stretch that is steady."""
     bias = np.radians([2.0, -1.2, 0.7])
-    stamps, late = START + 100_000_000 * np.arange(1200), []
+    stamps, late = even_stamps(1200, 10.0), []
     for _ in range(12):
         acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((1200, 3))
         results = Filter().run(stamps, slow_noise(random, 1200) + bias, acceleration)
@@ -111,7 +111,7 @@ def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
     rates = slow_noise(random, 400) + np.array([0.03, -0.02, 0.01])
     acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((400, 3))
     filter_ = Filter()
-    filter_.run(START + 100_000_000 * np.arange(400), rates, acceleration)
+    filter_.run(even_stamps(400, 10.0), rates, acceleration)
     rest = filter_.state['bias']['rest']
     # The first block says where gravity is.
     blocks = rates.reshape(50, 8, 3).mean(axis=1)[1:]
@@ -130,7 +130,7 @@ def test_the_mean_while_gravity_stands_is_that_of_plain_blocks(random):
 
 def test_who_has_moved_gets_no_provisional_bias_later(random):
     """The noise is too slow for a rest, and the turn that follows is steady."""
-    stamps, count = START + 100_000_000 * np.arange(600), 0
+    stamps, count = even_stamps(600, 10.0), 0
     for _ in range(12):
         rates = slow_noise(random, 600)
         acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((600, 3))

@@ -33,12 +33,12 @@ from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.messages.sample_messages import VECTOR_TYPE
 from gyro_drift_filter.simulation.bag import FRAME, TOPIC, imu_messages
 from support.bags import read, write
-from support.messages import START, STORE
+from support.messages import START, STORE, even_stamps
 from support.sensor import DEGREE, at_rest, by_hand, taking_off
 
 
 def imus(rates, accelerations):
-    return list(imu_messages(START + 10_000_000 * np.arange(len(rates)), rates, accelerations))
+    return list(imu_messages(even_stamps(len(rates)), rates, accelerations))
 
 
 def header(stamp):

@@ -48,7 +48,7 @@ from gyro_drift_filter.core.rest.standing import (
     variance_of_standing_mean,
 )
 from gyro_drift_filter.core.sample import SAMPLE
-from support.messages import START
+from support.messages import START, even_stamps
 from support.rests import between, moving_and_resting, run, shaken, slow_noise
 from support.sensor import DEGREE, at_rest, by_hand, motion_below
 
@@ -397,7 +397,7 @@ def test_the_later_half_of_a_segment_stands_for_itself(more, random):
 
 def test_the_first_rest_is_compared_with_a_mean_of_as_many_blocks(random):
     """That since the start has more of them: by its own scatter every rest was less steady."""
-    stamps, taken = START + 100_000_000 * np.arange(400), 0
+    stamps, taken = even_stamps(400, 10.0), 0
     acceleration = np.array([0.3, -0.2, 9.8]) + 0.02 * random.standard_normal((400, 3))
     filters = [Filter() for _ in range(8)]
     rates = slow_noise(random, 3200).reshape(8, 400, 3) + np.array([0.03, -0.02, 0.01])

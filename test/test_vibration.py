@@ -26,7 +26,7 @@ from gyro_drift_filter.core.bias.vibration import (
     interrupt_vibration,
     note_vibration,
 )
-from support.messages import START
+from support.messages import even_stamps
 
 PERIOD = 0.01
 
@@ -118,7 +118,7 @@ def test_only_what_shakes_rates_and_accelerations_may_shift_the_bias(
     """The noise at rest lets the bias move by 1e-4 rad/s, and motors shift it by ten times that."""
     rates, accelerations = flight(random, shaken, pushed, (1.2e-3, -1.2e-3, 0.0))
     filter_ = Filter()
-    filter_.run(START + 5_000_000 * np.arange(len(rates)), rates, accelerations)
+    filter_.run(even_stamps(len(rates), 200.0), rates, accelerations)
     found = np.array(filter_.bias_shift.shift)
     if follows:
         np.testing.assert_allclose(found, (1.2e-3, -1.2e-3, 0.0), atol=5e-4)
@@ -131,7 +131,7 @@ def test_a_shift_that_motors_explain_is_kept_at_the_next_rest(random):
     rates, accelerations = flight(random, 0.02, 1.0, (1.2e-3, -1.2e-3, 0.0))
     still = at_rest(random, 20.0)
     filter_ = Filter()
-    stamps = START + 5_000_000 * np.arange(len(rates) + len(still[0]))
+    stamps = even_stamps(len(rates) + len(still[0]), 200.0)
     filter_.run(stamps, np.vstack([rates, still[0]]), np.vstack([accelerations, still[1]]))
     kept = filter_.bias_shift
     np.testing.assert_allclose(kept.shift, (1.2e-3, -1.2e-3, 0.0), atol=4e-4)

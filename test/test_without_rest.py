@@ -41,7 +41,7 @@ from gyro_drift_filter.core.sensor_changes import doubt_sensor
 from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
-from support.messages import START
+from support.messages import START, even_stamps
 from support.paths import FLIGHTS, REPOSITORY
 from support.sensor import DEGREE, at_rest, motion_below, turning_gravity
 
@@ -108,7 +108,7 @@ def test_no_bias_is_larger_than_the_largest(walk):
 def test_a_rate_that_is_too_large_for_a_bias_at_rest_is_none_in_motion_either(random):
     rates, accelerations = at_rest(random, 80.0, (15.0 * DEGREE, 8.0 * DEGREE, 0.0))
     filter_ = Filter()
-    results = filter_.run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    results = filter_.run(even_stamps(len(rates)), rates, accelerations)
     assert filter_.state['bias']['segments_beyond_max'] > 0
     assert np.abs(results['bias']).max() < 2e-3
 
@@ -379,7 +379,7 @@ def test_another_sensor_shows_its_own_bias_beside_a_memory(walk):
 def test_a_rest_ends_the_contradiction_of_a_wrong_memory(random):
     filter_, memory = with_a_wrong_memory()
     rates, accelerations = at_rest(random, 8.0, memory + 0.02)
-    filter_.run(START + 10_000_000 * np.arange(len(rates)), rates, accelerations)
+    filter_.run(even_stamps(len(rates)), rates, accelerations)
     state = filter_.state['bias']
     assert state['segments'] > 0
     assert not state['contradicts']
@@ -443,7 +443,7 @@ def test_a_circle_at_walking_speed_is_no_bias():
     accelerations[:, 0] -= 9.81 * sway[:, 1]
     accelerations[:, 1] += 9.81 * sway[:, 0]
     filter_ = Filter()
-    results = filter_.run(START + 10_000_000 * np.arange(count), rates, accelerations)
+    results = filter_.run(even_stamps(count), rates, accelerations)
     assert filter_.state['bias']['segments'] == 0
     assert np.abs(results['bias']).max() < 3e-3
 
@@ -453,7 +453,7 @@ def panned(random, pushed):
     count = len(pushed)
     rates = 0.02 * random.standard_normal((count, 3))
     rates[:, 2] += 0.5 * np.sin(0.8 * np.arange(count) / 100.0)
-    return START + 10_000_000 * np.arange(count), rates, pushed + np.array([0.0, 0.0, 9.81])
+    return even_stamps(count), rates, pushed + np.array([0.0, 0.0, 9.81])
 
 
 def test_a_machine_that_shakes_the_accelerometer_tells_no_wrong_direction(random):
@@ -486,7 +486,7 @@ def test_who_always_turns_one_way_has_no_bias_for_it(speed, random):
     accelerations[:, 1] += forward * turns + 9.81 * roll
     accelerations[:, 2] += 9.81
     filter_ = Filter()
-    results = filter_.run(START + 10_000_000 * np.arange(len(time)), rates, accelerations)
+    results = filter_.run(even_stamps(len(time)), rates, accelerations)
     assert filter_.state['bias']['segments'] == 0
     assert np.abs(results['bias']).max() < 0.5 * DEGREE
 

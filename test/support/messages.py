@@ -93,6 +93,11 @@ def text(value: str) -> bytes:
     return bytes(STORE.serialize_cdr(STORE.types[TEXT](value), TEXT))
 
 
+def even_stamps(n: int, rate: float = 100.0, start: int = START) -> NDArray[np.int64]:
+    """Return n stamps in ns at a rate in Hz."""
+    return start + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+
+
 def simulated(n: int = 600) -> list[bytes]:
     """Return n Imu messages of both experiments of the paper, half of them at rest."""
     data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))

@@ -17,14 +17,13 @@
 import numpy as np
 from scipy import signal
 
-from support.messages import START
+from support.messages import START, even_stamps
 from support.sensor import at_rest, by_hand
 
 
 def run(filter_, rates, accelerations, rate=100.0, start=START):
     """Return the results of a filter for rates and accelerations (n, 3) at even stamps."""
-    stamps = start + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
-    return filter_.run(stamps, rates, accelerations)
+    return filter_.run(even_stamps(len(rates), rate, start), rates, accelerations)
 
 
 def moving_and_resting(random, spells, bias):
