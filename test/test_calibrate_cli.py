@@ -27,17 +27,15 @@ from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, lacking, to_kalibr
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
+from gyro_drift_filter.simulation.bag import TOPIC
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
-from support.bags import write
+from support.bags import write_imus
 
 MATRIX = np.array([[1.02, 0.01, -0.03], [0.004, 0.99, 0.02], [-0.02, 0.03, 1.015]])
 
 
 def bag(path, turns):
-    messages = imu_messages(turns.stamps, turns.rates, turns.accelerations)
-    return write(path, {(TOPIC, IMU_TYPE): messages})
+    return write_imus(path, turns.stamps, turns.rates, turns.accelerations)
 
 
 def calibrate(tmp_path, *arguments):
@@ -112,8 +110,7 @@ def test_turns_without_whole_turns_are_told(accelerometer, tmp_path, capsys, ran
     """Else the option would seem to have been of use."""
     turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
     forces = turns.accelerations if accelerometer else np.zeros_like(turns.accelerations)
-    messages = imu_messages(turns.stamps, turns.rates, forces)
-    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): messages})
+    source = write_imus(tmp_path / 'in', turns.stamps, turns.rates, forces)
     assert calibrate(tmp_path, source, '--turns') == 1
     assert '--turns says that the sensor was turned by whole turns' in capsys.readouterr().err
     assert not (tmp_path / 'found.yaml').exists()

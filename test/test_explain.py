@@ -31,7 +31,7 @@ from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.outlier_reason import reason_name, reason_text
 from gyro_drift_filter.report.flagged import FlaggedLog, FlaggedSequence
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
-from support.bags import write
+from support.bags import write, write_imus
 from support.chunks import filtered_imus
 from support.messages import START, even_stamps
 from support.sensor import at_rest
@@ -55,7 +55,7 @@ def rates_and_forces(random):
 @pytest.fixture
 def bag(tmp_path, rates_and_forces):
     stamps = even_stamps(len(rates_and_forces[0]))
-    return write(tmp_path / 'drive', {(TOPIC, IMU_TYPE): imu_messages(stamps, *rates_and_forces)})
+    return write_imus(tmp_path / 'drive', stamps, *rates_and_forces)
 
 
 def explained(bag, tmp_path, *options):

@@ -33,9 +33,9 @@ from gyro_drift_filter.cli import identification_report
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from support.bags import write
+from support.bags import write, write_imus
 from support.messages import START
 from support.processes import run_command
 
@@ -58,7 +58,7 @@ def bag(path, seconds=90.0, change=None, gap=0.0, burst=1, polled=1):
     if polled > 1:
         rates, accelerations = (np.repeat(v, polled, axis=0) for v in (rates, accelerations))
         stamps = stamps[0] + 10_000_000 // polled * np.arange(len(rates))
-    return write(path, {(TOPIC, IMU_TYPE): imu_messages(stamps, rates, accelerations)})
+    return write_imus(path, stamps, rates, accelerations)
 
 
 def identify(tmp_path, source, *options):
@@ -399,8 +399,8 @@ def test_messages_that_come_twice_are_left_out_and_told(tmp_path, capsys):
     for times in (1, 2):
         folder = tmp_path / str(times)
         folder.mkdir()
-        messages = imu_messages(*(np.repeat(values, times, axis=0) for values in arrays))
-        source = write(folder / 'in', {(TOPIC, IMU_TYPE): messages})
+        repeated = (np.repeat(values, times, axis=0) for values in arrays)
+        source = write_imus(folder / 'in', *repeated)
         assert identify(folder, source, '--kalibr', str(folder / 'kalibr.yaml')) == 0
         kalibr = (folder / 'kalibr.yaml').read_text()
         found.append((read_parameters(folder / 'model.yaml'), kalibr))

@@ -36,7 +36,7 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
-from support.bags import write
+from support.bags import write, write_imus
 from support.chunks import filtered_imus
 from support.handling import HandlingSettings, simulate_handling
 from support.sensor import at_rest, by_hand, motion_below, taking_off
@@ -48,7 +48,7 @@ def bag(path, rates, accelerations, stamps=None):
     """Write a bag of Imu messages at 100 Hz."""
     if stamps is None:
         stamps = START + 10**7 * np.arange(len(rates))
-    return write(path, {(TOPIC, IMU_TYPE): imu_messages(stamps, rates, accelerations)})
+    return write_imus(path, stamps, rates, accelerations)
 
 
 def judged(source, folder, parameters=None, memory=None):

@@ -20,6 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 from mcap.writer import Writer as McapWriter
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Qos,
@@ -88,6 +89,11 @@ def write(
         for time, connection, data in sorted(rows, key=lambda row: row[0]):
             writer.write(connection, time, data)
     return path
+
+
+def write_imus(path: Path, stamps: NDArray[np.int64], rates: Any, accelerations: Any) -> Path:
+    """Write a bag of Imu messages, which are logged as they are stamped."""
+    return write(path, {(TOPIC, IMU_TYPE): imu_messages(stamps, rates, accelerations)})
 
 
 def read(path: Path) -> tuple[dict[str, Messages], list[tuple[str, int]]]:
@@ -163,6 +169,5 @@ def simulated_folder(folder: Path) -> Path:
     write_simulation(folder / 'motionless', simulate(settings))
     random = np.random.default_rng(0)
     turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
-    messages = imu_messages(turns.stamps, turns.rates, turns.accelerations)
-    write(folder / 'turns', {(TOPIC, IMU_TYPE): messages})
+    write_imus(folder / 'turns', turns.stamps, turns.rates, turns.accelerations)
     return folder
