@@ -29,6 +29,7 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
 from gyro_drift_filter.report.wording import as_text, headline
@@ -381,6 +382,61 @@ def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     assert 'Take the default method, adaptive' in headline(verdict)
     assert 'nothing unsound' not in as_text(verdict)
     assert judged(source, tmp_path).outcome == 'helped'
+
+
+@pytest.mark.parametrize('method', ['kalman', 'sage_husa'])
+def test_a_filter_that_takes_motion_for_outliers_is_told_to_do_harm(method, tmp_path, random):
+    """As of a robot that drives about: it is held back, so that innovations are hardly large."""
+    rates, accelerations = at_rest(random, 130, (0.014, -0.021, 0.026))
+    turn = motion_below(0.5, random, 11_000, 100)[:, 2]
+    rates[1500:12500, 2] += 0.5 * turn / turn.std() * np.hanning(11_000) ** 0.1
+    source = bag(tmp_path / 'in', rates, accelerations)
+    verdict = judged(source, tmp_path, Parameters(method=method))
+    assert verdict.lagging < 0.15
+    assert verdict.held_back > 0.05
+    assert verdict.outcome == 'harmed'
+    assert re.search(
+        rf'harm here: method {method} .*takes \d+ % of the motion for outliers. Take the default',
+        headline(verdict),
+    )
+    # What it flags says nothing of the recording, nor what gravity makes of its rates.
+    assert not {'outliers', 'diverged', 'contradicts gravity'} & {
+        finding.name for finding in verdict.findings
+    }
+    sound = judged(source, tmp_path)
+    assert (sound.outcome, sound.held_back) == ('helped', 0.0)
+
+
+@pytest.mark.parametrize('length', [1, 3, 10])
+def test_many_spikes_are_no_motion_that_is_held_back(length, tmp_path, random):
+    """However many they are: a row of them is over soon."""
+    rates, accelerations = at_rest(random, 60)
+    turn, push = by_hand(random, 40)
+    rates[1500:5500] += turn
+    accelerations[1500:5500] += push
+    for k in np.flatnonzero(random.random(len(rates)) < 0.1 / length):
+        rates[k : k + length, 2] += random.choice((-15.0, 15.0))
+    verdict = of_samples(tmp_path, rates, accelerations)
+    assert verdict.outliers.samples > 100
+    assert verdict.held_back < 0.01
+
+
+def test_motion_that_is_held_back_is_counted_alike_however_it_is_cut_up(random):
+    filter_ = Filter(Parameters(method='kalman'))
+    rates, accelerations = at_rest(random, 40)
+    rates[1000:3000, 1] += np.sin(np.arange(2000) / 200)
+    rates[::50] = np.nan
+    stamps = START + 10**7 * np.arange(len(rates))
+    imus = filtered_imus(filter_, stamps, rates, accelerations)
+    counts = []
+    for size in (len(imus), 100, 7, 1):
+        held_back = HeldBack()
+        for k in range(0, len(imus), size):
+            held_back.take(imus[k : k + size], 0.01)
+        counts.append(held_back.samples.tolist())
+    assert counts[0][1] > 100
+    assert counts[0][0] == counts[0][2] == 0
+    assert all(count == counts[0] for count in counts)
 
 
 @pytest.mark.parametrize('rate', [50, 100])

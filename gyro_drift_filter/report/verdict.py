@@ -30,6 +30,7 @@ from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
+from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
 
@@ -45,6 +46,9 @@ SIGNIFICANT = 3.0
 _LAGGING_SHARE = 0.1
 # What is flagged because of spikes is a small share; many of them are motion or a false model.
 _SPIKES = 0.1
+# A filter that replaces so much of the motion loses about as much of each turn, which is five times
+# what the scale of a good gyroscope is off.
+_HELD_SHARE = 0.05
 
 
 class Outcome(StrEnum):
@@ -188,6 +192,7 @@ class Verdict:
             the bias; NaN without enough motion.
         silent: Why an axis has no figures (3,); empty where it has.
         lagging: Share of the time in which innovations were far larger than the filter expects.
+        held_back: Share of the motion that the filter took for outliers for longer than these last.
         findings: What in the recording is unsound.
     """
 
@@ -209,7 +214,18 @@ class Verdict:
     change_in_motion: Floats
     silent: list[str]
     lagging: float
+    held_back: float
     findings: list[Finding]
+
+    @property
+    def lags(self) -> bool:
+        """Whether the filter lags for so long that it does not fit its sensor."""
+        return self.lagging > _LAGGING_SHARE
+
+    @property
+    def holds_motion_back(self) -> bool:
+        """Whether the filter takes so much of the motion for outliers that turns are lost."""
+        return self.held_back > _HELD_SHARE
 
 
 class RunWatch:
@@ -224,6 +240,7 @@ class RunWatch:
         self._rules = RuleLog()
         # Samples, not seconds: a gap without messages is no time of which anything is said.
         self._reported = self._lagging = 0
+        self._held_back = HeldBack()
         # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
         self._judged = 0
         self._variance = [0.0, 0.0, 0.0]
@@ -234,6 +251,7 @@ class RunWatch:
             self._note_given(imus)
         note_pace(self._sums['times'], self._filter)
         add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
+        self._held_back.take(imus, self.period)
 
     @property
     def is_by_log(self) -> bool:
@@ -287,8 +305,16 @@ class RunWatch:
         lagging = self._lagging / self._reported if self._reported else 0.0
         lags = lagging > _LAGGING_SHARE
         moving = int(total['moving'])
-        # Of a filter that lags, what it takes for outliers says nothing of the recording.
-        following = {'outliers', 'diverged'} if lags else set()
+        in_motion = moving + outliers.in_motion
+        held_back = 0.0
+        if in_motion >= _FEWEST:
+            held_back = int(self._held_back.samples.max()) / in_motion
+        harms = lags or held_back > _HELD_SHARE
+        # Of a filter that does not follow the motion, what it takes for outliers says nothing of
+        # the recording. Gravity is held against the rates that stand in for these.
+        following = {'outliers', 'diverged'} if harms else set()
+        if held_back > _HELD_SHARE:
+            following.add('contradicts gravity')
         found = self._rules.findings(following, truncation_refuted=is_truncation_refuted(filter_))
         faults = [finding for finding in found if finding.is_fault]
         gains = _gains(rests, bias, outliers, run)
@@ -296,7 +322,7 @@ class RunWatch:
             # What is flagged there is motion, 57 times as fast as it is.
             gains = [gain for gain in gains if gain != 'outliers']
         outcome = Outcome.HELPED if gains else Outcome.USELESS
-        if lags:
+        if harms:
             outcome = Outcome.HARMED
         return Verdict(
             topic=run.topic,
@@ -320,6 +346,7 @@ class RunWatch:
             ),
             silent=[_why_silent(total, run, axis) for axis in range(3)],
             lagging=lagging,
+            held_back=held_back,
             findings=faults,
         )
 

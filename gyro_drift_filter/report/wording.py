@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.input_rules import IN_DEGREES
 from gyro_drift_filter.phrases import by_axis, counted, time_to_stand
@@ -56,10 +57,7 @@ class Statement(NamedTuple):
 def headline(verdict: Verdict) -> str:
     """Return the verdict in a sentence or two."""
     if verdict.outcome == Outcome.HARMED:
-        return (
-            f'This filter does harm here: method {verdict.method} lags behind the motion for '
-            f'{100.0 * verdict.lagging:.0f} % of the time. Take the default method, adaptive.'
-        )
+        return f'This filter does harm here: {_why_harmful(verdict)}'
     if verdict.outcome == Outcome.USELESS:
         return f'This filter did nothing useful here: {_why_useless(verdict)}.'
     parts = []
@@ -128,6 +126,19 @@ def per_minute(rate: float) -> str:
     """Return a rate in rad/s as text in degrees a minute."""
     digits = '.2g' if abs(rate) < 2.9e-3 else '.0f'
     return f'{np.degrees(rate) * _PER_MINUTE:{digits}}'
+
+
+def _why_harmful(verdict: Verdict) -> str:
+    """Return what the filter does wrong, and what to do about it."""
+    what = []
+    if verdict.lags:
+        what.append(f'lags behind the motion for {100.0 * verdict.lagging:.0f} % of the time')
+    if verdict.holds_motion_back:
+        what.append(f'takes {100.0 * verdict.held_back:.0f} % of the motion for outliers')
+    advice = 'Take the default method, adaptive.'
+    if verdict.method == Parameters().method:
+        advice = "Look on the page of 'gyro_drift report' whether the rates are full of spikes."
+    return f'method {verdict.method} {_listed(what)}. {advice}'
 
 
 def _why_useless(verdict: Verdict) -> str:
