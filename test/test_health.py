@@ -32,7 +32,7 @@ from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import applying
-from gyro_drift_filter.messages.span import span_of
+from gyro_drift_filter.messages.span import span_of, usable_outliers
 from gyro_drift_filter.messages.telemetry import (
     TELEMETRY,
     MessageReport,
@@ -906,6 +906,33 @@ def test_counts_that_a_reset_clears_are_no_fault(random):
     filter_.filter.reset()
     filter_all(filter_, messages[100:300])
     assert health.judge(filter_.report(), 2.0)[0].message == 'receiving'
+
+
+@pytest.mark.parametrize(
+    ('none', 'axes'), [(slice(500, None, 8), slice(0, 3)), (slice(0, None), slice(0, 1))]
+)
+def test_what_is_no_number_is_no_outlier_whose_cause_is_a_bad_cable(none, axes, random):
+    rates, forces = at_rest(random, 10)
+    rates[none, axes] = np.nan
+    filter_ = MessageFilter(Parameters())
+    filter_all(filter_, serialized(rates, forces))
+    span, of_input, of_filter = Health().rules(filter_.report(), 10.0)
+    assert span.outlier_shares == pytest.approx(3 * [0.0], abs=2e-3)
+    assert 'unusable' in {rule.name for rule in of_input}
+    assert 'outliers' not in {rule.name for rule in of_filter}
+
+
+def test_spikes_beside_what_is_no_number_are_outliers_still(random):
+    rates, forces = at_rest(random, 10)
+    rates[:5] = np.nan  # refused, as nothing was predicted
+    rates[500::8, 1] = np.nan
+    spikes = slice(503, None, 6)
+    rates[spikes, 2] += random.choice((-1.0, 1.0), len(rates[spikes]))
+    filter_ = MessageFilter(Parameters())
+    filter_all(filter_, serialized(rates, forces))
+    x, y, z = usable_outliers(filter_.report().telemetry)
+    assert max(x, y) <= 5
+    assert z > 40
 
 
 def test_health_survives_a_reset():

@@ -27,7 +27,7 @@ from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.rules import Rule
-from gyro_drift_filter.messages.span import Span
+from gyro_drift_filter.messages.span import Span, usable_outliers
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
@@ -206,7 +206,7 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
         ({'low-pass'}, _about_low_pass(span)),
         (
             {'outliers', 'diverged'},
-            sound('outliers', f'samples flagged: {by_axis(state.outliers)}'),
+            sound('outliers', f'samples flagged: {by_axis(usable_outliers(state))}'),
         ),
         (
             {

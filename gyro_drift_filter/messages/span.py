@@ -41,7 +41,8 @@ class Span(NamedTuple):
         rate: Messages a second in the window.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
-        outlier_shares: Of the samples in the window, for each axis; NaN where there are few.
+        outlier_shares: Of the samples in the window, for each axis; NaN where there are few. What
+            was no usable number is flagged by the filter, too, but is no outlier here.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
         residuals: Mean squared difference between sample and filtered rate over R, of the same
             samples.
@@ -114,7 +115,7 @@ def span_of(
     """Return the span of three reports, of which the first and the last are `seconds` apart."""
     state, state_first = now.telemetry, first.telemetry
     recent = state.samples - state_first.samples
-    outliers = zip(state.outliers, state_first.outliers, strict=True)
+    outliers = zip(usable_outliers(state), usable_outliers(state_first), strict=True)
     judged = [a - b for a, b in zip(state.nis_samples, state_first.nis_samples, strict=True)]
     nis = zip(state.nis_sum, state_first.nis_sum, judged, strict=True)
     residuals = zip(state.residual_sum, state_first.residual_sum, judged, strict=True)
@@ -132,12 +133,22 @@ def span_of(
         rate=(now.received - first.received) / seconds if seconds > 0.0 else math.nan,
         expected_rate=expected_rate,
         is_rate_judged=is_rate_judged,
-        outlier_shares=[_share(a - b, recent) for a, b in outliers],
+        outlier_shares=[_share(max(a - b, 0), recent) for a, b in outliers],
         nis=[_share(a - b, count) for a, b, count in nis],
         residuals=[_share(a - b, count) for a, b, count in residuals],
         not_measured=_share(state.not_measured - state_first.not_measured, recent),
         low_pass=_low_pass(state),
     )
+
+
+def usable_outliers(state: Telemetry) -> list[int]:
+    """Return how many outliers there were on each axis, without what was no usable number.
+
+    The filter flags that, too, where it has a prediction to put in its place; it refuses it where
+    it has none.
+    """
+    counts = zip(state.outliers, state.unusable, strict=True)
+    return [max(flagged - max(none - state.refused, 0), 0) for flagged, none in counts]
 
 
 def _share(part: float, whole: int) -> float:
