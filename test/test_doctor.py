@@ -23,8 +23,10 @@ import pytest
 from scipy import signal
 
 from gyro_drift_filter.bags.message_types import message_type, serialize
+from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict
@@ -39,6 +41,7 @@ from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
+from gyro_drift_filter.simulation.sensor import START
 from support.doctored import handled, write
 from support.paths import RECORDINGS
 from support.sensor import turning_gravity
@@ -575,6 +578,37 @@ def test_stamps_of_zero(found):
     stamps = np.zeros_like(simulation.stamps)
     findings = found(replace(simulation, stamps=stamps), log_times=simulation.stamps)
     assert faults(findings) == {'zero stamps'}
+
+
+def at_another_rate(rate, stamps_of):
+    """Return a recording of so many Hz, and its log times; the filter counts at 100 Hz."""
+    simulation = handled()
+    times = START + np.arange(len(simulation.stamps)) * 10**9 // rate
+    # It turned as far within another time.
+    faster = (simulation.truth - simulation.bias) * (rate / 100.0 - 1.0)
+    rates = simulation.angular_velocity + faster
+    return replace(simulation, stamps=stamps_of(times), angular_velocity=rates), times
+
+
+@pytest.mark.parametrize('rate', [50, 200])
+@pytest.mark.parametrize(
+    ('stamps_of', 'name'),
+    [
+        (np.zeros_like, 'zero stamps'),
+        (lambda times: times // 1000, 'standing stamps'),
+        (lambda times: np.full_like(times, START), 'standing stamps'),
+    ],
+)
+def test_stamps_that_tell_no_time_are_the_only_fault_and_the_log_times_tell_the_rate(
+    rate, stamps_of, name, found, tmp_path
+):
+    simulation, times = at_another_rate(rate, stamps_of)
+    findings = found(simulation, log_times=times)
+    assert faults(findings) - {'shared stamps'} == {name}
+    (finding,) = [finding for finding in findings if finding.name == name]
+    assert finding.advice.endswith(f'or set sample_rate: {rate}')
+    (summary,) = replay(tmp_path / 'bag', tmp_path / 'out', parameters=Parameters())
+    assert 'so that samples are counted at' in summary.status[0].message
 
 
 def test_no_rest(found):

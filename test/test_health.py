@@ -130,7 +130,7 @@ CASES = {
     ),
     'contradicts gravity': (
         {'contradicts_gravity': True},
-        {'bias_corrected': True},
+        {'contradicts_gravity': True, 'zero_stamps': 1000},
         'are the axes of both sensors the same',
     ),
     'no rest': ({'standing_seconds': 130.0}, {'standing_seconds': 110.0}, 'no rest is found'),
@@ -246,6 +246,15 @@ def test_the_text_of_a_rate_that_is_off(changes, text):
     rule = RULES['wrong rate'].text
     assert callable(rule)
     assert rule(span(**changes)).startswith(text)
+
+
+@pytest.mark.parametrize('untold', [{'zero_stamps': 1000}, {'stamp': 990_000_000}])
+def test_gravity_contradicts_nothing_whose_time_nobody_knows(untold):
+    """Whoever has told the rate knows for how long the sensor turned, whatever the stamps."""
+    rule = RULES['contradicts gravity']
+    assert not rule.applies(span(contradicts_gravity=True, **untold))
+    told = Parameters(sample_rate=100.0)
+    assert rule.applies(span(contradicts_gravity=True, parameters=told, **untold))
 
 
 def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():

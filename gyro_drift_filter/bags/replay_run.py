@@ -36,6 +36,7 @@ from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
+from gyro_drift_filter.messages.imu import ImuKind
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
 from gyro_drift_filter.messages.rules import Rule
@@ -235,6 +236,7 @@ class TopicFilter:
         )
         self._watcher = watcher(filter_)
         self._health = Health(names.node)
+        self._first_stamp = 0
         temperature = names.temperature, TEMPERATURE_TYPE
         self._listened = {
             connection.id: connection.msgtype
@@ -267,6 +269,9 @@ class TopicFilter:
             done, noted = stop, before
             if row is not None:
                 self._listen(self._listened[int(piece.rows[row]['channel'])], piece.message(row))
+        if not self._first_stamp:
+            good = np.flatnonzero(imus['kind'] == ImuKind.GOOD)
+            self._first_stamp = int(imus['sample']['stamp'][good[0]]) if len(good) else 0
         if self._watcher is not None:
             self._watcher.take(imus, piece.rows['log_time'][rows_of_imus])
         return self.messages.reports(notes)
@@ -308,7 +313,7 @@ class TopicFilter:
             unusable=state['checks']['unusable'].copy(),
             period=float(state['clock']['mean_period']),
             # Other topics may go on for longer, so that the rate is not judged.
-            status=Health(self._names.node).judge(report, seconds, paced=False),
+            status=Health(self._names.node, self._first_stamp).judge(report, seconds, paced=False),
             start=start,
             seconds=seconds,
         )

@@ -99,7 +99,8 @@ _FOLLOWS = {
     'vibration': {'low-pass', _INVENTED_RATE},
     'resolution': {_INVENTED_RATE},
     'bursts': {'gaps'},
-    'zero stamps': {'contradicts gravity'},  # so that nobody knows for how long it turned
+    # What they are held against is not the time.
+    'standing stamps': {'bursts', 'clock drift', 'clock offset', 'jitter'},
 }
 
 

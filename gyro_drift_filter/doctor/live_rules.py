@@ -129,7 +129,7 @@ class RuleLog:
         return fault(
             name,
             f'{text} ({"; ".join(part for part in (figures, when) if part)})',
-            _ADVICE.get(name, advice),
+            _of_times(name, span) or _ADVICE.get(name, advice),
             {'seconds': entry.seconds, 'first_at': entry.first},
         )
 
@@ -139,7 +139,6 @@ _ADVICE = {
     'truncated': 'have the driver round. This filter finds it and undoes it (input.quantisation: '
     'auto); others turn by it',
     'gaps': 'look for what loses them: a slow disk, a full queue, a wireless link, best-effort QoS',
-    'zero stamps': 'stamp the messages in the driver',
     'restarted': 'is the recording made of several, or was a clock set?',
     'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks. If motion '
     'was flagged, set method to adaptive, or raise outlier.acceleration if it is adaptive',
@@ -150,6 +149,29 @@ _ADVICE = {
     'beyond bias.max': 'are the rates in deg/s (REP-103 asks for rad/s)? If they are not and it '
     'does not turn there, have the sensor looked at',
 }
+
+
+# How to stamp where nobody does, or not in this unit.
+_STAMPING = {
+    'zero stamps': 'stamp the messages in the driver',
+    'standing stamps': 'stamp each message with the time of its measurement, in seconds and '
+    'nanoseconds',
+}
+
+
+def _of_times(name: str, span: Span) -> str:
+    """Return what to do about stamps that tell no time, with the rate that the log times tell.
+
+    The oscillator of a gyroscope is off by a percent or so, so that more digits say nothing.
+    """
+    if name not in _STAMPING:
+        return ''
+    if span.now.parameters.sample_rate > 0.0:
+        return _STAMPING[name]
+    rate = ''
+    if math.isfinite(span.sensor_rate):
+        rate = f': {float(f"{span.sensor_rate:.3g}"):g}'
+    return f'{_STAMPING[name]}, or set sample_rate{rate}'
 
 
 _FIGURES: dict[str, Callable[[Span], str]] = {

@@ -62,11 +62,17 @@ def package_version() -> str:
 class Health:
     """Judge the reports of a message filter, made at regular intervals."""
 
-    def __init__(self, node: str = f'/{NODE_NAME}') -> None:
-        """Start, for a node by its full name."""
+    def __init__(self, node: str = f'/{NODE_NAME}', first_stamp: int = 0) -> None:
+        """Start before any message.
+
+        Args:
+            node: By its full name.
+            first_stamp: In ns, of the first message, where one report is to tell of all of them.
+        """
         self._node = node
+        state = NOTHING_RECEIVED.telemetry._replace(stamp=first_stamp)
         # Time of each report in s, and the report.
-        self._window = deque([(0.0, NOTHING_RECEIVED)], maxlen=_WINDOW + 1)
+        self._window = deque([(0.0, NOTHING_RECEIVED._replace(telemetry=state))], _WINDOW + 1)
         self._applied: set[str] = set()  # names of the rules that applied to the last report
         self._silent = True
 

@@ -82,6 +82,18 @@ def _stamps_stand(span: Span) -> bool:
     return judged and stamped < LEAST_STAMPED_SHARE * lasted
 
 
+def _contradicts_gravity(span: Span) -> bool:
+    """Return whether rates and accelerations are not those of one motion.
+
+    Where samples are counted at a rate that nobody has given, nobody knows for how long it turned,
+    so that its turns fit gravity only by chance.
+    """
+    is_timed = span.now.parameters.sample_rate > 0.0 or not (
+        _stamps_are_zero(span) or _stamps_stand(span)
+    )
+    return span.now.telemetry.contradicts_gravity and is_timed
+
+
 def _has_noise_in_degrees(span: Span) -> bool:
     state = span.now.telemetry
     calm = 0.0 < max(state.acceleration_deviation_at_rest) < CALM
@@ -282,7 +294,7 @@ INPUT_RULES = (
     Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
         'contradicts gravity',
-        lambda span: span.now.telemetry.contradicts_gravity,
+        _contradicts_gravity,
         'rates and accelerations are not those of one motion: are the axes of both sensors the '
         'same, with the same signs, and does neither come late? Until that is mended, gravity '
         'shows no bias in motion: it is found only while the sensor stands still',
@@ -359,7 +371,8 @@ INPUT_RULES = (
     Rule(
         'zero stamps',
         _stamps_are_zero,
-        'the driver does not stamp (all stamps are 0): set sample_rate',
+        'the driver does not stamp (all stamps are 0), so that samples are counted at 100 Hz: set '
+        'sample_rate to the rate of the sensor',
     ),
     Rule(
         'standing stamps',
