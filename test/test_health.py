@@ -257,6 +257,13 @@ def test_gravity_contradicts_nothing_whose_time_nobody_knows(untold):
     assert rule.applies(span(contradicts_gravity=True, parameters=told, **untold))
 
 
+def test_gravity_contradicts_nothing_while_a_bias_beyond_its_limit_is_left_in():
+    rule = RULES['contradicts gravity']
+    left_in = {'contradicts_gravity': True, 'segments_beyond_max': 1}
+    assert not rule.applies(span(bias_known=False, **left_in))
+    assert rule.applies(span(bias_known=True, **left_in))
+
+
 def test_a_bias_that_only_motion_has_shown_still_asks_for_a_rest():
     rule = RULES['no bias'].text
     assert callable(rule)

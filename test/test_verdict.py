@@ -371,6 +371,25 @@ def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
     assert verdict.bias.deviations[2] > 3.0 * verdict.bias.deviations[:2].max()
 
 
+@pytest.mark.parametrize('times', [1, 4])
+def test_a_bias_beyond_its_limit_is_told_with_what_the_rests_show(times, tmp_path, random):
+    """It was said to be anything up to 2.3 deg/s, and gravity to contradict the axes."""
+    bias = np.array([11.0, -15.0, 12.0]) * DEGREE
+    parts = []
+    for _ in range(times):
+        turn, push = by_hand(random, 15)
+        noise, gravity = at_rest(random, 15)
+        parts += [at_rest(random, 25), (noise + turn, gravity + push)]
+    rates, accelerations = (np.vstack(part) for part in zip(*parts, strict=True))
+    verdict = of_samples(tmp_path, rates + bias, accelerations)
+    text = ' '.join(as_text(verdict).split())
+    assert verdict.bias.source == 'unknown'
+    np.testing.assert_allclose(verdict.bias.beyond_max, bias, atol=0.1 * DEGREE)
+    assert re.search(r'its rates were x 11(\.\d)?, y -15(\.\d)?, z 12(\.\d)? deg/s, beyond', text)
+    assert re.search(r'heading drifts by up to 13\d\d deg/min, if it did not turn there', text)
+    assert [finding.name for finding in verdict.findings] == ['beyond bias.max']
+
+
 def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     rest, (turn, push) = at_rest(random, 30), by_hand(random, 25)
     rates, accelerations = rest[0], rest[1]

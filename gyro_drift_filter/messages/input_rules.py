@@ -86,12 +86,16 @@ def _contradicts_gravity(span: Span) -> bool:
     """Return whether rates and accelerations are not those of one motion.
 
     Where samples are counted at a rate that nobody has given, nobody knows for how long it turned,
-    so that its turns fit gravity only by chance.
+    so that its turns fit gravity only by chance. Nor do they fit with a bias that is left in, as it
+    is beyond `bias.max`.
     """
+    state = span.now.telemetry
+    if state.segments_beyond_max > 0 and not state.bias_known:
+        return False
     is_timed = span.now.parameters.sample_rate > 0.0 or not (
         _stamps_are_zero(span) or _stamps_stand(span)
     )
-    return span.now.telemetry.contradicts_gravity and is_timed
+    return state.contradicts_gravity and is_timed
 
 
 def _has_noise_in_degrees(span: Span) -> bool:

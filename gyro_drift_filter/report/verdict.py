@@ -33,6 +33,7 @@ from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
+from gyro_drift_filter.report.steady_rates import SteadyRates
 
 Floats = NDArray[np.float64]
 
@@ -108,6 +109,8 @@ class Bias:
         known_at: Log time since the first message in s from which on it was known; None where it
             was not learned at rest, or log times stand.
         taken_off: Whether it is taken off the rates.
+        beyond_max: (3,) mean rates in rad/s where the sensor was as still as at rest, but at a rate
+            beyond `bias.max`; NaN without such a time.
     """
 
     source: BiasSource
@@ -115,6 +118,7 @@ class Bias:
     deviations: Floats
     known_at: float | None
     taken_off: bool
+    beyond_max: Floats
 
 
 @dataclass(frozen=True)
@@ -241,6 +245,7 @@ class RunWatch:
         # Samples, not seconds: a gap without messages is no time of which anything is said.
         self._reported = self._lagging = 0
         self._held_back = HeldBack()
+        self._beyond_max = SteadyRates()
         # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
         self._judged = 0
         self._variance = [0.0, 0.0, 0.0]
@@ -252,6 +257,7 @@ class RunWatch:
         note_pace(self._sums['times'], self._filter)
         add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
         self._held_back.take(imus, self.period)
+        self._beyond_max.take(imus)
 
     @property
     def is_by_log(self) -> bool:
@@ -285,6 +291,8 @@ class RunWatch:
         self._reported += span.samples
         if any(rule.name == 'large innovations' for rule in rules):
             self._lagging += span.samples
+        if any(rule.name == 'beyond bias.max' for rule in rules):
+            self._beyond_max.note(span.before.received, span.now.received)
         state = span.now.telemetry
         if state.bias_known or not self._sums[0]['known']:
             self._judged += span.samples
@@ -368,6 +376,7 @@ class RunWatch:
             filter_.bias_deviation,
             _since_start(int(total['rested_at']), run) if total['rests'] else None,
             filter_.parameters.bias_enabled,
+            self._beyond_max.mean,
         )
 
     def _heading(self, total: Any, bias: Bias) -> Heading:

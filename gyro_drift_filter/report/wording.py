@@ -213,6 +213,12 @@ def _about_bias(bias: Bias, needed: int) -> str:
     rates = by_axis(f'{np.degrees(rate):.3f}' for rate in bias.rates)
     sure = f'{np.degrees(float(bias.deviations.max())):.2g}'
     left_in = '' if bias.taken_off else '; it is left in, as bias.enabled is false'
+    if _has_shown_too_much(bias):
+        shown = by_axis(f'{np.degrees(rate):.3g}' for rate in bias.beyond_max)
+        return (
+            f'not known: while the sensor was steady, its rates were {shown} deg/s, beyond '
+            'bias.max; if it did not turn there, that is its bias'
+        )
     if bias.source == BiasSource.UNKNOWN:
         return f'not known: it needs {needed} s of rest; it may be anything up to {sure} deg/s'
     if bias.source == BiasSource.PROVISIONAL:
@@ -233,9 +239,20 @@ def _about_bias(bias: Bias, needed: int) -> str:
     return f'{rates} deg/s, {when}; at the end known to {sure} deg/s{left_in}'
 
 
+def _has_shown_too_much(bias: Bias) -> bool:
+    """Tell whether all that is known of the bias is that it is beyond bias.max, if it is one."""
+    return bias.source == BiasSource.UNKNOWN and bool(np.isfinite(bias.beyond_max).all())
+
+
 def _about_heading(verdict: Verdict) -> str:
     heading, bias = verdict.heading, verdict.bias
     sure = per_minute(heading.left)
+    if _has_shown_too_much(bias):
+        largest = per_minute(float(np.linalg.norm(bias.beyond_max)))
+        return (
+            f'drifts by up to {largest} deg/min, if it did not turn there, as a bias beyond '
+            'bias.max is left in'
+        )
     if bias.source == BiasSource.UNKNOWN:
         return f'drifts with the bias, by up to {sure} deg/min or so: the filter can not tell'
     if bias.source == BiasSource.MOTION:
