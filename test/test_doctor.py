@@ -490,6 +490,16 @@ def test_units_of_the_accelerometer(found, factor, expected):
         assert {'axes', 'accelerometer'} <= of_verdict(findings, FindingVerdict.UNKNOWN)
 
 
+@pytest.mark.parametrize('factor', [1.0 / 9.80665, 1000.0 / 9.80665, 1.0 / 9.80665**2, 0.7])
+def test_an_accelerometer_in_another_unit_is_one_fault(found, factor):
+    simulation = handled()
+    scaled = factor * simulation.linear_acceleration
+    findings = found(replace(simulation, linear_acceleration=scaled))
+    of_accelerometer = {'unit of acceleration', 'scale of acceleration', 'gravity'}
+    assert len(of_accelerometer & faults(findings)) == 1
+    assert not {'no gravity', 'beyond gravity'} & faults(findings)
+
+
 def test_gravity_that_was_taken_off(found):
     simulation = handled()
     random = np.random.default_rng(1)

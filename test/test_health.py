@@ -257,6 +257,22 @@ def test_gravity_contradicts_nothing_whose_time_nobody_knows(untold):
     assert rule.applies(span(contradicts_gravity=True, parameters=told, **untold))
 
 
+@pytest.mark.parametrize(('size', 'text'), [(0.979, '1'), (1.02, '1'), (0.36, '0.4')])
+def test_the_acceleration_at_rest_is_told_as_well_as_it_is_known(size, text):
+    rule = RULES['no gravity']
+    assert callable(rule.text)
+    assert rule.applies(span(acceleration_at_rest=size))
+    told = rule.text(span(acceleration_at_rest=size))
+    assert told.startswith(f'the acceleration at rest is {text}, where')
+
+
+def test_gravity_that_is_taken_off_or_in_another_unit_is_told_once():
+    """Of gravity that is taken off a motion leaves some on the mean that is known."""
+    rule = RULES['no gravity']
+    assert not rule.applies(span(acceleration_at_rest=0.21))
+    assert not rule.applies(span(acceleration_at_rest=1000.0, beyond_gravity=1000))
+
+
 def test_gravity_contradicts_nothing_while_a_bias_beyond_its_limit_is_left_in():
     rule = RULES['contradicts gravity']
     left_in = {'contradicts_gravity': True, 'segments_beyond_max': 1}

@@ -92,7 +92,11 @@ _FOLLOWS = {
     'noise in degrees': _OF_DEGREES,
     'axes': {'contradicts gravity'},
     'beyond bias.max': {'rests'},
-    'unit of acceleration': {'invented covariance of linear acceleration'},
+    'unit of acceleration': {
+        *('no gravity', 'beyond gravity', 'invented covariance of linear acceleration'),
+    },
+    'scale of acceleration': {'no gravity'},
+    'gravity': {'no gravity'},
     'repeated samples': {'repeats', 'vibration'},
     'doubled messages': {'repeats', 'shared stamps', 'vibration'},
     'publishers': {'vibration', 'low-pass', 'outliers', 'diverged', 'jitter', _INVENTED_RATE},

@@ -40,6 +40,10 @@ _LEAST_STEPS = 5
 LARGEST_NOISE, CALM = 0.03, 0.1
 IN_DEGREES = 'the driver may publish degrees per second where REP-103 asks for radians'
 
+# What is known of gravity at rest is a mean that each axis has since then stayed by within
+# STEADY_GRAVITY, so that one which shows nothing may seem to show so much, in m/s^2.
+_NO_FORCE = math.sqrt(3.0) * STEADY_GRAVITY
+
 # Each of these pairs is where an alarm is raised, and where it is taken back.
 
 # A driver that polls faster than the sensor measures by a twentieth repeats one sample in twenty; a
@@ -186,11 +190,14 @@ def _is_truncation_left(span: Span) -> bool:
 def _shows_no_gravity(span: Span) -> bool:
     """Return whether the accelerometer shows something else than gravity in m/s^2 at rest.
 
-    One that shows nothing is none, or has gravity taken off.
+    One that shows nothing is none, or has gravity taken off. What is beyond gravity has a rule of
+    its own.
     """
+    if _is_mostly_beyond_gravity(span):
+        return False
     size = span.now.telemetry.acceleration_at_rest
     is_gravity = LEAST_GRAVITY_SHARE < size / GRAVITY < LARGEST_GRAVITY_SHARE
-    return size > STEADY_GRAVITY and not is_gravity
+    return size > _NO_FORCE and not is_gravity
 
 
 def _is_mostly_beyond_gravity(span: Span) -> bool:
@@ -199,11 +206,12 @@ def _is_mostly_beyond_gravity(span: Span) -> bool:
 
 
 def _no_gravity_text(span: Span) -> str:
+    # Not to more than it is known by.
+    size = round(span.now.telemetry.acceleration_at_rest, 1)
     return (
-        f'the acceleration at rest is {span.now.telemetry.acceleration_at_rest:.3g}, where gravity '
-        'is 9.81 m/s^2 (REP-145): publish m/s^2, and look whether each of its axes measures. '
-        'Without gravity no bias is found in motion, and a bias that has jumped is found only '
-        'after 90 s of rest'
+        f'the acceleration at rest is {size:g}, where gravity is 9.81 m/s^2 (REP-145): publish '
+        'm/s^2, and look whether each of its axes measures. Without gravity no bias is found in '
+        'motion, and a bias that has jumped is found only after 90 s of rest'
     )
 
 
@@ -293,7 +301,8 @@ INPUT_RULES = (
         _is_mostly_beyond_gravity,
         f'the acceleration stays beyond {LARGEST_STEADY_ACCELERATION:g} m/s^2, ten times gravity: '
         'does the driver publish mg or counts where REP-145 asks for m/s^2, or does the sensor '
-        'spin fast at a distance from its axis? No rest is found then, and so no bias',
+        'spin fast at a distance from its axis? Rests are found late then, or not at all, and so '
+        'is the bias',
     ),
     Rule('no gravity', _shows_no_gravity, _no_gravity_text),
     Rule(
