@@ -323,6 +323,12 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
     assert told in capsys.readouterr().err
     assert main([*arguments, '-o', str(tmp_path / 'out'), '--motion-hint', '/cmd_vel']) == 0
     assert told not in capsys.readouterr().err
+    # What it explains may come out otherwise, too.
+    arguments = ['explain', str(bag), '--params', str(parameters)]
+    assert main(arguments) == 0
+    assert told in capsys.readouterr().err
+    assert main([*arguments, '--motion-hint', '/cmd_vel']) == 0
+    assert told not in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ from gyro_drift_filter.cli.filter_options import (
     add_method_option,
     add_params_option,
     chosen_parameters,
+    warn_without_hints,
 )
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
@@ -78,6 +79,7 @@ def run(options: argparse.Namespace) -> None:
     start, end = between(options)
     check_targets({'--json': options.json})
     parameters = chosen_parameters(options.params, options.method)
+    warn_without_hints(parameters.motion_hint, options.motion_hint)
     compile_first()
     logs: list[FlaggedLog] = []
 

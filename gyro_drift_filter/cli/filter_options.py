@@ -19,6 +19,7 @@ from pathlib import Path
 
 from gyro_drift_filter.cli.once import Once
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
 
@@ -51,3 +52,12 @@ def chosen_parameters(path: Path | None, method: str | None = None) -> Parameter
     """
     parameters = read_parameters(path) if path else Parameters()
     return parameters.with_names({'method': method}) if method else parameters
+
+
+def warn_without_hints(kind: str, topic: str | None) -> None:
+    """Warn where the parameters have the robot hint at motion, and no topic is named."""
+    if kind != 'none' and topic is None:
+        tell(
+            f'warning: motion_hint is {kind}, but no topic is named by --motion-hint: the bias may '
+            'be another one than on the robot, where hints came'
+        )

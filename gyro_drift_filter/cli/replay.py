@@ -27,6 +27,7 @@ from gyro_drift_filter.cli.filter_options import (
     add_method_option,
     add_params_option,
     chosen_parameters,
+    warn_without_hints,
 )
 from gyro_drift_filter.cli.printing import in_colour, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
@@ -110,7 +111,7 @@ def run(options: argparse.Namespace) -> None:
         others={'-o': options.output, '--bias-memory': options.bias_memory},
     )
     parameters = chosen_parameters(options.params, options.method)
-    _warn_without_hints(parameters.motion_hint, options.motion_hint)
+    warn_without_hints(parameters.motion_hint, options.motion_hint)
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet)
@@ -151,15 +152,6 @@ def run(options: argparse.Namespace) -> None:
     if not options.quiet:
         text = '\n\n'.join(map(describe, verdicts)) + f'\nwrote {options.output}'
     give_results(text, options.json, verdicts_of([(options.bag, verdicts)]))
-
-
-def _warn_without_hints(kind: str, topic: str | None) -> None:
-    """Warn where the parameters have the robot hint at motion, and no topic is named."""
-    if kind != 'none' and topic is None:
-        tell(
-            f'warning: motion_hint is {kind}, but no topic is named by --motion-hint: the bias may '
-            'be another one than on the robot, where hints came'
-        )
 
 
 def _tell_remarks(summaries: Sequence['Summary']) -> None:
