@@ -47,8 +47,9 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import imu_messages
 from gyro_drift_filter.simulation.sensor import START
 from harness.fleet_recordings import Fault, FleetSettings, robot_name, write_fleet
-from support.bags import read, simulated, write
+from support.bags import read, simulated, write, write_imus
 from support.fleets import SECRET, cluster, run_fleet
+from support.messages import even_stamps
 from support.sensor import at_rest
 
 JOB = Job(Parameters())
@@ -376,6 +377,20 @@ def test_nothing_is_left_where_no_scheduler_answers(small, tmp_path, monkeypatch
     assert main(arguments) == 1
     assert 'no Dask scheduler answers' in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.slow
+def test_noise_is_there_for_rests_beyond_the_largest_bias_and_one_bag_is_one(
+    tmp_path, random, capsys
+):
+    rates, accelerations = at_rest(random, 40, (0.0, 0.0, 0.3))
+    source = write_imus(tmp_path / 'in', even_stamps(len(rates)), rates, accelerations)
+    out = tmp_path / 'out'
+    assert main(['fleet', str(source), '-o', str(out), '--workers', '1']) == 0
+    assert capsys.readouterr().out.startswith('1 bag\n')
+    rows = pq.read_table(out / 'fleet.parquet').to_pylist()
+    assert [row['rest'] for row in rows] == [0.0, 0.0, 0.0]
+    assert all(row['angle_random_walk'] > 0.0 for row in rows)
 
 
 def test_bags_that_a_new_table_leaves_out_are_told(small, measured, capsys):

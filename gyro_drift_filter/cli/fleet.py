@@ -148,7 +148,8 @@ def run(options: argparse.Namespace) -> int | None:
     write_table(output / TABLE, fleet.rows())
     if not options.quiet:
         known = f', {fleet.reused} of them known from before' if fleet.reused else ''
-        say(f'{len(bags)} bags{known}\n\n{_summary(output)}\n\nwrote {output / TABLE}')
+        count = counted(len(bags), 'bag')
+        say(f'{count}{known}\n\n{_summary(output)}\n\nwrote {output / TABLE}')
     return None
 
 
