@@ -600,6 +600,7 @@ def at_another_rate(rate, stamps_of):
     return replace(simulation, stamps=stamps_of(times), angular_velocity=rates), times
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50, 200])
 @pytest.mark.parametrize(
     ('stamps_of', 'name'),

@@ -40,6 +40,7 @@ from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.bags import write, write_imus
 from support.chunks import filtered_imus
 from support.handling import HandlingSettings, simulate_handling
+from support.messages import even_stamps
 from support.sensor import at_rest, by_hand, motion_below, taking_off
 
 DEGREE = np.pi / 180
@@ -371,6 +372,7 @@ def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
     assert verdict.bias.deviations[2] > 3.0 * verdict.bias.deviations[:2].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('times', [1, 4])
 def test_a_bias_beyond_its_limit_is_told_with_what_the_rests_show(times, tmp_path, random):
     """It was said to be anything up to 2.3 deg/s, and gravity to contradict the axes."""
@@ -403,6 +405,7 @@ def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     assert judged(source, tmp_path).outcome == 'helped'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', ['kalman', 'sage_husa'])
 def test_a_filter_that_takes_motion_for_outliers_is_told_to_do_harm(method, tmp_path, random):
     """As of a robot that drives about: it is held back, so that innovations are hardly large."""
@@ -445,8 +448,7 @@ def test_motion_that_is_held_back_is_counted_alike_however_it_is_cut_up(random):
     rates, accelerations = at_rest(random, 40)
     rates[1000:3000, 1] += np.sin(np.arange(2000) / 200)
     rates[::50] = np.nan
-    stamps = START + 10**7 * np.arange(len(rates))
-    imus = filtered_imus(filter_, stamps, rates, accelerations)
+    imus = filtered_imus(filter_, even_stamps(len(rates)), rates, accelerations)
     counts = []
     for size in (len(imus), 100, 7, 1):
         held_back = HeldBack()
