@@ -246,6 +246,66 @@ def test_a_pause_of_the_recorder_is_no_part_of_the_sample_period(random):
     assert len(before.rests) <= len(after.rests) <= len(before.rests) + 1
 
 
+def set_back(seconds):
+    """Return a change that sets the clock of the stamps back from half of the recording on."""
+
+    def change(stamps, rates, accelerations):
+        stamps[len(stamps) // 2 :] -= round(seconds * 1e9)
+
+    return change
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('even', [True, False], ids=['even', 'of arrival'])
+@pytest.mark.parametrize('seconds', [3600.0, 5.0, 0.3])
+def test_what_is_behind_a_clock_that_was_set_back_counts(seconds, even, random):
+    """It was dropped up to the old time, and the turns over what was dropped were too short."""
+    faults, turns = laid_down(random, rate=100.0)
+    middle = float(turns.stamps[len(turns.stamps) // 2] - turns.stamps[0]) * 1e-9
+    step = set_back(seconds)
+
+    def change(*arrays):
+        if not even:
+            burst(*arrays)
+        step(*arrays)
+
+    found = calibrate([samples(turns, change)])
+    told = [text for text in found.warnings if 'the clock of the stamps was set back by' in text]
+    assert len(told) == 1
+    when = float(told[0].split(' s at ')[1].split(' s after')[0])
+    assert when == pytest.approx(middle, abs=0.2)
+    assert found.sides == 12
+    assert np.abs(found.matrix - faults.matrix).max() < 2e-3
+
+
+def test_what_is_late_or_repeated_is_no_clock_that_was_set_back(random):
+    _, turns = laid_down(random, [UP, about('x', 90)], rate=100.0)
+    stamps, n = turns.stamps, len(turns.stamps)
+    every = np.arange(n)
+    # Two that change places; ten that are held back for longer than they last; a copy of each
+    # message a tenth of a second later; one that is late by seconds.
+    swapped, held = every.copy(), every.copy()
+    swapped[100:n:50] -= 1
+    swapped[99 : n - 1 : 50] += 1
+    held[500:530] = np.concatenate([every[510:530], every[500:510]])
+    copies = np.stack([every[10:], every[:-10]], axis=1).ravel()
+    late = np.insert(np.delete(every, 300), 700, 300)
+    for order in (swapped, held, copies, late):
+        track = make_track(stamps[order], turns.rates[order], turns.accelerations[order])
+        assert not track.set_back
+        # Of what changes places, the latest counts.
+        assert len(track.seconds) >= n - 11 - n // 50
+
+
+def test_a_single_stamp_of_the_future_does_not_hide_what_follows(random):
+    _, turns = laid_down(random, [UP, about('x', 90)], rate=100.0)
+    stamps = turns.stamps.copy()
+    stamps[len(stamps) // 2] += 3600 * 10**9
+    track = make_track(stamps, turns.rates, turns.accelerations)
+    assert len(track.seconds) == len(stamps)
+    assert track.broken.sum() == 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('change', 'message'),

@@ -78,6 +78,15 @@ def test_a_reference_alone_leaves_the_sensor_its_axes(random):
     assert found.reference.late == pytest.approx(-0.1, abs=2e-3)
 
 
+def test_a_reference_is_not_compared_across_a_clock_that_was_set_back(random):
+    turns = lay_down(random, sides(random)[:2], random_faults(random))
+    stamps, reference = turns.stamps.copy(), seen(random, turns)
+    for clock in (stamps, reference.stamps):
+        clock[len(clock) // 2 :] -= 5 * 10**9
+    with pytest.raises(CalibrationError, match=r'set back by 5\.00 s at .* with --start or --end'):
+        calibrate([Samples(stamps, turns.rates, turns.accelerations, reference)])
+
+
 @pytest.mark.slow
 def test_slips_and_losses_of_a_reference_do_not_count(random):
     faults = random_faults(random)

@@ -114,7 +114,18 @@ class ReferenceOfOneRecording:
     """A recording's reference beside its rates."""
 
     def __init__(self, number: int, track: Track, reference: Reference, density: Floats) -> None:
-        """Take a recording by its number and track, and the noise of its rates."""
+        """Take a recording by its number and track, and the noise of its rates.
+
+        Raises:
+            CalibrationError: The reference has too few orientations, or a stamp may mean two times.
+        """
+        if track.set_back:
+            when, by = track.set_back[0]
+            raise CalibrationError(
+                f'the clock of the stamps was set back by {by:.2f} s at {when:.1f} s after the '
+                'start, so they do not tell which orientation of the reference belongs to which '
+                'rate: take a part of the recording with --start or --end'
+            )
         self.number = number
         order = np.argsort(reference.stamps, kind='stable')
         fresh = np.append(True, np.diff(reference.stamps[order]) > 0)

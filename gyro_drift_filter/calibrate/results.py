@@ -317,6 +317,12 @@ def what_is_left_out(
         for session in sessions
         if (moved := session.rests.moved)
     ]
+    out += [
+        f'the clock of the stamps was set back by {by:.2f} s at {when:.1f} s after the start: a '
+        'turn across it is left out, and what is behind it counts'
+        for session in sessions
+        for when, by in session.track.set_back
+    ]
     for part in parts:
         if part.gaps:
             out.append(f'turns with a gap are left out: {_times(part.gaps)}')
