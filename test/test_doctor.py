@@ -160,6 +160,22 @@ def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(foun
     assert faults(found(rates_of(simulation, degrees))) == {'degrees'}
 
 
+@pytest.mark.parametrize(
+    ('factor', 'unit', 'divisor'),
+    [
+        (1000.0, 'milliradians per second', '1000'),
+        (180e3 / np.pi, 'thousandths of a degree per second', '180000 / pi'),
+    ],
+)
+def test_thousandths_are_not_taken_for_degrees(factor, unit, divisor, found):
+    """Half of their rates are beyond what gyroscopes measure, so that a rule spoke of degrees."""
+    simulation = handled()
+    findings = found(rates_of(simulation, factor * simulation.angular_velocity))
+    assert faults(findings) == {'unit of rates'}
+    assert unit in findings[0].text
+    assert f'divide by {divisor} in the driver' in findings[0].advice
+
+
 def test_degrees_are_found_where_their_noise_leaves_no_rest(found, random):
     """A sensor that stands still would else be asked to stand still."""
     simulation = handled()

@@ -120,8 +120,8 @@ def _check(sessions: Sequence[Session], evidence: Evidence, *, turns: bool) -> N
     rates = [np.linalg.norm(leg.raw, axis=1).max() for part in evidence.rests for leg in part.legs]
     if rates and np.median(rates) > FASTEST:
         raise CalibrationError(
-            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s? '
-            '`gyro_drift doctor` tells'
+            f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s '
+            'or mrad/s? `gyro_drift doctor` tells'
         )
     if not (evidence.rests or evidence.references):
         raise CalibrationError(

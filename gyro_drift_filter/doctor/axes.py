@@ -87,6 +87,14 @@ _FLIPPED = tuple(
     for flipped in range(3)
 )
 FROM_DEGREES = AS_IT_IS._replace(factor=math.pi / 180.0)
+# Sensors and drivers give out thousandths, too.
+OTHER_UNITS = {
+    AS_IT_IS._replace(factor=1e-3): ('milliradians per second', '1000'),
+    AS_IT_IS._replace(factor=1e-3 * math.pi / 180.0): (
+        'thousandths of a degree per second',
+        '180000 / pi',
+    ),
+}
 # A driver may take the counts for those of another range than is set in the sensor, or of another
 # scale than its maker's: from a quarter to four times, in steps of a tenth.
 OTHER_SCALES = tuple(AS_IT_IS._replace(factor=1.1**k) for k in range(-15, 16) if k)
@@ -99,6 +107,7 @@ WAYS = (
         if (axes, signs) != AS_IT_IS[:2]
     ),
     FROM_DEGREES,
+    *OTHER_UNITS,
     *OTHER_SCALES,
 )
 
@@ -265,6 +274,14 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
             'degrees',
             f'the rates are degrees per second: as such they {match}, as rad/s they do not',
             'multiply by pi / 180 in the driver (REP-103 asks for rad/s)',
+            values,
+        )
+    if way in OTHER_UNITS:
+        unit, divisor = OTHER_UNITS[way]
+        return fault(
+            'unit of rates',
+            f'the rates are {unit}: as such they {match}, as rad/s they do not',
+            f'divide by {divisor} in the driver (REP-103 asks for rad/s)',
             values,
         )
     if way in OTHER_SCALES:

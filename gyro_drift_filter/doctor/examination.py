@@ -89,6 +89,7 @@ _OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _IN
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'noise in degrees', *_OF_DEGREES},
+    'unit of rates': {'degrees', 'noise in degrees', *_OF_DEGREES},
     'noise in degrees': _OF_DEGREES,
     'axes': {'contradicts gravity'},
     'beyond bias.max': {'rests'},

@@ -184,7 +184,7 @@ def _about_vertical(turns: Turns, name: str, title: str) -> Finding | None:
         return fault(
             name,
             f'the rates have to be multiplied by {scale:.3g} to turn as {title}',
-            'degrees, or the scale of another measuring range?',
+            'degrees, milliradians, or the scale of another measuring range?',
             values,
         )
     return sound(

@@ -139,7 +139,7 @@ def judge_unrested_noise(
     return fault(
         'noise in degrees',
         f'the rates have a noise of {noise.min():.2g} rad/s beside a calm accelerometer, too much '
-        'for a rest to be found',
+        'for a rest to be found, as in deg/s or mrad/s',
         IN_DEGREES,
         {'noise': noise.tolist()},
     )

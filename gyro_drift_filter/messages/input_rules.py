@@ -281,13 +281,13 @@ INPUT_RULES = (
     Rule(
         'degrees',
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
-        f'rates stay above {RANGE:g} rad/s: {IN_DEGREES}',
+        f'rates stay above {RANGE:g} rad/s, as in deg/s or mrad/s: {IN_DEGREES}',
     ),
     Rule(
         'noise in degrees',
         _has_noise_in_degrees,
         f'at rest the rates have a noise of more than {LARGEST_NOISE:g} rad/s beside a calm '
-        f'accelerometer: {IN_DEGREES}',
+        f'accelerometer, as in deg/s or mrad/s: {IN_DEGREES}',
     ),
     Rule(
         'frozen accelerometer',
