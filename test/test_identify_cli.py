@@ -71,7 +71,7 @@ def test_the_rests_of_a_day_are_no_screenful():
         begins=begins,
         seconds=870.0,
         timing=SimpleNamespace(period=0.01, uneven=0.0, breaks=[]),
-        quiet=SimpleNamespace(spans=spans, accelerometer=True, missing=0),
+        quiet=SimpleNamespace(spans=spans, accelerometer=True, missing=0, other_rates=()),
     )
     line = identification_report._head(result).splitlines()[0]
     assert line.startswith('rest: 870.0 s in 87 spans, by gyroscope and accelerometer: 0.0 to 10.0')
@@ -180,6 +180,18 @@ def test_a_short_rest_draws_a_warning(tmp_path, capsys):
 def test_a_noise_that_no_gyroscope_has_is_said_to_be_in_degrees(tmp_path, capsys):
     assert identify(tmp_path, bag(tmp_path / 'in', 30, change=np.degrees)) == 0
     assert 'rad/s or more on each axis: the driver may publish degrees' in capsys.readouterr().err
+
+
+def test_a_rest_at_another_rate_is_told(tmp_path, capsys):
+    def turning(rates):
+        rates[4000:4100] += 1.0
+        rates[4100:, 2] += 0.01
+        return rates
+
+    identify(tmp_path, bag(tmp_path / 'bag', change=turning))
+    printed = capsys.readouterr()
+    assert re.search(r'left out: 3\d\.\d s in 1 span at other rates', printed.out)
+    assert 'differs by up to 0.57 deg/s: a slow turn, or the bias has moved' in printed.err
 
 
 def test_a_rate_that_can_be_none_is_told(tmp_path, capsys):

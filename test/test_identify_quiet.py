@@ -195,6 +195,49 @@ def test_a_slow_turn_that_gravity_shows_is_left_out(random):
     assert share(spans, len(rates)) > 0.5
 
 
+@pytest.mark.parametrize(
+    ('step', 'gravity', 'turns_not'),
+    [
+        ((0.3, 0.0, 0.0), 'stands', True),
+        ((0.3, 0.0, 0.0), 'is not measured', False),
+        ((0.0, 0.0, 0.3), 'stands', False),
+        # About the vertical to what the axes of gyroscope and accelerometer are aligned.
+        ((0.05, 0.0, 2.0), 'stands', False),
+    ],
+)
+def test_a_bias_that_moves_is_told_from_a_turn_where_gravity_can(step, gravity, turns_not, random):
+    """It was left out without a word. A turn about the vertical would not tilt gravity either."""
+    stamps, rates, accelerations = at_rest(random, 200)
+    moving = slice(8000, 9000)
+    rates[moving] += random.standard_normal((1000, 3))
+    rates[9000:] += np.radians(step)
+    if gravity == 'is not measured':
+        accelerations *= 0.0
+    quiet = find_quiet(learn_timing(stamps), rates, accelerations)
+    assert len(quiet.spans) == 1
+    assert quiet.spans[0].first >= 9000
+    (other,) = quiet.other_rates
+    assert other.span.stop <= 8000
+    assert len(other.span) > 7500
+    np.testing.assert_allclose(other.step, -np.radians(step), atol=np.radians(0.03))
+    assert other.turns_not == turns_not
+
+
+def test_of_a_bias_that_moves_the_deviation_tells(random):
+    """The longest rest says what the bias was there, and not what it will be."""
+    stamps, rates, accelerations = at_rest(random, 300)
+    for k in (8000, 20000):
+        rates[k : k + 1000] += random.standard_normal((1000, 3))
+        rates[k + 1000 :, 0] += np.radians(0.5)
+    found = identify(stamps, rates, accelerations)
+    x, y, _ = (np.degrees(axis.preprocessed.bias_deviation) for axis in found.axes)
+    assert 0.3 < x < 0.5
+    assert y < 0.02
+    (told,) = [text for text in found.warnings if 'left out' in text]
+    assert told.startswith('2 spans without motion, ')
+    assert 'deg/s: gravity stood, so the bias has moved; bias.initial is that of' in told
+
+
 @pytest.mark.parametrize('shown', [True, False])
 def test_a_constant_turn_between_rests_is_left_out(random, shown):
     """About the vertical, where only the rate tells; with and without an accelerometer."""

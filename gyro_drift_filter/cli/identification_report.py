@@ -70,6 +70,11 @@ def _head(result: Identification) -> str:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
     if cuts := len(timing.breaks):
         lines[-1] += f'; cut at {counted(cuts, "gap")}'
+    if others := quiet.other_rates:
+        seconds = sum(len(other.span) for other in others) * timing.period
+        lines.insert(
+            1, f'left out: {seconds:.1f} s in {counted(len(others), "span")} at other rates'
+        )
     if quiet.missing:
         lines.append(f'missing: {quiet.missing} samples are not finite')
     return '\n'.join(lines)

@@ -16,7 +16,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ from gyro_drift_filter.identify.series import (
 )
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
-from gyro_drift_filter.phrases import named_axes, rounded_down, without_rate
+from gyro_drift_filter.phrases import counted, named_axes, rounded_down, without_rate
 
 Floats = NDArray[np.float64]
 
@@ -170,8 +170,12 @@ def identify(
             "measure, or the driver's zero-rate filter takes its noise away"
         )
     axes = tuple(
-        _identify_axis(
-            rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper=paper
+        _with_moves_of_bias(
+            _identify_axis(
+                rates[axis], quiet.spans, begins, timing.period, AXES[axis], orders, paper=paper
+            ),
+            quiet,
+            axis,
         )
         if value is None
         else DeadAxis(value)
@@ -179,6 +183,7 @@ def identify(
     )
     warnings = [
         *_about_recording(seconds, count_repeats(rates, accelerations)),
+        *_about_other_rates(quiet, timing.period),
         *_about_axes(axes),
     ]
     return Identification(timing, quiet, begins, seconds, axes, tuple(warnings))
@@ -218,8 +223,9 @@ def _require_rest(
         raise IdentificationError(
             f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
         )
+    others = ''.join(f'; {text}' for text in _about_other_rates(quiet, period))
     raise IdentificationError(
-        f'only {rounded_down(seconds)} s of rest, the longest {longest}; {needed}'
+        f'only {rounded_down(seconds)} s of rest, the longest {longest}{others}; {needed}'
     )
 
 
@@ -237,6 +243,37 @@ def _about_recording(seconds: float, repeats: Repeats) -> list[str]:
             'driver publish each measurement once, and record again'
         )
     return warnings
+
+
+def _about_other_rates(quiet: Quiet, period: float) -> list[str]:
+    """Return in words which quiet stretches are no rest of this bias, and why."""
+    out = []
+    for turns_not, why in (
+        (True, 'gravity stood, so the bias has moved; bias.initial is that of the longest rest'),
+        (False, 'a slow turn, or the bias has moved'),
+    ):
+        others = [other for other in quiet.other_rates if other.turns_not == turns_not]
+        if others:
+            lasting = sum(len(other.span) for other in others) * period
+            largest = max(max(map(abs, other.step)) for other in others)
+            out.append(
+                f'{counted(len(others), "span")} without motion, {rounded_down(lasting)} s in all, '
+                f'left out, as the rate differs by up to {math.degrees(largest):.2g} deg/s: {why}'
+            )
+    return out
+
+
+def _with_moves_of_bias(model: AxisModel, quiet: Quiet, axis: int) -> AxisModel:
+    """Return a model whose bias is as uncertain as it moves from rest to rest.
+
+    The noise is that of the rests of one bias; at which of them the next run begins is not known.
+    """
+    moves = [(len(o.span), o.step[axis]) for o in quiet.other_rates if o.turns_not]
+    total = sum(map(len, quiet.spans)) + sum(length for length, _ in moves)
+    variance = sum(length * step**2 for length, step in moves) / total
+    clean = model.preprocessed
+    deviation = math.hypot(clean.bias_deviation, math.sqrt(variance))
+    return replace(model, preprocessed=replace(clean, bias_deviation=deviation))
 
 
 def _about_axes(axes: Sequence[AxisModel | DeadAxis]) -> list[str]:

@@ -68,8 +68,9 @@ class Preprocessed:
         residuals: Per span (n,) in rad/s; evenly spaced, of mean zero over all spans.
         cleaned: Per span (n,) in rad/s: without outliers, with bias and trend still in.
         bias: Mean rate in rad/s.
-        bias_deviation: Standard deviation of `bias` as the mean of this recording, in rad/s. From
-            one power-up to the next a bias differs by more.
+        bias_deviation: Standard deviation of `bias` as the mean of this recording, in rad/s;
+            `identify` adds by how much the bias moved to rests that are left out for that. From one
+            power-up to the next a bias differs by more.
         trend_order: 0 to 2; 0 is none.
         trend: Coefficients of (t - t0) in rad/s^2, then of (t - t0)^2 in rad/s^3; `trend_order` of
             them. The trend is bias + sum of c_i ((t - t0)^i - mean of that), so that `bias` stays

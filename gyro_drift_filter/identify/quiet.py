@@ -46,6 +46,7 @@ from gyro_drift_filter.identify.timing import Timing
 from gyro_drift_filter.identify.windows import Look, Windows, cut, look, step_limit
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 WINDOW_SECONDS = 1.0
@@ -56,6 +57,9 @@ SHORTEST_SECONDS = 5.0
 SHORTEST_QUIET = 20.0
 # Gravity is compared over this many windows, in means of so many.
 SLOW_WINDOWS, SLOW_MEAN = 10, 3
+# Of a turn about the vertical a gyroscope may see this share across it, as its axes are those of
+# the accelerometer to some degrees only.
+ALIGNED = 0.1
 # An accelerometer whose deviation is below this share of its mean does not measure.
 DEAD_ACCELEROMETER = 1e-9
 
@@ -73,6 +77,22 @@ class Span:
 
 
 @dataclass(frozen=True)
+class OtherRate:
+    """A quiet stretch whose rate is another one than that of the rests beside it.
+
+    Attributes:
+        span: Where it is.
+        step: (3,) by how much the rate is another one, in rad/s.
+        turns_not: True where gravity stood though the step would have tilted it: the bias is
+            another one there. False where it may as well be a slow turn.
+    """
+
+    span: Span
+    step: tuple[float, ...]
+    turns_not: bool
+
+
+@dataclass(frozen=True)
 class Quiet:
     """Where a recording is motionless.
 
@@ -82,6 +102,7 @@ class Quiet:
         missing: Samples with a rate that is not finite, in the whole recording.
         noise: (3,) deviation of the rate within a motionless window in rad/s.
         accelerometer: True where the accelerometer could be used.
+        other_rates: Stretches that are quiet and long enough, but no part of `spans`, in order.
         open: True where even the quietest rates change as slowly as those of a body, and nothing
             tells whether that is the sensor's own filter.
     """
@@ -91,6 +112,7 @@ class Quiet:
     missing: int
     noise: tuple[float, ...]
     accelerometer: bool
+    other_rates: tuple[OtherRate, ...]
     open: bool
 
 
@@ -116,7 +138,8 @@ def find_quiet(
     size = max(LEAST_WINDOW, round(WINDOW_SECONDS / period))
     windows = cut(n, timing.breaks, size)
     if not len(windows.first):
-        return Quiet((), None, missing, (0.0, 0.0, 0.0), accelerometer=False, open=False)
+        noise = (0.0, 0.0, 0.0)
+        return Quiet((), None, missing, noise, accelerometer=False, other_rates=(), open=False)
     # An acceleration that is partly NaN beside good rates says nothing about the rates.
     measured = tuple(axis for axis in accelerations if _measures(axis))
     looks = [look(axis, windows, period) for axis in (*rates, *measured)]
@@ -133,12 +156,14 @@ def find_quiet(
     stretches = _join(_shrink(still, windows), windows)
     longest = max(stretches, key=len, default=None)
     spans = [span for span in stretches if len(span) * period >= SHORTEST_SECONDS]
+    spans, others = _same_rate(spans, windows, looks, period)
     return Quiet(
-        spans=tuple(_same_rate(spans, windows, looks[:3])),
+        spans=tuple(spans),
         longest=longest,
         missing=missing,
         noise=tuple(seen.level for seen in looks[:3]),
         accelerometer=bool(measured),
+        other_rates=tuple(others),
         open=cause == Cause.OPEN,
     )
 
@@ -198,31 +223,64 @@ def _join(still: Bools, windows: Windows) -> list[Span]:
     return spans
 
 
-def _same_rate(spans: list[Span], windows: Windows, looks: Sequence[Look]) -> list[Span]:
+def _same_rate(
+    spans: list[Span], windows: Windows, looks: Sequence[Look], period: float
+) -> tuple[list[Span], list[OtherRate]]:
     """Leave out spans whose rate is another than that of the accepted one beside them.
 
     A turn at constant rate between two rests is quiet in itself. The longest span is taken as
-    rest, and the others are compared outwards from it.
+    rest, and the others are compared outwards from it. Those that are left out come second.
     """
     if not spans:
-        return spans
+        return spans, []
     longest = spans.index(max(spans, key=len))
     means = np.array([seen.mean for seen in looks])
     limits = np.array([seen.limit for seen in looks])
+    others: list[OtherRate] = []
 
     def end_mean(span: Span, *, last: bool) -> Floats:
-        inside = np.flatnonzero((windows.first >= span.first) & (windows.stop <= span.stop))
+        inside = _inside(span, windows)
         near = inside[-SLOW_WINDOWS:] if last else inside[:SLOW_WINDOWS]
-        return np.asarray(np.median(means[:, near], axis=1))
+        return np.asarray(np.median(means[:3, near], axis=1))
 
-    def walk(others: list[Span], *, forward: bool) -> list[Span]:
+    def walk(following: list[Span], *, forward: bool) -> list[Span]:
         kept, reference = [], spans[longest]
-        for span in others:
+        for span in following:
             step = end_mean(span, last=not forward) - end_mean(reference, last=forward)
-            if (np.abs(step) <= limits).all():
+            if (np.abs(step) <= limits[:3]).all():
                 kept.append(span)
                 reference = span
+            else:
+                gravity = means[3:, _inside(span, windows)]
+                stood = _stood(gravity, limits, step, len(span) * period)
+                others.append(OtherRate(span, tuple(step.tolist()), stood))
         return kept
 
     before = walk(spans[:longest][::-1], forward=False)[::-1]
-    return [*before, spans[longest], *walk(spans[longest + 1 :], forward=True)]
+    kept = [*before, spans[longest], *walk(spans[longest + 1 :], forward=True)]
+    return kept, sorted(others, key=lambda other: other.span.first)
+
+
+def _inside(span: Span, windows: Windows) -> Integers:
+    """Return the indices of the windows of a span."""
+    return np.flatnonzero((windows.first >= span.first) & (windows.stop <= span.stop))
+
+
+def _stood(gravity: Floats, limits: Floats, rate: Floats, seconds: float) -> bool:
+    """Tell whether gravity (3, w), which a turn by the rate would have tilted, did not follow.
+
+    A turn about the vertical does not tilt it, and leaves the question open. `limits` (6,) are how
+    far means of the noise lie apart, of the rates and of gravity.
+    """
+    half = gravity.shape[1] // 2
+    if len(gravity) != 3 or not half:
+        return False
+    before, behind = np.median(gravity[:, :half], axis=1), np.median(gravity[:, -half:], axis=1)
+    down = 0.5 * (before + behind)
+    across = np.linalg.norm(np.cross(rate, down)) / np.linalg.norm(down)
+    if across < max(limits[:3].max(), ALIGNED * np.linalg.norm(rate)):
+        return False
+    # The middles of the halves are half of the time apart.
+    tilt = across * np.linalg.norm(down) * 0.5 * seconds
+    visible = tilt > np.linalg.norm(limits[3:])
+    return bool(visible and np.linalg.norm(behind - before) < 0.5 * tilt)
