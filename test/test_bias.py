@@ -226,6 +226,45 @@ def test_a_change_of_temperature_widens_the_bias(random):
     np.testing.assert_allclose(filter_.bias_deviation**2, before**2 + (10 * 5e-4) ** 2)
 
 
+@pytest.mark.parametrize('step', [0.5, 1.0, 2.5, 30.0])
+def test_a_change_of_temperature_counts_as_a_whole_however_many_messages_tell_it(step, random):
+    """The squares of its steps were added, as if they were independent: 2.5 K apart a third."""
+    filter_ = Filter()
+    filter_.note_temperature(20.0)
+    run(filter_, *at_rest(random, 30))
+    before = filter_.bias_deviation
+    for kelvin in np.arange(step, 30.0 + step / 2.0, step):
+        filter_.note_temperature(20.0 + kelvin)
+    np.testing.assert_allclose(filter_.bias_deviation**2, before**2 + (30 * 5e-4) ** 2)
+    # On the way back it counts anew: motion may have shown the bias meanwhile.
+    there = filter_.bias_deviation
+    filter_.note_temperature(20.0)
+    np.testing.assert_allclose(filter_.bias_deviation**2, there**2 + (30 * 5e-4) ** 2)
+    # What a rest has shown is the bias at its temperature.
+    run(filter_, *at_rest(random, 30), start=START + 30 * 10**9)
+    before = filter_.bias_deviation
+    filter_.note_temperature(21.0)
+    np.testing.assert_allclose(filter_.bias_deviation, before)
+    filter_.note_temperature(10.0)
+    np.testing.assert_allclose(filter_.bias_deviation**2, before**2 + (10 * 5e-4) ** 2)
+
+
+def test_a_sensor_that_warms_up_as_it_stands_is_followed_by_its_temperature(random):
+    """At 0.25 deg/s per minute at first: a rest that forgot each kelvin was off by 0.17 deg/s."""
+    seconds = 300
+    rates, accelerations = at_rest(random, seconds)
+    temperature = 20.0 + 30.0 * (1.0 - np.exp(-np.maximum(np.arange(seconds) - 60, 0) / 60.0))
+    truth = 5e-4 * (np.repeat(temperature, 100) - 20.0)
+    filter_, errors = Filter(), []
+    for second in range(seconds):
+        filter_.note_temperature(temperature[second])
+        part = slice(100 * second, 100 * second + 100)
+        start = START + second * 10**9
+        results = run(filter_, rates[part] + truth[part, None], accelerations[part], start=start)
+        errors.append(results['bias'] - truth[part, None])
+    assert np.abs(errors[60:]).max() < 0.12 * DEGREE
+
+
 def test_a_temperature_beyond_all_leaves_the_bias_finite(random):
     filter_ = Filter()
     run(filter_, *at_rest(random, 30))

@@ -126,7 +126,7 @@ def start_bias(
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['restored'] = False
-    state['temperature'] = np.nan
+    state['temperature'] = state['temperature_before'] = np.nan
     state['process_noise'] = state['largest_process_noise'] = 0.0
     forget_slow_turn(state['turn'])
     forget_swing(state['swing'])
@@ -341,17 +341,27 @@ def calibrate_bias(state: Bias) -> None:
 
 @kernel
 def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
-    """Widen the bias if the temperature (deg C) is a step away from that of the last widening."""
+    """Widen the bias if the temperature (deg C) is a step away from that of the last widening.
+
+    What moves it one way moves the bias one way, so that such steps add up themselves, and not by
+    their squares. On the way back it counts anew, as motion may have shown the bias meanwhile.
+    """
     if not abs(temperature) < np.inf:
         return
-    change = temperature - state['temperature']
+    last = state['temperature']
+    change = temperature - last
     if abs(change) <= settings['bias_temperature_step']:
         return
-    if abs(change) < np.inf:
-        coefficient = settings['bias_temperature_coefficient']
-        bias_change = min(coefficient * abs(change), LARGEST_THERMAL_CHANGE)
-        widen(state, bias_change * bias_change)
     state['temperature'] = temperature
+    if not abs(change) < np.inf:
+        state['temperature_before'] = temperature
+        return
+    if change * (last - state['temperature_before']) < 0.0:
+        state['temperature_before'] = last
+    coefficient, before = settings['bias_temperature_coefficient'], state['temperature_before']
+    counted = min(coefficient * abs(last - before), LARGEST_THERMAL_CHANGE)
+    moved = min(coefficient * abs(temperature - before), LARGEST_THERMAL_CHANGE)
+    widen(state, moved * moved - counted * counted)
 
 
 @kernel
@@ -460,4 +470,5 @@ def _settle(state: Bias) -> None:
     state['segments'] += 1
     state['seconds_since_rest'] = 0.0
     state['process_noise'] = state['largest_process_noise'] = 0.0
+    state['temperature_before'] = state['temperature']
     forget_slow_turn(state['turn'])

@@ -89,6 +89,7 @@ class Bias(TypedDict):
     hint: int  # a member of Hint
     hint_seconds: float  # until it is forgotten
     temperature: float  # in deg C, when the bias was last widened for it; NaN before the first
+    temperature_before: float  # in deg C, where it began to change this way, or at the last rest
     # the stillness under way, whether its rate is accepted as the bias or not
     still_seconds: float
     still_blocks: float
