@@ -26,6 +26,7 @@ from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import find_rests, make_track
 from gyro_drift_filter.calibrate.turning import Leg, rotations, turn, turn_alone
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
+from support.messages import even_stamps
 from support.paths import RECORDINGS
 
 UP = Rotation.identity()
@@ -295,6 +296,15 @@ def test_what_is_late_or_repeated_is_no_clock_that_was_set_back(random):
         assert not track.set_back
         # Of what changes places, the latest counts.
         assert len(track.seconds) >= n - 11 - n // 50
+
+
+def test_stamps_that_are_uneven_by_many_periods_are_no_clock_that_was_set_back(random):
+    """At 1 kHz 276 steps of a minute were told, and the minute became 62 s."""
+    stamps = even_stamps(60_000, 1000) + (3e6 * random.standard_normal(60_000)).astype(np.int64)
+    rates, accelerations = random.standard_normal((2, 60_000, 3))
+    track = make_track(stamps, rates, accelerations)
+    assert len(track.set_back) <= 10
+    assert track.seconds[-1] == pytest.approx(60.0, abs=0.1)
 
 
 def test_a_single_stamp_of_the_future_does_not_hide_what_follows(random):

@@ -174,9 +174,9 @@ def _where_set_back(stamps: NDArray[np.int64], rates: Floats) -> list[int]:
     """Return the first samples after the clock of the stamps (n,) was set back.
 
     A message that comes late, or twice, is followed by one that goes on. Behind a clock that was
-    set back one after the other lies in the past. So do messages that were held back together, but
-    not for longer than a burst lasts, and what they fill was empty: a sensor does not measure
-    another time in the same time.
+    set back one after the other lies in the past, and in order, unlike stamps that are uneven by
+    many periods. So do messages that were held back together, but not for longer than a burst
+    lasts, and what they fill was empty: a sensor does not measure another time in the same time.
     """
     found: list[int] = []
     fresh = np.flatnonzero(~_are_repeated(stamps, rates))
@@ -187,7 +187,7 @@ def _where_set_back(stamps: NDArray[np.int64], rates: Floats) -> list[int]:
         newest = latest if checked == begin else max(newest, latest)
         checked = k
         late = times[k : k + GAP_PERIODS + 1]
-        if len(late) <= GAP_PERIODS or (late > newest).any():
+        if len(late) <= GAP_PERIODS or (late > newest).any() or (np.diff(late) < 0).any():
             continue
         earlier = times[max(begin, k - round(LONGEST_BURST * FASTEST_SENSOR)) : k]
         again = (earlier >= late.min()) & (earlier <= late.max())
