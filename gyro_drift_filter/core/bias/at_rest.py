@@ -343,8 +343,9 @@ def calibrate_bias(state: Bias) -> None:
 def warm_bias(state: Bias, temperature: float, settings: 'Settings') -> None:
     """Widen the bias if the temperature (deg C) is a step away from that of the last widening.
 
-    What moves it one way moves the bias one way, so that such steps add up themselves, and not by
-    their squares. On the way back it counts anew, as motion may have shown the bias meanwhile.
+    Steps of the temperature in one direction move the bias in one direction, so that their sum
+    counts, and not the sum of their squares. A step in the other direction begins another sum, as
+    motion may have shown the bias meanwhile.
     """
     if not abs(temperature) < np.inf:
         return
