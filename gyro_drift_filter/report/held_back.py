@@ -41,13 +41,13 @@ class HeldBack:
 
     def take(self, imus: Any, period: float) -> None:
         """See messages (n,) IMU that were filtered, so many s from sample to sample."""
-        results = imus['result']
-        in_motion = results['at_rest'] == 0.0
-        flagged = (results['outlier'] > 0.0) & (are_filtered(imus) & in_motion)[:, None]
+        results, filtered = imus['result'], are_filtered(imus)
+        in_motion = filtered & (results['at_rest'] == 0.0)
+        flagged = (results['outlier'] > 0.0) & in_motion[:, None]
         if not (flagged.any() or self._in_a_row.any()):
             return
         rates = imus['sample']['angular_velocity']
-        is_seen = are_filtered(imus)[:, None] & (np.abs(rates) <= LARGEST_RATE)
+        is_seen = filtered[:, None] & (np.abs(rates) <= LARGEST_RATE)
         longest = max(_SPIKE_SAMPLES, _LONGEST_SPIKE / period)
         for axis in range(3):
             # What is no usable number says neither that a row ends nor that it goes on.

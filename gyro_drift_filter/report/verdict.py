@@ -311,17 +311,17 @@ class RunWatch:
             total['outliers'], run, looked_for=filter_.parameters.outlier_enabled
         )
         lagging = self._lagging / self._reported if self._reported else 0.0
-        lags = lagging > _LAGGING_SHARE
         moving = int(total['moving'])
         in_motion = moving + outliers.in_motion
         held_back = 0.0
         if in_motion >= _FEWEST:
             held_back = int(self._held_back.samples.max()) / in_motion
-        harms = lags or held_back > _HELD_SHARE
+        lags, holds_back = lagging > _LAGGING_SHARE, held_back > _HELD_SHARE
+        harms = lags or holds_back
         # Of a filter that does not follow the motion, what it takes for outliers says nothing of
         # the recording. Gravity is held against the rates that stand in for these.
         following = {'outliers', 'diverged'} if harms else set()
-        if held_back > _HELD_SHARE:
+        if holds_back:
             following.add('contradicts gravity')
         found = self._rules.findings(following, truncation_refuted=is_truncation_refuted(filter_))
         faults = [finding for finding in found if finding.is_fault]
