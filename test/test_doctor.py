@@ -38,11 +38,15 @@ from gyro_drift_filter.doctor.rests import (
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.series import LARGEST_PART
+from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
+from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
-from support.doctored import handled, write
+from support.bags import write as write_rows
+from support.doctored import handled, messages, write
+from support.messages import NOT_REPORTED
 from support.paths import RECORDINGS
 from support.sensor import turning_gravity
 
@@ -306,6 +310,28 @@ def test_a_pause_is_no_wrong_rate(found):
     later = np.arange(len(simulation.stamps)) > len(simulation.stamps) // 2
     paused = replace(simulation, stamps=simulation.stamps + 30 * 10**9 * later)
     assert 'wrong rate' not in faults(found(paused))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('behind', [0, 1_000_000])
+def test_messages_without_rates_between_others(behind, tmp_path, random):
+    """An orientation alone in place of every fourth message or so, or a millisecond behind each."""
+    simulation = handled()
+    alone, rows = random.random(len(simulation.stamps)) < 0.25, []
+    for stamp, data, is_alone in zip(simulation.stamps, messages(simulation), alone, strict=True):
+        time = int(stamp) + behind
+        without = imu_message(time, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+        if behind or not is_alone:
+            rows.append((int(stamp), data))
+        if behind or is_alone:
+            rows.append((time, without))
+    findings = examined(write_rows(tmp_path / 'bag', {(TOPIC, IMU_TYPE): rows}))
+    told = {finding.name: finding for finding in findings if finding.is_fault}
+    share = 0.5 if behind else float(alone.mean())
+    assert f'messages, {100.0 * share:.2g} %' in told['not reported'].text
+    assert not {'wrong rate', 'publishers', 'restarted'} & told.keys()
+    if not behind:
+        assert told['gaps'].advice.startswith('messages come without rates')
 
 
 def test_messages_that_come_twice_are_told_as_that(found):

@@ -77,8 +77,8 @@ CASES = {
     'changing frame': ({'frame_changes': 1}, {'frame': 'imu'}, 'two sensors on one topic'),
     'not reported': (
         {'samples': 900, 'not_reported': 100},
-        {'samples': 900},
-        'covariance starts with -1',
+        {'samples': 990, 'not_reported': 5},
+        'no angular velocity reported (covariance starts with -1)',
     ),
     'degrees': ({'beyond_range': 51}, {'beyond_range': 50}, 'above 35 rad/s'),
     'noise in degrees': (
@@ -162,6 +162,7 @@ CASES = {
 }
 # Between the two limits of an alarm.
 BETWEEN = {
+    'not reported': {'not_reported': 15},
     'wrong rate': {'received': 1150},
     'gaps': {'gaps': 2},
     'repeated samples': {'not_measured': 30},
@@ -246,6 +247,40 @@ def test_the_text_of_a_rate_that_is_off(changes, text):
     rule = RULES['wrong rate'].text
     assert callable(rule)
     assert rule(span(**changes)).startswith(text)
+
+
+@pytest.mark.parametrize('every', [2, 3, 10])
+def test_messages_without_rates_between_others_are_told_as_that(every, random):
+    """The rates come as often as their stamps say, whatever comes between them."""
+    health, filter_, told = Health(), MessageFilter(Parameters()), set()
+    messages = quiet(2000, 5e-3, random)
+    for k in range(0, 2000, every):
+        stamp = imu_fields(messages[k]).stamp
+        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+    for second in range(20):
+        filter_all(filter_, messages[100 * second : 100 * second + 100])
+        span, of_input, _ = health.rules(filter_.report(), 1.0)
+        told |= {rule.message(span) for rule in of_input}
+    assert any(text.startswith('some messages report no angular velocity') for text in told)
+    assert not any('more messages come' in text or 'fewer messages' in text for text in told)
+    assert not [text for text in told if 'gaps' in text and 'without rates' not in text]
+
+
+def test_a_time_without_rates_is_not_said_to_be_a_clock_that_was_set(random):
+    health, filter_, told = Health(), MessageFilter(Parameters()), []
+    messages = quiet(4200, 5e-3, random)
+    for k in range(1500, 3000):
+        stamp = imu_fields(messages[k]).stamp
+        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+    for second in range(42):
+        filter_all(filter_, messages[100 * second : 100 * second + 100])
+        span, of_input, _ = health.rules(filter_.report(), 1.0)
+        told.append({rule.name: rule.message(span) for rule in of_input})
+    assert all(said.keys() == {'not reported'} for said in told[15:30])
+    assert told[30]['restarted'].startswith('stamps of rates jumped by more than gap_limit: mess')
+    assert 'come without rates' in told[30]['restarted']
+    assert not any('wrong rate' in said for said in told)
+    assert told[-1] == {}
 
 
 @pytest.mark.parametrize('untold', [{'zero_stamps': 1000}, {'stamp': 990_000_000}])

@@ -26,6 +26,7 @@ from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.messages.diagnostics import Level
+from gyro_drift_filter.messages.input_rules import WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
 from gyro_drift_filter.phrases import by_axis, counted
@@ -104,10 +105,12 @@ class RuleLog:
         missing = state.missing_samples / max(state.samples, 1)
         reported = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
         if not reported and missing > _MISSING_SHARE:
+            without_rates = may_leave_gaps(span.now.not_reported, state.missing_samples)
+            cause = f'{WITHOUT_RATES}, or' if without_rates else 'messages'
             found.append(
                 fault(
                     'gaps',
-                    f'{_figures("gaps", span)}: messages are lost before they are recorded',
+                    f'{_figures("gaps", span)}: {cause} are lost before they are recorded',
                     _ADVICE['gaps'],
                     {'gaps': state.gaps, 'missing_samples': state.missing_samples},
                 )
@@ -129,7 +132,7 @@ class RuleLog:
         return fault(
             name,
             f'{text} ({"; ".join(part for part in (figures, when) if part)})',
-            _of_times(name, span) or _ADVICE.get(name, advice),
+            _of_times(name, span) or _advice(name, advice),
             {'seconds': entry.seconds, 'first_at': entry.first},
         )
 
@@ -149,6 +152,11 @@ _ADVICE = {
     'beyond bias.max': 'are the rates in deg/s (REP-103 asks for rad/s)? If they are not and it '
     'does not turn there, have the sensor looked at',
 }
+
+
+def _advice(name: str, live: str) -> str:
+    """Return what to do about a rule that has an advice for who runs the filter."""
+    return live if WITHOUT_RATES in live else _ADVICE.get(name, live)
 
 
 # How to stamp where nobody does, or not in this unit.
@@ -192,6 +200,10 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
     'wrong order': lambda span: f'{span.now.telemetry.backward_stamps} stamps go backward',
     'restarted': lambda span: f'{span.now.telemetry.restarts} times',
+    'not reported': lambda span: (
+        f'{span.now.not_reported} of {span.now.received} messages, '
+        f'{100.0 * span.now.not_reported / max(span.now.received, 1):.2g} %'
+    ),
     'malformed': lambda span: counted(span.now.malformed, 'message'),
     'changing frame': lambda span: f'{span.now.frame_changes} times',
 }
@@ -199,6 +211,10 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
 
 def _figures(name: str, span: Span) -> str:
     return _FIGURES[name](span) if name in _FIGURES else ''
+
+
+def _without_rates(count: int) -> str:
+    return f', {count} of them without angular velocity' if count else ''
 
 
 def _rate(span: Span) -> str:
@@ -213,7 +229,9 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
         (
             {'malformed', 'not reported', 'no usable rate', 'unusable', 'changing frame'},
             sound(
-                'messages', f'{now.received} messages, all whole, frame {now.frame or "unnamed"}'
+                'messages',
+                f'{now.received} messages, all whole{_without_rates(now.not_reported)}, frame '
+                f'{now.frame or "unnamed"}',
             ),
         ),
         (

@@ -53,6 +53,10 @@ _REPEATED_SHARE = 0.05, 0.02
 # window that begins and ends between two of them. Two publishers double the rate; of a link that
 # loses messages every fifth or so is gone.
 _RATE_ERROR = 0.2, 0.1
+# Of the messages in the window: a driver that starts up leaves the rates out of a few.
+_NOT_REPORTED_SHARE = 0.02, 0.01
+# What may leave a gap in the stamps of the rates, as well as what is lost.
+WITHOUT_RATES = 'messages come without rates (covariance starts with -1)'
 # Gaps in the window of ten seconds: a busy machine makes one now and then, a lost link many, so
 # that three raise the alarm, and it stands until there is none.
 _GAPS = 2.5, 0.5
@@ -137,14 +141,22 @@ def _rate_error(span: Span) -> float:
     """Return the share by which the rate is off; what can't be judged is not off."""
     if not span.is_rate_judged:
         return 0.0
-    error = abs(span.rate / span.expected_rate - 1.0)
+    error = _rate_off(span, span.expected_rate)
     if span.now.parameters.sample_rate == 0.0:
         # After a driver has changed its rate the window holds samples of both, and for some seconds
         # the period is still the old one.
         if _has_changed_rate(span):
             return 0.0
-        error = min(error, abs(span.rate / span.stamped_rate - 1.0))
+        error = min(error, _rate_off(span, span.stamped_rate))
     return 0.0 if math.isnan(error) else error
+
+
+def _rate_off(span: Span, expected: float) -> float:
+    """Return the share by which the rate is off an expected one.
+
+    Messages without rates are none too many, but they may stand where rates are too few.
+    """
+    return max(span.reported_rate / expected - 1.0, 1.0 - span.rate / expected)
 
 
 def _has_changed_rate(span: Span) -> bool:
@@ -154,12 +166,57 @@ def _has_changed_rate(span: Span) -> bool:
 
 
 def _rate_text(span: Span) -> str:
-    fewer = span.rate < span.expected_rate
+    fewer = span.reported_rate < span.expected_rate
     come = f'{"fewer" if fewer else "more"} messages come than'
     if span.now.parameters.sample_rate > 0.0:
         return f'{come} sample_rate says: set it right, or to 0'
     cause = 'are some lost on the way?' if fewer else 'are there two publishers?'
     return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
+
+
+def _is_not_reported(span: Span) -> bool | None:
+    if span.samples == 0 and span.now.not_reported > span.before.not_reported:
+        return True
+    return _are_some_not_reported(span)
+
+
+_are_some_not_reported = beyond(lambda span: span.not_reported, *_NOT_REPORTED_SHARE)
+
+
+def _not_reported_text(span: Span) -> str:
+    measured = 'If the driver does measure rates, have it write 0 or their variance there'
+    if span.samples == 0:
+        return (
+            'no angular velocity reported (covariance starts with -1): messages are passed on '
+            f'unfiltered. {measured}'
+        )
+    return (
+        'some messages report no angular velocity (covariance starts with -1): they are passed on '
+        'unfiltered, and the others are filtered. Are there two publishers, or does the driver '
+        f'send orientation and rates apart? {measured}'
+    )
+
+
+def may_leave_gaps(without_rates: int, missing: int) -> bool:
+    """Return whether so many messages without rates may be half of the missing samples or more."""
+    return without_rates > 0 and 2 * without_rates >= missing
+
+
+def _gap_text(span: Span) -> str:
+    without = span.now.not_reported - span.first.not_reported
+    if may_leave_gaps(without, in_window(span, 'missing_samples')):
+        return f'gaps in the stamps: {WITHOUT_RATES}, or are lost before they come here'
+    return 'gaps in the stamps: messages are lost before they come here'
+
+
+def _restart_text(span: Span) -> str:
+    anew = 'the filter has started anew from there'
+    if _are_some_not_reported(span):
+        return (
+            f'stamps of rates jumped by more than gap_limit: {WITHOUT_RATES}, or a clock was set; '
+            f'{anew}'
+        )
+    return f'stamps jumped by more than gap_limit: {anew}'
 
 
 def _axes_with(span: Span, fault: AxisFault) -> str:
@@ -274,9 +331,8 @@ INPUT_RULES = (
     ),
     Rule(
         'not reported',
-        lambda span: span.samples == 0 and span.now.not_reported > span.before.not_reported,
-        'no angular velocity reported (covariance starts with -1): messages are passed on '
-        'unfiltered. If the driver does measure rates, have it write 0 or their variance there',
+        _is_not_reported,
+        _not_reported_text,
     ),
     Rule(
         'degrees',
@@ -367,7 +423,7 @@ INPUT_RULES = (
     Rule(
         'restarted',
         lambda span: increase(span, 'restarts') > 0,
-        'stamps jumped by more than gap_limit: the filter has started anew from there',
+        _restart_text,
     ),
     Rule(
         'backward',
@@ -398,6 +454,6 @@ INPUT_RULES = (
     Rule(
         'gaps',
         beyond(_gaps_in_window, *_GAPS),
-        'gaps in the stamps: messages are lost before they come here',
+        _gap_text,
     ),
 )

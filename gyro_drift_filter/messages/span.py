@@ -38,7 +38,9 @@ class Span(NamedTuple):
         samples: Samples since the last report.
         recent: Samples in the window.
         seconds: From its start to the present report.
-        rate: Messages a second in the window.
+        rate: Messages a second in the window, of any kind.
+        reported_rate: The same of those that report a rate, and that the filter so takes.
+        not_reported: Share of the messages in the window that report no rate.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few. What
@@ -58,6 +60,8 @@ class Span(NamedTuple):
     recent: int
     seconds: float
     rate: float
+    reported_rate: float
+    not_reported: float
     expected_rate: float
     is_rate_judged: bool
     outlier_shares: list[float]
@@ -69,7 +73,7 @@ class Span(NamedTuple):
     @property
     def sensor_rate(self) -> float:
         """The rate in Hz at which the sensor measures, NaN where it is not known."""
-        return (1.0 - self.not_measured) * self.rate
+        return (1.0 - self.not_measured) * self.reported_rate
 
     @property
     def stamped_rate(self) -> float:
@@ -122,6 +126,8 @@ def span_of(
     sensor_rate = now.parameters.sample_rate
     if sensor_rate == 0.0:
         sensor_rate = 1.0 / state.period if state.period_blocks > 0 else math.nan
+    received, not_reported = now.received - first.received, now.not_reported - first.not_reported
+    reported = _reporting(now) - _reporting(first)
     expected_rate = sensor_rate / state.samples_per_message
     return Span(
         first=first,
@@ -130,7 +136,9 @@ def span_of(
         samples=state.samples - before.telemetry.samples,
         recent=recent,
         seconds=seconds,
-        rate=(now.received - first.received) / seconds if seconds > 0.0 else math.nan,
+        rate=received / seconds if seconds > 0.0 else math.nan,
+        reported_rate=reported / seconds if seconds > 0.0 else math.nan,
+        not_reported=not_reported / received if received > 0 else 0.0,
         expected_rate=expected_rate,
         is_rate_judged=is_rate_judged,
         outlier_shares=[_share(max(a - b, 0), recent) for a, b in outliers],
@@ -139,6 +147,11 @@ def span_of(
         not_measured=_share(state.not_measured - state_first.not_measured, recent),
         low_pass=_low_pass(state),
     )
+
+
+def _reporting(report: MessageReport) -> int:
+    """Return how many messages reported a rate of the sensor."""
+    return report.received - report.malformed - report.not_reported - report.own_outputs
 
 
 def usable_outliers(state: Telemetry) -> list[int]:
