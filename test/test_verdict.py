@@ -356,6 +356,17 @@ def test_a_bias_from_less_than_rest_is_called_provisional(tmp_path, random):
     np.testing.assert_allclose(verdict.bias.rates, (0.0, 0.02, 0.08), atol=6e-3)
 
 
+@pytest.mark.slow
+def test_a_bias_is_known_as_well_as_coarse_counts_show_it(tmp_path, random):
+    """Noise of a tenth of a count leaves up to a half of one in the mean of a rest."""
+    count, bias = DEGREE / 8.0, np.array([3.3, -4.8, 4.2])
+    _, accelerations = at_rest(random, 60)
+    counts = np.round(0.12 * random.standard_normal(accelerations.shape) + bias)
+    verdict = of_samples(tmp_path, count * counts, accelerations)
+    assert (np.abs(verdict.bias.rates - count * bias) < 2.0 * verdict.bias.deviations).all()
+    assert (verdict.bias.deviations > 0.2 * count).all()
+
+
 def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
     walk = ride(VEHICLES['legged'], 3, 70.0, 100.0, 0.0, 0.0)
     walks = slice(1000, 5500)

@@ -91,6 +91,8 @@ class Summary:
         unusable: Samples without a usable rate, per axis (3,).
         period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
             that it was given or assumes.
+        bias_deviation: Standard deviation of the bias at the end (3,) in rad/s, as `/diagnostics`
+            tells it: with what the rounding to counts may leave in the mean of a rest.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
         seconds: From then to its last message.
@@ -105,6 +107,7 @@ class Summary:
     outliers: NDArray[np.int64]
     unusable: NDArray[np.int64]
     period: float
+    bias_deviation: NDArray[np.float64]
     status: list[DiagnosticStatus]
     start: int
     seconds: float
@@ -312,6 +315,7 @@ class TopicFilter:
             outliers=state['counts']['outliers'].copy(),
             unusable=state['checks']['unusable'].copy(),
             period=float(state['clock']['mean_period']),
+            bias_deviation=np.array(report.telemetry.bias_deviation),
             # Other topics may go on for longer, so that the rate is not judged.
             status=Health(self._names.node, self._first_stamp).judge(report, seconds, paced=False),
             start=start,

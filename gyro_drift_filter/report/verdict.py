@@ -373,7 +373,7 @@ class RunWatch:
         return Bias(
             source,
             state['bias'].copy(),
-            filter_.bias_deviation,
+            run.bias_deviation,
             _since_start(int(total['rested_at']), run) if total['rests'] else None,
             filter_.parameters.bias_enabled,
             self._beyond_max.mean,
