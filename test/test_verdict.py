@@ -41,7 +41,7 @@ from support.bags import write, write_imus
 from support.chunks import filtered_imus
 from support.handling import HandlingSettings, simulate_handling
 from support.messages import even_stamps
-from support.sensor import at_rest, by_hand, motion_below, taking_off
+from support.sensor import NOISE, at_rest, by_hand, motion_below, taking_off, turning_gravity
 
 DEGREE = np.pi / 180
 
@@ -381,6 +381,37 @@ def test_a_bias_that_only_motion_has_shown_is_told_with_what_it_lacks(tmp_path):
     assert 'of which motion shows little' in ' '.join(text.split())
     np.testing.assert_allclose(verdict.bias.rates, bias, atol=6e-3)
     assert verdict.bias.deviations[2] > 3.0 * verdict.bias.deviations[:2].max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('enabled', [True, False])
+def test_a_bias_that_is_subtracted_unsurely_is_neither_a_help_nor_nothing(
+    enabled, tmp_path, random
+):
+    """As on a ship in a swell, where gravity shows it to a third of a degree per second."""
+    time = np.arange(12000) / 100.0
+    sizes, periods = np.array([0.08, 0.035, 0.005]), np.array([8.0, 6.3, 23.0])
+    truth = sizes * np.sin(2.0 * np.pi * time[:, None] / periods + [0.0, 1.0, 2.0])
+    bias = np.array([0.4, -0.6, 0.5]) * DEGREE
+    rates = truth + bias + NOISE * random.standard_normal(truth.shape)
+    forces = turning_gravity(truth, 100.0) + 0.05 * random.standard_normal(truth.shape)
+    source = bag(tmp_path / 'in', rates, forces)
+    verdict = judged(source, tmp_path, Parameters(bias_enabled=enabled))
+    assert (verdict.rests.count, verdict.gains) == (0, [])
+    if not enabled:
+        assert verdict.outcome == 'useless'
+        return
+    assert (verdict.outcome, verdict.bias.source) == ('unsure', 'motion')
+    left = np.abs(verdict.bias.rates - bias)
+    assert (left[:2] < 0.3 * np.abs(bias[:2])).all()
+    assert (left < verdict.bias.deviations).all()
+    assert re.fullmatch(
+        'This filter can not tell whether it helped: it subtracts a bias of x [0-9.]+, y -[0-9.]+, '
+        'z [-0-9.]+ deg/s, as gravity has shown it in motion, and knows it to x 0.[0-9]+, '
+        'y 0.[0-9]+, z 2.3 deg/s only. Let it stand still for ten seconds at the start; if it did, '
+        "'gyro_drift doctor' looks closer.",
+        headline(verdict),
+    )
 
 
 @pytest.mark.slow

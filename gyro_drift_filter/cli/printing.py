@@ -22,7 +22,7 @@ from contextlib import suppress
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 # Of ECMA-48: bold green, bold yellow, bold red.
-_COLOURS = {'helped': '1;32', 'useless': '1;33', 'harmed': '1;31'}
+_COLOURS = {'helped': '1;32', 'unsure': '1;33', 'useless': '1;33', 'harmed': '1;31'}
 
 
 def say(text: str, *, after_files: bool = True) -> None:

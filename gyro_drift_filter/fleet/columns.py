@@ -73,7 +73,7 @@ MEASURED = (
     Column('consistency', _NUMBER, '1', 'mean of squared innovation by its variance; 1 is ideal'),
     Column('drift_before', _NUMBER, 'rad/s', 'of the heading by the raw rates; the same for axes'),
     Column('drift_after', _NUMBER, 'rad/s', 'deviation of what the filter leaves of it'),
-    Column('outcome', _TEXT, '', 'what the filter did: helped, useless or harmed'),
+    Column('outcome', _TEXT, '', 'what the filter did: helped, unsure, useless or harmed'),
     Column('faults', pa.list_(_TEXT), '', 'what the doctor found, by name'),
 )
 COLUMNS = (*PLACE, *MEASURED)

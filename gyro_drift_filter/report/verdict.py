@@ -56,6 +56,7 @@ class Outcome(StrEnum):
     """What the filter did to the recording as a whole."""
 
     HELPED = 'helped'
+    UNSURE = 'unsure'  # it subtracts a bias that may be nearer to the true one than 0, or not
     USELESS = 'useless'
     HARMED = 'harmed'
 
@@ -330,6 +331,8 @@ class RunWatch:
             # What is flagged there is motion, 57 times as fast as it is.
             gains = [gain for gain in gains if gain != 'outliers']
         outcome = Outcome.HELPED if gains else Outcome.USELESS
+        if not gains and _is_unsure(bias) and not in_degrees(faults):
+            outcome = Outcome.UNSURE
         if harms:
             outcome = Outcome.HARMED
         return Verdict(
@@ -451,6 +454,12 @@ def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, run: Run) -> lis
     if 0 < int(outliers.axes.max()) < _SPIKES * run.received:
         gains.append('outliers')
     return gains
+
+
+def _is_unsure(bias: Bias) -> bool:
+    """Return whether a bias is taken off that no rest of this recording has shown."""
+    unsure = (BiasSource.PROVISIONAL, BiasSource.MOTION, BiasSource.GIVEN)
+    return bias.taken_off and bias.source in unsure and bool(bias.rates.any())
 
 
 def _why_silent(total: Any, run: Run, axis: int) -> str:

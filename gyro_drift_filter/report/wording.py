@@ -60,6 +60,8 @@ def headline(verdict: Verdict) -> str:
         return f'This filter does harm here: {_why_harmful(verdict)}'
     if verdict.outcome == Outcome.USELESS:
         return f'This filter did nothing useful here: {_why_useless(verdict)}.'
+    if verdict.outcome == Outcome.UNSURE:
+        return f'This filter can not tell whether it helped: {_why_unsure(verdict)}.'
     parts = []
     if 'noise' in verdict.gains:
         times = 1.0 / float(np.nanmedian(verdict.rests.ratio))
@@ -157,12 +159,39 @@ def _why_useless(verdict: Verdict) -> str:
         why.append('there is hardly any noise at rest to take away')
     if 'outliers' not in verdict.gains:
         why.append(_why_no_outliers(verdict.outliers))
+    return f'{_listed(why)}{_advice(verdict)}'
+
+
+def _advice(verdict: Verdict) -> str:
+    """Return what to do for a bias that is known, in a sentence behind another one."""
     if verdict.rests.count or _is_beyond(verdict):
-        return _listed(why)
+        return ''
     seconds = time_to_stand(verdict.rests.needed)
     return (
-        f'{_listed(why)}. Let it stand still for {seconds} at the start; if it did, '
+        f'. Let it stand still for {seconds} at the start; if it did, '
         "'gyro_drift doctor' looks closer"
+    )
+
+
+# Where a bias comes from that is subtracted without a rest.
+_UNSURE = {
+    BiasSource.PROVISIONAL: 'from a time that was steady but not quite a rest',
+    BiasSource.MOTION: 'as gravity has shown it in motion',
+    BiasSource.GIVEN: 'kept from the recording before',
+}
+
+
+def _why_unsure(verdict: Verdict) -> str:
+    """Return what is subtracted, and how little is known of it.
+
+    It is the best guess there is, but the deviations leave room for a bias of zero.
+    """
+    bias = verdict.bias
+    rates = by_axis(f'{np.degrees(rate):.3f}' for rate in bias.rates)
+    known = by_axis(f'{np.degrees(deviation):.2g}' for deviation in bias.deviations)
+    return (
+        f'it subtracts a bias of {rates} deg/s, {_UNSURE[bias.source]}, and knows it to {known} '
+        f'deg/s only{_advice(verdict)}'
     )
 
 
