@@ -304,6 +304,25 @@ def test_a_slow_sensor_has_to_stand_still_for_longer(found):
     assert rests.advice.startswith('let it stand still for 23 seconds at the start')
 
 
+@pytest.mark.slow
+def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
+    """With a little jitter some are counted until that is known, and then none."""
+    simulation = handled()
+    index = np.arange(len(simulation.stamps))
+    kept = (index < len(index) // 2) | (index % 2 == 0)
+    late = np.random.default_rng(3).normal(0.0, 2e5, len(index)).astype(np.int64)
+    halved = replace(
+        simulation,
+        stamps=(simulation.stamps + late)[kept],
+        angular_velocity=simulation.angular_velocity[kept],
+        linear_acceleration=simulation.linear_acceleration[kept],
+    )
+    findings = found(halved)
+    assert 'gaps' not in faults(findings)
+    (stamps,) = (finding for finding in findings if finding.name == 'stamps')
+    assert ' 0 gaps, 0 samples missing' in stamps.text
+
+
 def test_a_pause_is_no_wrong_rate(found):
     """A recording that was stopped for half a minute, and went on."""
     simulation = handled()

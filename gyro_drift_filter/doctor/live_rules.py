@@ -29,6 +29,7 @@ from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.input_rules import WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
+from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
@@ -95,13 +96,14 @@ class RuleLog:
         span = self.last
         if span is None:
             return []
+        state = span.now.telemetry
+        refuted = refuted | _taken_back(state)
         found = [
             self._fault(entry, span)
             for name, entry in self.applied.items()
             if name not in refuted
             and (name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.seconds)
         ]
-        state = span.now.telemetry
         missing = state.missing_samples / max(state.samples, 1)
         reported = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
         if not reported and missing > _MISSING_SHARE:
@@ -135,6 +137,14 @@ class RuleLog:
             _of_times(name, span) or _advice(name, advice),
             {'seconds': entry.seconds, 'first_at': entry.first},
         )
+
+
+def _taken_back(state: Telemetry) -> set[str]:
+    """Return the rules whose counts the filter has taken back, as what followed has shown.
+
+    A driver that lowers its rate seems to lose every second message for the first twenty.
+    """
+    return set() if state.gaps else {'gaps'}
 
 
 # Where the advice to who runs the filter is none to who has a recording.
