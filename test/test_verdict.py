@@ -28,7 +28,10 @@ from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
+from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
@@ -101,6 +104,22 @@ def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, rand
     assert verdict.rests.count == 2
     assert left < verdict.heading.left < 8.0 * left
     assert verdict.seconds == pytest.approx(660, abs=0.1)
+    assert verdict.sampled_seconds == pytest.approx(60, abs=0.1)
+    text = ' '.join(as_text(verdict).split())
+    assert re.search(r'it stood still for 5\d of 60 s, in 2 rests', text)
+    assert re.search(r'gap_limit \(1 times; for [12] of 6[012] s, first at 30 s\)', text)
+
+
+def test_a_slow_sensor_is_recorded_all_the_time(random):
+    """Of one message in five seconds, too, each report is about five seconds."""
+    log, filter_, health = RuleLog(), MessageFilter(Parameters()), Health()
+    rates, accelerations = at_rest(random, 100, rate=0.2)
+    stamps = START + 5 * 10**9 * np.arange(len(rates))
+    for _, data in imu_messages(stamps, rates, accelerations):
+        filter_.take(data)
+        span, of_input, _ = health.rules(filter_.report(), 5.0)
+        log.judge(span, of_input, 5.0)
+    assert log.judged_seconds == pytest.approx(100.0, abs=10.0)
 
 
 def test_log_times_that_stand_contradict_nothing(tmp_path, random):

@@ -39,6 +39,9 @@ _LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bia
 _SETTLING_SHARE = 0.1
 # As much as a scale factor that is off by so much, which is that of a good gyroscope.
 _MISSING_SHARE = 1e-3
+# Reports come each second while anything is recorded: in more time without messages, in s, nothing
+# was.
+_LONGEST_REPORT = 2.0
 
 
 def is_truncation_refuted(filter_: Filter) -> bool:
@@ -48,7 +51,7 @@ def is_truncation_refuted(filter_: Filter) -> bool:
 
 @dataclass
 class Applied:
-    """When a rule applied, in s from the start; text and span are the last ones."""
+    """When a rule first applied, and for how long, in s; text and span are the last ones."""
 
     rule: Rule
     first: float
@@ -65,26 +68,37 @@ class RuleLog:
         applied: By name.
         last: The span of the last report; None before the first.
         seconds: From the start to the last report.
+        judged_seconds: The same without pauses, in which nothing was recorded.
     """
 
     applied: dict[str, Applied] = field(default_factory=dict)
     last: Span | None = None
     seconds: float = 0.0
+    judged_seconds: float = 0.0
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages, of which rules say nothing."""
 
     def judge(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
         """Take a report in: its span, the rules that apply, and the time since the one before."""
+        judged = min(seconds, max(self._recorded_seconds(span), _LONGEST_REPORT))
         for rule in rules:
             if rule.level == Level.OK or rule.name in _LEFT_OUT:
                 continue
             text = rule.message(span)
             entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
-            entry.seconds += seconds
+            entry.seconds += judged
             entry.text, entry.span = text, span
         self.seconds += seconds
+        self.judged_seconds += judged
         self.last = span
+
+    def _recorded_seconds(self, span: Span) -> float:
+        """Return the time in s that the last messages stand for, at the pace of all before."""
+        before = span.before.received
+        if before < 2:
+            return math.inf
+        return (span.now.received - before) * self.judged_seconds / (before - 1)
 
     def findings(self, refuted: Set[str], *, truncation_refuted: bool) -> list[Finding]:
         """Return a line for each rule that applied, and for each question that none answered.
@@ -102,7 +116,7 @@ class RuleLog:
             self._fault(entry, span)
             for name, entry in self.applied.items()
             if name not in refuted
-            and (name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.seconds)
+            and (name != 'low-pass' or entry.seconds > _SETTLING_SHARE * self.judged_seconds)
         ]
         missing = state.missing_samples / max(state.samples, 1)
         reported = {'gaps', 'wrong order'} & (refuted | self.applied.keys())
@@ -130,7 +144,8 @@ class RuleLog:
         name = entry.rule.name
         text, _, advice = entry.text.partition(': ')
         figures = _figures(name, entry.span if name == 'low-pass' else span)
-        when = f'for {entry.seconds:.0f} of {self.seconds:.0f} s, first at {entry.first:.0f} s'
+        of_all = f'{entry.seconds:.0f} of {self.judged_seconds:.0f} s'
+        when = f'for {of_all}, first at {entry.first:.0f} s'
         return fault(
             name,
             f'{text} ({"; ".join(part for part in (figures, when) if part)})',

@@ -188,6 +188,8 @@ class Verdict:
         written: Of them filtered or passed on.
         not_reported: Of them passed on, as they state no rate.
         seconds: From the first message of the recording to the last, in log time.
+        sampled_seconds: Of that what the samples stand for: a pause without messages is no time in
+            which a sensor could stand still.
         period: Of the samples in s; by the log times where stamps are 0 or stand.
         rests: The rests.
         bias: The bias.
@@ -211,6 +213,7 @@ class Verdict:
     written: int
     not_reported: int
     seconds: float
+    sampled_seconds: float
     period: float
     rests: Rests
     bias: Bias
@@ -347,6 +350,7 @@ class RunWatch:
             not_reported=run.not_reported,
             # Log times may stand, as where a converter has filled them in.
             seconds=max(run.seconds, float(total['seconds'])),
+            sampled_seconds=float(total['seconds']),
             period=self.period,
             rests=rests,
             bias=bias,

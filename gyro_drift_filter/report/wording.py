@@ -227,7 +227,7 @@ def _about_rest(verdict: Verdict) -> str:
     if not rests.count:
         return f'none: {_why_no_rest(verdict)}'
     text = (
-        f'it stood still for {rests.seconds:.0f} of {verdict.seconds:.0f} s, in '
+        f'it stood still for {rests.seconds:.0f} of {verdict.sampled_seconds:.0f} s, in '
         f'{counted(rests.count, "rest")}'
     )
     if not np.isfinite(rests.ratio).any():
@@ -302,7 +302,7 @@ def _about_heading(verdict: Verdict) -> str:
             'known'
         )
     scale = 0.0 if heading.calibrated else _SCALE * heading.turned
-    if scale > 5.0 * heading.left * verdict.seconds and scale > 10.0 * _VISIBLE:
+    if scale > 5.0 * heading.left * verdict.sampled_seconds and scale > 10.0 * _VISIBLE:
         text += (
             f'. It turned by {np.degrees(heading.turned):.0f} deg in all, so each percent that the '
             f"scale is off makes up to {np.degrees(scale):.0f} deg: 'gyro_drift calibrate'"
