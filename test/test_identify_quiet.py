@@ -132,6 +132,19 @@ def test_slow_noise_on_one_axis_alone_is_motion(random):
     assert find_quiet(learn_timing(stamps), rates, accelerations).spans == ()
 
 
+@pytest.mark.slow
+def test_counts_that_are_coarser_than_the_noise_hide_no_rest(random):
+    """The mean of an axis that never changes is off by rounding, which is no smooth motion."""
+    stamps, rates, accelerations = at_rest(random, 60)
+    count = np.radians(4000.0 / 32768.0)
+    counts = [3.52, -5.0, 0.25] + 0.12 * random.standard_normal(rates.shape)
+    rates = count * np.round(counts)
+    assert len(np.unique(rates[:, 1])) == 1
+    assert share_of(find_quiet(learn_timing(stamps), rates, accelerations).spans, rates) > 0.97
+    with pytest.raises(IdentificationError, match='axis z is too coarse'):
+        identify(stamps, rates, accelerations)
+
+
 def test_slow_noise_in_a_short_recording_is_an_open_question(random):
     stamps, rates, accelerations = phone(random, 40)
     with pytest.raises(IdentificationError, match=r'no rest can be told: .* lie still for ten min'):

@@ -239,6 +239,9 @@ def _statistics(
 ) -> tuple[Floats, Floats, Bools, Floats, Floats]:
     """Return means, deviations, which have half their samples or more, roughness at both lags."""
     mean = row_means(rows)
+    # The mean of equal numbers is off by rounding, which is no noise: it would be a smooth one.
+    lowest = np.fmin.reduce(rows, axis=1)
+    mean = np.where(lowest == np.fmax.reduce(rows, axis=1), lowest, mean)
     deviation = np.sqrt(row_means((rows - mean[:, None]) ** 2))
     count = np.isfinite(rows).sum(axis=1)
     enough = count >= 0.5 * (windows.stop - windows.first)[group]
