@@ -110,6 +110,20 @@ def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, rand
     assert re.search(r'gap_limit \(1 times; for [12] of 6[012] s, first at 30 s\)', text)
 
 
+@pytest.mark.slow
+def test_a_slow_sensor_is_told_that_short_rests_are_passed_over(tmp_path, random):
+    """At 4 Hz a rest takes 36 s, so that one of 24 s behind a turn is not found."""
+    rates, accelerations = at_rest(random, 120, rate=4)
+    rates[240:384, 2] += 0.3 * np.sin(np.arange(144) / 4.0)
+    stamps = START + 250_000_000 * np.arange(len(rates))
+    verdict = of_samples(tmp_path, rates, accelerations, stamps)
+    assert verdict.rests.count == 1
+    text = ' '.join(as_text(verdict).split())
+    assert 'At 4 Hz rests of less than 36 s may be passed over' in text
+    rates, accelerations = at_rest(random, 20)
+    assert 'passed over' not in as_text(of_samples(tmp_path / 'fast', rates, accelerations))
+
+
 def test_a_slow_sensor_is_recorded_all_the_time(random):
     """Of one message in five seconds, too, each report is about five seconds."""
     log, filter_, health = RuleLog(), MessageFilter(Parameters()), Health()

@@ -44,6 +44,8 @@ _VISIBLE = 0.0087
 _LAG_SHARE = 0.005
 # A good gyroscope's scale is off by so much; it is told where that is more than what is left.
 _SCALE = 0.01
+# Robots that stand stand for so long, in s; a rest that has to last longer is told.
+_USUAL_REST = 10
 _NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
 
@@ -230,12 +232,16 @@ def _about_rest(verdict: Verdict) -> str:
         f'it stood still for {rests.seconds:.0f} of {verdict.sampled_seconds:.0f} s, in '
         f'{counted(rests.count, "rest")}'
     )
+    passed_over = ''
+    if rests.needed > _USUAL_REST:
+        rate = f'{1.0 / verdict.period:.2g} Hz'
+        passed_over = f'. At {rate} rests of less than {rests.needed} s may be passed over'
     if not np.isfinite(rests.ratio).any():
-        return f'{text}; too short to tell the noise'
+        return f'{text}; too short to tell the noise{passed_over}'
     shares = by_axis(
         f'{100.0 * ratio:.0f} %' if np.isfinite(ratio) else '-' for ratio in rests.ratio
     )
-    return f'{text}; the noise falls to {shares} there'
+    return f'{text}; the noise falls to {shares} there{passed_over}'
 
 
 def _about_bias(bias: Bias, needed: int) -> str:
