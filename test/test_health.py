@@ -283,6 +283,22 @@ def test_a_time_without_rates_is_not_said_to_be_a_clock_that_was_set(random):
     assert told[-1] == {}
 
 
+@pytest.mark.parametrize(('begin', 'end', 'seconds'), [(0, 20, 0), (0, 200, 2), (1000, 2000, 10)])
+def test_a_time_without_rates_is_told_for_as_long_as_it_lasts(begin, end, seconds, random):
+    """And not for as long as the window holds some of it, nor where a driver starts up."""
+    health, filter_, told = Health(), MessageFilter(Parameters()), []
+    messages = quiet(3000, 1e-2, random)
+    for k in range(begin, end):
+        stamp = imu_fields(messages[k]).stamp
+        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+    for second in range(30):
+        filter_all(filter_, messages[100 * second : 100 * second + 100])
+        span, of_input, _ = health.rules(filter_.report(), 1.0)
+        told += [rule.message(span) for rule in of_input if rule.name == 'not reported']
+    assert len(told) == seconds
+    assert all(text.startswith('no angular velocity') for text in told)
+
+
 @pytest.mark.parametrize('untold', [{'zero_stamps': 1000}, {'stamp': 990_000_000}])
 def test_gravity_contradicts_nothing_whose_time_nobody_knows(untold):
     """Whoever has told the rate knows for how long the sensor turned, whatever the stamps."""

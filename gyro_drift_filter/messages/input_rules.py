@@ -53,8 +53,11 @@ _REPEATED_SHARE = 0.05, 0.02
 # window that begins and ends between two of them. Two publishers double the rate; of a link that
 # loses messages every fifth or so is gone.
 _RATE_ERROR = 0.2, 0.1
-# Of the messages in the window: a driver that starts up leaves the rates out of a few.
-_NOT_REPORTED_SHARE = 0.02, 0.01
+# Of the messages in a window of so many seconds or more: a driver that starts up leaves the rates
+# out of a few.
+_NOT_REPORTED_SHARE, _NOT_REPORTED_SECONDS = (0.02, 0.01), 5.0
+# By chance none comes where so many would be one in a thousand times.
+_SURELY_ONE = 7.0
 # What may leave a gap in the stamps of the rates, as well as what is lost.
 WITHOUT_RATES = 'messages come without rates (covariance starts with -1)'
 # Gaps in the window of ten seconds: a busy machine makes one now and then, a lost link many, so
@@ -175,9 +178,13 @@ def _rate_text(span: Span) -> str:
 
 
 def _is_not_reported(span: Span) -> bool | None:
-    if span.samples == 0 and span.now.not_reported > span.before.not_reported:
-        return True
-    return _are_some_not_reported(span)
+    some = _are_some_not_reported(span)
+    if span.now.not_reported > span.before.not_reported:
+        return span.samples == 0 or (some if span.seconds >= _NOT_REPORTED_SECONDS else None)
+    # What is left of a time without rates in the window is no share of what comes now.
+    received = span.now.received - span.before.received
+    is_over = span.not_reported * received > _SURELY_ONE
+    return False if is_over or some is False else None
 
 
 _are_some_not_reported = beyond(lambda span: span.not_reported, *_NOT_REPORTED_SHARE)
