@@ -351,6 +351,7 @@ def test_messages_without_rates_between_others(behind, tmp_path, random):
     assert not {'wrong rate', 'publishers', 'restarted'} & told.keys()
     if not behind:
         assert told['gaps'].advice.startswith('messages come without rates')
+        assert 'if it is not that: look for what loses them' in told['gaps'].advice
 
 
 def test_messages_that_come_twice_are_told_as_that(found):

@@ -181,7 +181,8 @@ _ADVICE = {
 
 def _advice(name: str, live: str) -> str:
     """Return what to do about a rule that has an advice for who runs the filter."""
-    return live if WITHOUT_RATES in live else _ADVICE.get(name, live)
+    advice = _ADVICE.get(name, live)
+    return f'{WITHOUT_RATES}; if it is not that: {advice}' if WITHOUT_RATES in live else advice
 
 
 # How to stamp where nobody does, or not in this unit.
