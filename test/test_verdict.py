@@ -447,6 +447,17 @@ def test_a_bias_that_is_subtracted_unsurely_is_neither_a_help_nor_nothing(
     )
 
 
+def test_a_dead_gyroscope_is_told_as_that_beside_a_kept_bias(tmp_path, random):
+    memory, small = tmp_path / 'bias.json', (0.007, -0.01, 0.008)
+    judged(bag(tmp_path / 'first', *at_rest(random, 20, small)), tmp_path, memory=memory)
+    forces = 2.0 * random.standard_normal((2000, 3)) + [0.0, 0.0, 9.8]
+    later = even_stamps(2000, start=START + 3600 * 10**9)
+    dead = bag(tmp_path / 'dead', np.tile((5e-3, -8e-3, 6e-3), (2000, 1)), forces, later)
+    verdict = judged(dead, tmp_path, memory=memory)
+    assert (verdict.bias.source, verdict.outcome) == ('given', 'useless')
+    assert 'all three axes are dead' in headline(verdict)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('times', [1, 4])
 def test_a_bias_beyond_its_limit_is_told_with_what_the_rests_show(times, tmp_path, random):

@@ -334,7 +334,8 @@ class RunWatch:
             # What is flagged there is motion, 57 times as fast as it is.
             gains = [gain for gain in gains if gain != 'outliers']
         outcome = Outcome.HELPED if gains else Outcome.USELESS
-        if not gains and _is_unsure(bias) and not in_degrees(faults):
+        silent = [_why_silent(total, run, axis) for axis in range(3)]
+        if not (gains or all(silent) or in_degrees(faults)) and _is_unsure(bias):
             outcome = Outcome.UNSURE
         if harms:
             outcome = Outcome.HARMED
@@ -359,7 +360,7 @@ class RunWatch:
             change_in_motion=(
                 np.sqrt(total['changed'] / moving) if moving >= _FEWEST else np.full(3, np.nan)
             ),
-            silent=[_why_silent(total, run, axis) for axis in range(3)],
+            silent=silent,
             lagging=lagging,
             held_back=held_back,
             findings=faults,
