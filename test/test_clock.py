@@ -280,6 +280,50 @@ def test_a_driver_that_lowers_its_rate_has_lost_nothing(before, after, jitter, r
     assert filter_.state['clock']['period'] == pytest.approx(1.0 / after, rel=0.02)
 
 
+@pytest.mark.parametrize(('before', 'after'), [(100, 200), (50, 200), (100, 400), (33, 100)])
+@pytest.mark.parametrize('jitter', [0.0, 0.1])
+def test_a_driver_that_raises_its_rate_is_followed_within_25_samples(before, after, jitter, random):
+    """It took 7 to 10 s, in which gravity was turned two to four times too far."""
+    filter_ = Filter()
+    slow = jittered(20 * before, before, jitter, random)
+    feed(filter_, slow)
+    feed(filter_, slow[-1] + 10**9 // after + jittered(25, after, jitter, random) - START)
+    assert clock(filter_) == QUIET
+    assert filter_.state['clock']['period'] == pytest.approx(1.0 / after, rel=0.03)
+
+
+@pytest.mark.parametrize('stall', [0.3, 0.6, 0.9])
+@pytest.mark.parametrize('pace', [2.0, 4.0, 8.0])
+@pytest.mark.parametrize('gap_limit', [1.0, 10.0])
+def test_samples_that_were_held_up_are_no_faster_driver(stall, pace, gap_limit, random):
+    """They come in at a pace of their own, of one length, until they have caught up."""
+    times = np.arange(2000) / 100
+    late = 10.0 + stall + (times - 10.0) / pace
+    times = np.where(times >= 10.0, np.maximum(times, late), times)
+    check_the_period_stays(times, gap_limit, random)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('share', 'seconds', 'pace'), [(0.9, 4, 3), (0.75, 1, 3), (0.75, 2, 5)])
+def test_a_slow_link_that_catches_up_is_no_faster_driver(share, seconds, pace, random):
+    """It is late by no long step, and some samples are taken for missing meanwhile."""
+    times = np.arange(3000) / 100
+    arrival = np.maximum(times, 10.0 + (times - 10.0) / share)
+    caught_up = 10.0 + seconds + (times - 10.0 - share * seconds) / pace
+    arrival = np.where(times > 10.0, np.maximum(times, np.minimum(arrival, caught_up)), times)
+    check_the_period_stays(arrival, 1.0, random)
+
+
+def check_the_period_stays(times, gap_limit, random):
+    """Check that samples of 100 Hz at these times (s) keep their period, from 10 s on."""
+    filter_ = Filter(Parameters(gap_limit=gap_limit))
+    periods = []
+    for stamp in START + np.round(times * 1e9).astype(np.int64):
+        filter_.step(stamp, random.standard_normal(3), ZERO)
+        periods.append(float(filter_.state['clock']['period']))
+    np.testing.assert_allclose(periods[1000:], 0.01, rtol=0.02)
+
+
 def test_losses_that_come_often_stay_losses(random):
     """Every second message for a while, or a third of them at random."""
     filter_ = Filter()

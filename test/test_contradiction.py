@@ -116,6 +116,15 @@ def test_garbage_for_a_while_is_no_contradiction(walk):
     assert not told(Filter(), walk.stamps, walk.rates, accelerations).any()
 
 
+@pytest.mark.slow
+def test_a_driver_that_raises_its_rate_in_motion_is_no_contradiction(walk):
+    """For up to ten seconds gravity was turned by four times the angle."""
+    changes, end = round(60 * RATE), round(200 * RATE)
+    kept = np.r_[0:changes:4, changes:end]
+    of = walk.stamps[kept], walk.rates[kept], walk.accelerations[kept]
+    assert not told(Filter(), *of).any()
+
+
 def test_it_is_forgotten_with_the_sensor(walk):
     part, filter_ = slice(0, round(100 * RATE)), Filter()
     accelerations = OTHER_AXES(walk.accelerations[part])

@@ -17,8 +17,7 @@
 import math
 
 from gyro_drift_filter.core.bias.in_motion import LARGEST_GRAVITY_SHARE, LEAST_GRAVITY_SHARE
-from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STALLED_SECONDS
-from gyro_drift_filter.core.clock.periods import OTHER_PERIOD
+from gyro_drift_filter.core.clock.periods import LEAST_STAMPED_SHARE, OTHER_PERIOD, STALLED_SECONDS
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 from gyro_drift_filter.core.sensor_checks import LARGEST_STEADY_ACCELERATION, RANGE, AxisFault

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import entry_kernel, kernel, read_only, record
 from gyro_drift_filter.core import Filter
-from gyro_drift_filter.core.clock.envelope import LEAST_STAMPED_SHARE, STALLED_SECONDS
+from gyro_drift_filter.core.clock.periods import LEAST_STAMPED_SHARE, STALLED_SECONDS
 
 
 class SampleTimes(TypedDict):

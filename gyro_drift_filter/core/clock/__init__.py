@@ -28,7 +28,8 @@ is its delay.
   or most suspicions of late were right, samples are missing and are predicted through. If those
   after it come early by as much, none was missing, and the count is taken back.
 - Where samples are missing before each of twenty samples in a row, by steps of one length, the
-  driver has changed its rate: that length is the period, and none was missing.
+  driver has changed its rate: that length is the period, and none was missing. So it is where
+  more samples have come than the stamps tell time for, behind twenty shorter steps of one length.
 - Any other suspicion waits. If all samples after it stay late by a period, some were missing; they
   are counted, but not predicted through, as the filter has followed the samples since.
 - While stamps come in bursts a delay means nothing.
@@ -62,6 +63,6 @@ Synchronization Problem", IROS 2010; L. Zhang, Z. Liu, C. H. Xia, "Clock Synchro
 for Network Measurements", INFOCOM 2002.
 
 `envelope.py` follows the stamps, `periods.py` learns the period from it, and `periodogram.py` from
-the stamps alone; `delays.py` learns what delays are usual, and `losses.py` how many samples are
-missing. `records.py` declares what they share.
+the stamps alone; `runs.py` sees that a driver has changed its rate. `delays.py` learns what delays
+are usual, and `losses.py` how many samples are missing. `records.py` declares what they share.
 """

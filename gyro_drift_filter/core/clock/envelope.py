@@ -31,7 +31,6 @@ from gyro_drift_filter.core.clock.losses import (
     correct_count,
     drop_suspicion,
     judge_suspicion,
-    note_long_run,
     note_long_step,
     suspect,
 )
@@ -42,9 +41,11 @@ from gyro_drift_filter.core.clock.periodogram import (
 )
 from gyro_drift_filter.core.clock.periods import (
     BLOCK_SAMPLES,
+    LEAST_STAMPED_SHARE,
     LONGEST_PERIOD,
     OTHER_PERIOD,
     SAME_PERIOD,
+    STALLED_SECONDS,
     given_or_learned,
     learn_period,
     period_of,
@@ -52,6 +53,7 @@ from gyro_drift_filter.core.clock.periods import (
     take_period,
 )
 from gyro_drift_filter.core.clock.records import BLOCKS, Clock
+from gyro_drift_filter.core.clock.runs import note_long_run, note_short_run, note_time_owed
 
 PERIOD_BLOCK_SECONDS = 2.0
 # A stretch ends after so many samples, or after that time where it has enough of them: long enough
@@ -63,10 +65,6 @@ LEAST_STRETCH_SAMPLES = 20
 ANCHOR_SAMPLES = 16
 # The bias walks no further than in this time, whatever the stamps say, in s.
 LONGEST_ABSENCE = 86_400.0
-# Of the time that samples take by their period: stamps that tell less of it, for so long (s), stand
-# still, or are in another unit. No period is learned so wrong, and units differ by 1,000. Some
-# drivers stamp in whole seconds, or deliver so late.
-LEAST_STAMPED_SHARE, STALLED_SECONDS = 0.1, 5.0
 
 
 @kernel
@@ -146,6 +144,7 @@ def advance_clock(
         clock['same_stamps'] += 1
     elif elapsed < 0.0:
         clock['backward_stamps'] += 1
+    note_time_owed(clock, elapsed)
     if elapsed > gap_limit:
         clock['gaps'] += 1
     if abs(elapsed) > gap_limit:
@@ -158,6 +157,8 @@ def advance_clock(
         return 0, False
     missing = _follow_envelope(clock, elapsed)
     other_period = note_long_run(clock, elapsed, missing)
+    if other_period == 0.0:
+        other_period = note_short_run(clock, elapsed)
     if other_period > 0.0:
         _correct_period(clock, other_period, sample_rate)
         return 0, False
@@ -179,7 +180,7 @@ def _start_envelope(clock: Clock) -> None:
     clock['gap_steps'] = 0.0
     clock['long_steps'] = 0
     drop_suspicion(clock)
-    clock['long_run'] = 0
+    clock['long_run'] = clock['short_run'] = 0
     clock['kept'] = 0
     clock['stretch_samples'] = 0
     _start_stretch(clock)

@@ -30,9 +30,8 @@ VERDICT_PACE = 2.0
 # by two periods. So losses that come often do not put the verdict off for ever.
 SETTLED_SAMPLES = 4
 SHARE_WEIGHT = 0.125  # of a verdict in the share of suspicions that were right
-# Steps are equally long up to this share. So many of them in a row are no losses: a link does not
-# lose every second sample so evenly.
-EQUALLY_LONG, LONG_RUN = 0.25, 20
+# Steps are equally long up to this share.
+EQUALLY_LONG = 0.25
 # In periods: behind a longer step samples may be missing. The jitter of a timer stays below 0.3 at
 # either end of a step, and one over a missing sample lasts two periods less that.
 LATE_STEP = 1.4
@@ -165,31 +164,6 @@ def suspect(clock: Clock, elapsed: float, delay: float) -> int:
     longest = max(clock['suspect_delay'], clock['longest_delay'])
     clock['verdict_samples'] = VERDICT_SAMPLES + int(VERDICT_PACE * longest / period)
     return missing
-
-
-@kernel
-def note_long_run(clock: Clock, elapsed: float, missing: int) -> float:
-    """Note a step in s, with so many samples missing in it; return the driver's new period, or 0.
-
-    The driver has another period in s where samples were found to be missing before each of the
-    last ones. They were not, and are no longer counted.
-    """
-    run, seconds = clock['long_run'], clock['long_run_seconds']
-    equal = abs(elapsed * run - seconds) <= EQUALLY_LONG * seconds
-    if missing == 0:
-        clock['long_run'] = 0
-        return 0.0
-    if run == 0 or not equal:
-        run, seconds = 0, 0.0
-        clock['gaps_before_run'] = clock['gaps'] - 1
-        clock['missing_before_run'] = clock['missing_samples'] - missing
-    clock['long_run'] = run + 1
-    clock['long_run_seconds'] = seconds + elapsed
-    if clock['long_run'] < LONG_RUN:
-        return 0.0
-    clock['gaps'] = clock['gaps_before_run']
-    clock['missing_samples'] = clock['missing_before_run']
-    return float(clock['long_run_seconds'] / LONG_RUN)
 
 
 @kernel

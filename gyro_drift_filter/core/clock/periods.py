@@ -28,6 +28,10 @@ GAP_STEPS = 0.7
 # A new period within these shares of the old one, or of the rate that was given, is the same.
 SAME_PERIOD = 0.01
 SAME_RATE = 0.1
+# Of the time that samples take by their period: stamps that tell less of it, for so long (s), stand
+# still, or are in another unit. No period is learned so wrong, and units differ by 1,000. Some
+# drivers stamp in whole seconds, or deliver so late.
+LEAST_STAMPED_SHARE, STALLED_SECONDS = 0.1, 5.0
 # Beyond this share of the old period the rate has changed, and delays are not what they were.
 OTHER_PERIOD = 0.1
 

@@ -88,6 +88,10 @@ class Clock(TypedDict):
     long_run_seconds: float  # s, of all of them
     gaps_before_run: int  # as counted before the first of them
     missing_before_run: int
+    owed: float  # s, by which samples are behind the time that stamps tell
+    # the steps in a row that are equally long, and too short by the period
+    short_run: int
+    short_run_seconds: float  # s, of all of them
     # counts
     gaps: int
     missing_samples: int
