@@ -32,7 +32,8 @@ from benchmark.covariance import (
     turn_on_bias,
 )
 from gyro_drift_filter.core import Filter, Parameters
-from support.messages import START, even_stamps
+from gyro_drift_filter.messages.message_filter import MessageFilter
+from support.messages import START, even_stamps, serialized
 from support.paths import RECORDINGS
 from support.sensor import DEGREE, NOISE, at_rest, by_hand
 
@@ -217,6 +218,24 @@ def test_a_bias_that_flickers_at_rest_is_less_certain(random):
         deviation = np.sqrt(results['angular_velocity_variance'])
         inside.append((np.abs(results['angular_velocity']) <= 2.0 * deviation).mean())
     assert np.mean(inside) > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('walk', 'least'), [(0.0, 0.95), (3e-5, 0.8), (1e-4, 0.8)])
+def test_a_bias_that_walks_at_rest_is_less_certain(walk, least, random):
+    """The diagnostics held the true bias within two deviations 62 and 39 % of the time."""
+    n, within = 40_000, []
+    for _ in range(4):
+        bias = walk * 0.1 * np.cumsum(random.standard_normal((n, 3)), axis=0)
+        rates = bias + 1.2e-3 * random.standard_normal((n, 3))
+        filter_ = MessageFilter(Parameters())
+        for k, message in enumerate(serialized(rates, at_rest(random, 400.0)[1])):
+            filter_.take(message)
+            if k % 100 == 99 and k > 4000:
+                told = filter_.report().telemetry
+                error = np.abs(told.bias - bias[k])
+                within.append(error <= 2.0 * np.array(told.bias_deviation))
+    assert np.mean(within) > least
 
 
 @pytest.mark.slow

@@ -870,6 +870,7 @@ def test_telemetry_is_that_of_the_state():
     )
     ends = checks['range_end']
     deviations = [math.sqrt(signal['variance']) for signal in bias['rest']['signals']]
+    wander = np.sqrt(np.maximum(bias['wander'], 0.0))
     expected = {
         **{name: counts[name] for name in ('samples', 'duplicates', 'refused')},
         **{name: ends[name] for name in ('at_limit', 'clipped', 'clipped_calibrated')},
@@ -916,7 +917,7 @@ def test_telemetry_is_that_of_the_state():
         'bias_known': bias['known'],
         'bias_corrected': bias['corrected'] > 0,
         'bias_provisional': bias['provisional_variance'][0] > 0.0,
-        'bias_deviation': filter_.filter.bias_deviation,
+        'bias_deviation': np.hypot(filter_.filter.bias_deviation, wander),
         'at_rest': bias['rest']['at_rest'],
         'acceleration_at_rest': bias['rest']['at_rest'] * np.linalg.norm(bias['rest']['gravity']),
     }

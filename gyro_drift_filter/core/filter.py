@@ -74,7 +74,10 @@ class Filter:
 
     @property
     def bias_deviation(self) -> NDArray[np.float64]:
-        """The standard deviation of the bias at rest by now, (3,) in rad/s."""
+        """The standard deviation of the bias at rest by now, (3,) in rad/s.
+
+        By its Kalman filter: `Telemetry` adds its wander, and what rounding leaves in a mean.
+        """
         bias = self.state['bias']
         deviation: NDArray[np.float64] = np.sqrt(bias['variance'] + bias['process_noise'])
         return deviation

@@ -25,6 +25,7 @@ from gyro_drift_filter.core.bias.records import (
     bias_variance,
     has_bias,
     has_learned_bias,
+    wander_variance,
     widen,
 )
 from gyro_drift_filter.core.bias.shift import let_shift_vary
@@ -343,7 +344,7 @@ def _subtract_bias(filter_: FilterRecord) -> None:
         if refused and not state['methods']['tracking'][axis]:
             continue  # there is no result to take it off
         # At rest the rates themselves are rounded as their mean was.
-        variance += bias['wander_variance'][axis] if at_rest else _rounding_variance(filter_, axis)
+        variance += wander_variance(bias, axis) if at_rest else _rounding_variance(filter_, axis)
         result['angular_velocity'][axis] -= mean
         result['angular_velocity_variance'][axis] += variance
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate.kernels import kernel
 from gyro_drift_filter.accelerate.records import record
 from gyro_drift_filter.core import Parameters, methods
-from gyro_drift_filter.core.bias.records import bias_variance, has_provisional
+from gyro_drift_filter.core.bias.records import bias_variance, has_provisional, wander_variance
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.core.quantisation import known_count, variance_of_rounding
 from gyro_drift_filter.core.rest.noise import deviation_of_values
@@ -98,7 +98,7 @@ class Telemetry(NamedTuple):
     bias_corrected: bool  # motion alone has shown another bias
     bias_provisional: bool  # the first seconds have shown it, but no rest
     bias: Values  # rad/s
-    bias_deviation: Values  # rad/s, with what rounding leaves in the mean of a rest
+    bias_deviation: Values  # rad/s, with its wander, and what rounding leaves in a mean
     # of the rest under way, or of the last mean of a stand in which the body is shaken: its rate is
     # beyond bias.max
     rest_beyond_max: bool
@@ -238,4 +238,5 @@ def read_telemetry(filter_: Any, out: Any) -> None:
         out['noise_correlation_two_apart'][axis] = two_apart
         out['bias'][axis] = bias['bias'][axis]
         rounding = variance_of_rounding(quantisation, axis, result['measurement_noise'])
-        out['bias_deviation'][axis] = math.sqrt(bias_variance(bias, axis) + rounding)
+        variance = bias_variance(bias, axis) + wander_variance(bias, axis)
+        out['bias_deviation'][axis] = math.sqrt(variance + rounding)

@@ -118,7 +118,7 @@ def start_bias(
         state['assumed_bias'][axis] = state['bias'][axis]
         state['assumed_variance'][axis] = state['variance'][axis]
         state['provisional_variance'][axis] = 0.0
-        state['wander'][axis] = state['wander_variance'][axis] = 0.0
+        state['wander'][axis] = 0.0
     forget_contradiction(state)
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
@@ -442,13 +442,13 @@ def _note_wander(state: Bias, axis: int, innovation: float, innovation_variance:
     """Note by how much the bias wanders about its estimate at rest.
 
     The mean square of the innovations says so, each with LAG_WEIGHT: what it has beyond their
-    variance by noise and random walk, and beyond a deviation of chance. Innovation in rad/s.
+    variance by noise and random walk. Innovation in rad/s.
     """
-    wander, excess = state['wander'], innovation * innovation - innovation_variance
+    excess = innovation * innovation - innovation_variance
     by_chance = math.sqrt(2.0 * LAG_WEIGHT / (2.0 - LAG_WEIGHT)) * innovation_variance
+    wander = state['wander'][axis] + LAG_WEIGHT * (excess - state['wander'][axis])
     # A bias that was widened is predicted too well for some time, which says nothing of later.
-    wander[axis] = max(wander[axis] + LAG_WEIGHT * (excess - wander[axis]), -by_chance)
-    state['wander_variance'][axis] = max(wander[axis] - by_chance, 0.0)
+    state['wander'][axis] = max(wander, -by_chance)
 
 
 @kernel

@@ -80,10 +80,7 @@ class Bias(TypedDict):
     recent_count: int
     gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
-    # (rad/s)^2, mean of what squared innovations at rest have beyond their variance, and what of it
-    # chance does not explain
-    wander: PerAxis
-    wander_variance: PerAxis
+    wander: PerAxis  # (rad/s)^2, mean of what squared innovations at rest exceed their variance by
     shaken_stand: ShakenStand
     swing: Swing  # slow motion that may pass for rest
     hint: int  # a member of Hint
@@ -113,6 +110,15 @@ BIAS_RECORD = record(Bias)
 def bias_variance(state: Bias, axis: int) -> float:
     """Return the variance of the bias at rest by now, in (rad/s)^2."""
     return float(state['variance'][axis] + state['process_noise'])
+
+
+@kernel
+def wander_variance(state: Bias, axis: int) -> float:
+    """Return the variance by which the bias wanders about its estimate at rest, in (rad/s)^2.
+
+    It is apart from `bias_variance`, as an estimate that used it would follow slow turns.
+    """
+    return max(float(state['wander'][axis]), 0.0)
 
 
 @kernel
