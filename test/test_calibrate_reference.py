@@ -174,6 +174,7 @@ def test_whole_turns_against_an_edge(random):
     assert np.diag(by_gravity.deviation).max() > 1.5 * np.diag(found.deviation).max()
 
 
+@pytest.mark.slow
 def test_whole_turns_without_an_accelerometer(random):
     faults = random_faults(random)
     found = calibrate([whole_turns(random, faults, accelerometer=False)], turns=True)

@@ -243,6 +243,7 @@ def test_bursts(found):
     assert faults(found(bursts, log_times=stamps + 200_000)) == {'bursts'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('size', [2, 8, 10**6])
 def test_stamps_that_messages_share(size, found):
     """Of a buffer, and of a driver that has never stamped anew."""
@@ -587,6 +588,7 @@ def test_the_clock_of_the_stamps_beside_the_log_times(found, drift, offset, step
     assert faults(found(simulation, log_times=log)) == {expected}
 
 
+@pytest.mark.slow
 def test_two_sensors_that_take_turns(found):
     simulation = handled()
     rates = simulation.angular_velocity.copy()

@@ -297,6 +297,7 @@ def logged(filter_, stamps, rates, forces, piece):
     return imus, log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('piece', [1, 7, 10_000])
 @pytest.mark.parametrize('method', ['adaptive', 'sage_husa'])
 def test_pieces_of_any_size_give_the_same(piece, method, rates_and_forces):

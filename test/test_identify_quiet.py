@@ -236,6 +236,7 @@ def test_a_bias_that_moves_is_told_from_a_turn_where_gravity_can(step, gravity, 
     assert other.turns_not == turns_not
 
 
+@pytest.mark.slow
 def test_of_a_bias_that_moves_the_deviation_tells(random):
     """The longest rest says what the bias was there, and not what it will be."""
     stamps, rates, accelerations = at_rest(random, 300)

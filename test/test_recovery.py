@@ -208,6 +208,7 @@ def test_a_summary_and_a_chunk_that_are_damaged(tmp_path, random, caplog):
     assert f'chunk is wrong: this and the {behind} bytes behind it are not read' in caplog.text
 
 
+@pytest.mark.slow
 def test_all_commands_read_a_file_with_a_damaged_summary(tmp_path, capsys):
     folder = simulated_folder(tmp_path)
     for name in ('motionless', 'turns'):

@@ -226,6 +226,7 @@ def test_points_share_the_room():
     assert points_for(4) == pytest.approx(points_for(1) / 4, abs=1)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1e6, 1e6, width=32) | st.just(np.nan), max_size=400), st.integers(4, 60))
 def test_a_reduced_signal_keeps_its_extremes(values, room):
     values = np.array(values, np.float32)

@@ -97,6 +97,7 @@ def test_handlers_of_signals_are_given_back(tmp_path):
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_has_left_is_removed_and_told(tmp_path, caplog):
     out = tmp_path / 'out'
     process = begin(out)
