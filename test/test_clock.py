@@ -269,13 +269,19 @@ def test_a_rate_that_changes_is_followed():
         assert filter_.state['clock']['gaps'] == gaps
 
 
+def of_two_rates(before, after, samples, jitter, random):
+    """Return a filter after 20 s at one rate in Hz, and so many samples at another one."""
+    filter_ = Filter()
+    stamps = jittered(20 * before, before, jitter, random)
+    feed(filter_, stamps)
+    feed(filter_, stamps[-1] + 10**9 // after + jittered(samples, after, jitter, random) - START)
+    return filter_
+
+
 @pytest.mark.parametrize(('before', 'after'), [(200, 100), (400, 50), (100, 33)])
 @pytest.mark.parametrize('jitter', [0.0, 0.1])
 def test_a_driver_that_lowers_its_rate_has_lost_nothing(before, after, jitter, random):
-    filter_ = Filter()
-    fast = jittered(20 * before, before, jitter, random)
-    feed(filter_, fast)
-    feed(filter_, fast[-1] + 10**9 // after + jittered(40, after, jitter, random) - START)
+    filter_ = of_two_rates(before, after, 40, jitter, random)
     assert clock(filter_) == QUIET
     assert filter_.state['clock']['period'] == pytest.approx(1.0 / after, rel=0.02)
 
@@ -284,10 +290,7 @@ def test_a_driver_that_lowers_its_rate_has_lost_nothing(before, after, jitter, r
 @pytest.mark.parametrize('jitter', [0.0, 0.1])
 def test_a_driver_that_raises_its_rate_is_followed_within_25_samples(before, after, jitter, random):
     """It took 7 to 10 s, in which gravity was turned two to four times too far."""
-    filter_ = Filter()
-    slow = jittered(20 * before, before, jitter, random)
-    feed(filter_, slow)
-    feed(filter_, slow[-1] + 10**9 // after + jittered(25, after, jitter, random) - START)
+    filter_ = of_two_rates(before, after, 25, jitter, random)
     assert clock(filter_) == QUIET
     assert filter_.state['clock']['period'] == pytest.approx(1.0 / after, rel=0.03)
 

@@ -41,12 +41,12 @@ from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
-from gyro_drift_filter.simulation.bag import TOPIC, imu_message
+from gyro_drift_filter.simulation.bag import TOPIC
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
 from support.bags import write as write_rows
 from support.doctored import handled, messages, write
-from support.messages import NOT_REPORTED
+from support.messages import without_rates
 from support.paths import RECORDINGS
 from support.sensor import turning_gravity
 
@@ -340,11 +340,10 @@ def test_messages_without_rates_between_others(behind, tmp_path, random):
     alone, rows = random.random(len(simulation.stamps)) < 0.25, []
     for stamp, data, is_alone in zip(simulation.stamps, messages(simulation), alone, strict=True):
         time = int(stamp) + behind
-        without = imu_message(time, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
         if behind or not is_alone:
             rows.append((int(stamp), data))
         if behind or is_alone:
-            rows.append((time, without))
+            rows.append((time, without_rates(time)))
     findings = examined(write_rows(tmp_path / 'bag', {(TOPIC, IMU_TYPE): rows}))
     told = {finding.name: finding for finding in findings if finding.is_fault}
     share = 0.5 if behind else float(alone.mean())

@@ -41,7 +41,7 @@ from gyro_drift_filter.messages.telemetry import (
 )
 from gyro_drift_filter.simulation.bag import imu_message
 from gyro_drift_filter.simulation.drive import simulate_drive
-from support.messages import NOT_REPORTED, imu_fields, quiet, serialized, simulated
+from support.messages import imu_fields, quiet, serialized, simulated, without_rates
 from support.sensor import DEGREE, at_rest, by_hand
 
 RULES = {rule.name: rule for rule in INPUT_RULES + FILTER_RULES}
@@ -249,33 +249,34 @@ def test_the_text_of_a_rate_that_is_off(changes, text):
     assert rule(span(**changes)).startswith(text)
 
 
+def told_each_second(messages):
+    """Return the texts of the input's rules by name, after each hundred of messages of 100 Hz."""
+    health, filter_, told = Health(), MessageFilter(Parameters()), []
+    for first in range(0, len(messages), 100):
+        filter_all(filter_, messages[first : first + 100])
+        span, of_input, _ = health.rules(filter_.report(), 1.0)
+        told.append({rule.name: rule.message(span) for rule in of_input})
+    return told
+
+
 @pytest.mark.parametrize('every', [2, 3, 10])
 def test_messages_without_rates_between_others_are_told_as_that(every, random):
     """The rates come as often as their stamps say, whatever comes between them."""
-    health, filter_, told = Health(), MessageFilter(Parameters()), set()
     messages = quiet(2000, 5e-3, random)
     for k in range(0, 2000, every):
-        stamp = imu_fields(messages[k]).stamp
-        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
-    for second in range(20):
-        filter_all(filter_, messages[100 * second : 100 * second + 100])
-        span, of_input, _ = health.rules(filter_.report(), 1.0)
-        told |= {rule.message(span) for rule in of_input}
+        messages[k] = without_rates(imu_fields(messages[k]).stamp)
+    told = {text for said in told_each_second(messages) for text in said.values()}
     assert any(text.startswith('some messages report no angular velocity') for text in told)
     assert not any('more messages come' in text or 'fewer messages' in text for text in told)
     assert not [text for text in told if 'gaps' in text and 'without rates' not in text]
 
 
 def test_a_time_without_rates_is_not_said_to_be_a_clock_that_was_set(random):
-    health, filter_, told = Health(), MessageFilter(Parameters()), []
     messages = quiet(4200, 5e-3, random)
     for k in range(1500, 3000):
-        stamp = imu_fields(messages[k]).stamp
-        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
-    for second in range(42):
-        filter_all(filter_, messages[100 * second : 100 * second + 100])
-        span, of_input, _ = health.rules(filter_.report(), 1.0)
-        told.append({rule.name: rule.message(span) for rule in of_input})
+        messages[k] = without_rates(imu_fields(messages[k]).stamp)
+    told = told_each_second(messages)
+    assert len(told) == 42
     assert all(said.keys() == {'not reported'} for said in told[15:30])
     assert told[30]['restarted'].startswith('stamps of rates jumped by more than gap_limit: mess')
     assert 'come without rates' in told[30]['restarted']
@@ -286,15 +287,10 @@ def test_a_time_without_rates_is_not_said_to_be_a_clock_that_was_set(random):
 @pytest.mark.parametrize(('begin', 'end', 'seconds'), [(0, 20, 0), (0, 200, 2), (1000, 2000, 10)])
 def test_a_time_without_rates_is_told_for_as_long_as_it_lasts(begin, end, seconds, random):
     """And not for as long as the window holds some of it, nor where a driver starts up."""
-    health, filter_, told = Health(), MessageFilter(Parameters()), []
     messages = quiet(3000, 1e-2, random)
     for k in range(begin, end):
-        stamp = imu_fields(messages[k]).stamp
-        messages[k] = imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
-    for second in range(30):
-        filter_all(filter_, messages[100 * second : 100 * second + 100])
-        span, of_input, _ = health.rules(filter_.report(), 1.0)
-        told += [rule.message(span) for rule in of_input if rule.name == 'not reported']
+        messages[k] = without_rates(imu_fields(messages[k]).stamp)
+    told = [said['not reported'] for said in told_each_second(messages) if 'not reported' in said]
     assert len(told) == seconds
     assert all(text.startswith('no angular velocity') for text in told)
 
@@ -482,7 +478,7 @@ def test_health_says_how_long_the_noise_was_learned(method):
         ([], Level.STALE, 'no message: is the driver running'),
         ([b'junk'], Level.ERROR, 'messages refused, the last because 4 bytes are too few'),
         (
-            [imu_message(10**18, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)],
+            [without_rates(10**18)],
             Level.WARN,
             'no angular velocity reported',
         ),

@@ -88,6 +88,11 @@ def offset_of_doubles(data: bytes) -> int:
     return 4 + -(-(12 + length) // 8) * 8
 
 
+def without_rates(stamp: int) -> bytes:
+    """Return an Imu that reports no angular velocity."""
+    return imu_message(stamp, (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+
+
 def text(value: str) -> bytes:
     """Return a serialized String."""
     return bytes(STORE.serialize_cdr(STORE.types[TEXT](value), TEXT))
