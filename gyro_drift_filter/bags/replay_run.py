@@ -92,7 +92,7 @@ class Summary:
         period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
             that it was given or assumes.
         bias_deviation: Standard deviation of the bias at the end (3,) in rad/s, as `/diagnostics`
-            tells it: with what the rounding to counts may leave in the mean of a rest.
+            tells it: with its wander, and with what rounding may leave in the mean of a rest.
         status: The filter's health over the whole bag.
         start: Log time of the first message of the recording in ns.
         seconds: From then to its last message.

@@ -176,7 +176,11 @@ def _rate_text(span: Span) -> str:
     return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
 
 
+_are_some_not_reported = beyond(lambda span: span.not_reported, *_NOT_REPORTED_SHARE)
+
+
 def _is_not_reported(span: Span) -> bool | None:
+    """Return whether messages without rates come; None where the alarm stays as it is."""
     some = _are_some_not_reported(span)
     if span.now.not_reported > span.before.not_reported:
         return span.samples == 0 or (some if span.seconds >= _NOT_REPORTED_SECONDS else None)
@@ -184,9 +188,6 @@ def _is_not_reported(span: Span) -> bool | None:
     received = span.now.received - span.before.received
     is_over = span.not_reported * received > _SURELY_ONE
     return False if is_over or some is False else None
-
-
-_are_some_not_reported = beyond(lambda span: span.not_reported, *_NOT_REPORTED_SHARE)
 
 
 def _not_reported_text(span: Span) -> str:

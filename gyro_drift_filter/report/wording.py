@@ -44,7 +44,7 @@ _VISIBLE = 0.0087
 _LAG_SHARE = 0.005
 # A good gyroscope's scale is off by so much; it is told where that is more than what is left.
 _SCALE = 0.01
-# Robots that stand stand for so long, in s; a rest that has to last longer is told.
+# A robot that stops stands for so long, in s: where a rest has to last longer, that is told.
 _USUAL_REST = 10
 _NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
@@ -165,7 +165,7 @@ def _why_useless(verdict: Verdict) -> str:
 
 
 def _advice(verdict: Verdict) -> str:
-    """Return what to do for a bias that is known, in a sentence behind another one."""
+    """Return the end of a sentence, and one that asks for a rest; empty where there was one."""
     if verdict.rests.count or _is_beyond(verdict):
         return ''
     seconds = time_to_stand(verdict.rests.needed)
