@@ -42,7 +42,7 @@ quality: $(VENV)/.installed
 	$(BIN)/python -m benchmark.bias || status=1; \
 	$(BIN)/python -m benchmark.drivers --check || status=1; \
 	$(BIN)/python -m benchmark.covariance || status=1; \
-	$(BIN)/python -m benchmark.vehicles || status=1; \
+	$(BIN)/python -m benchmark.vehicles --check || status=1; \
 	$(BIN)/python -m benchmark.scale || status=1; \
 	$(BIN)/python -m benchmark.without_rest --check || status=1; \
 	$(BIN)/python -m benchmark.unmeasured --check || status=1; \

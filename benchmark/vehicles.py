@@ -62,6 +62,9 @@ STANDARD_ERRORS, NOISE = 2.0, 0.05
 # Where the body tilts, gravity shows the bias: at most this share of the error without is left.
 # What stays level, or leans into what speeds it up, shows less.
 BETTER = {('drone', 'tilt'): 0.8, ('hand', 'tilt'): 0.8}
+# What speeds up for a minute looks like a tilt, and costs a steady sensor at most so many times the
+# error without (docs/tuning.md says who had better switch it off).
+COSTS = {('car', 'tilt'): 2.0, ('train', 'tilt'): 2.5}
 # Shares of time within two deviations, on the mean of all.
 INSIDE = (0.85, 0.99)
 # A sensor at its temperature, and one that warms up: deviation of what its bias moves by, in rad/s.
@@ -145,11 +148,11 @@ def misses(name: str, of_vehicle: Sequence[Judged]) -> list[str]:
     found = []
     off, on = (np.array([getattr(one, which) for one in of_vehicle]) for which in ('off', 'on'))
     for k, figure in enumerate(FIGURES):
-        worse = on[:, k] - off[:, k]
+        worse, share = on[:, k] - off[:, k], on[:, k].mean() / off[:, k].mean()
         error = worse.std(ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
-        if worse.mean() > max(STANDARD_ERRORS * error, NOISE * off[:, k].mean()):
+        is_worse = worse.mean() > max(STANDARD_ERRORS * error, NOISE * off[:, k].mean())
+        if is_worse and share > COSTS.get((name, figure), 1.0):
             found.append(f'{name}: {figure} is worse')
-        share = on[:, k].mean() / off[:, k].mean()
         if share > BETTER.get((name, figure), np.inf):
             found.append(f'{name}: {100 * share:.0f} % of the error of {figure} is left')
     return found
@@ -195,7 +198,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         inside.append(share)
         rows.append([name, '', '', '', f'{100.0 * share:.1f}'])
     print(table(rows))
-    if not INSIDE[0] <= np.mean(inside) <= INSIDE[1]:
+    # Simulated sensors are steadier than `bias.random_walk`: alone they show no deviation as too
+    # large.
+    most = INSIDE[1] if options.data else 1.0
+    if not INSIDE[0] <= np.mean(inside) <= most:
         missed.append(f'{100.0 * np.mean(inside):.1f} % of the time within two deviations')
     return tell_misses(missed, check=options.check)
 
