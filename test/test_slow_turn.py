@@ -76,6 +76,37 @@ def test_a_turn_that_only_several_segments_tell_is_taken_back(random):
     assert max(learned) < 0.5
 
 
+@pytest.mark.parametrize('speed', [1.0, 3.0, 5.0])
+def test_a_turn_from_power_on_is_unlearned_by_a_quieter_stand(speed, random):
+    """It was the bias for 90 s of rest, in which the heading lost up to 450 degrees."""
+    bias = np.array([0.4, -0.7, 0.5]) * DEGREE
+    turn = bias + np.array([0.0, 0.0, speed * DEGREE])
+    parts = [shaken(random, 10, turn), at_rest(random, 50, bias), shaken(random, 20, turn)]
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results = run(Filter(), rates, accelerations)
+    np.testing.assert_allclose(results['bias'][800], turn, atol=0.2 * DEGREE)
+    off = np.abs(results['bias'] - bias).max(axis=1)
+    assert off[4500:].max() < 0.1 * DEGREE  # nor does the same turn bring it back
+
+
+@pytest.mark.parametrize('speed', [1.0, 3.0, 5.0])
+@pytest.mark.parametrize(('loud', 'quiet', 'lasts'), [(20, 0, 27), (3, 5, 60), (3, 20, 60)])
+def test_a_turn_behind_the_noise_of_a_machine_is_no_bias(speed, loud, quiet, lasts, random):
+    """It is as quiet as rest was when the machine had stopped, or does not last."""
+    turn = (0.0, 0.0, speed * DEGREE)
+    parts = [shaken(random, loud), at_rest(random, quiet), at_rest(random, lasts, turn)]
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][500:, 2]).max() < 0.2 * DEGREE
+
+
+def shaken(random, seconds, rate=(0.0, 0.0, 0.0)):
+    """Return rates and accelerations of a body that a machine shakes, evenly."""
+    rates, accelerations = at_rest(random, seconds, rate)
+    shake = random.standard_normal((len(rates), 3))
+    return rates + 0.03 * shake, accelerations + 0.5 * shake
+
+
 JUMPS = [(1.0, -0.6, 0.8), (-2.5, 0.0, 1.0), (0.0, 0.5, 0.0), (0.0, 8.0, -9.0)]  # deg/s
 
 

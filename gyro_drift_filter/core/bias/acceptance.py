@@ -28,6 +28,8 @@ While the robot says that it moves, no segment comes here but that of a stop (`a
 of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
 """
 
+import math
+
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.provisional import is_far_from_provisional, is_less_steady
 from gyro_drift_filter.core.bias.records import Bias, Hint, widen
@@ -42,14 +44,16 @@ from gyro_drift_filter.core.bias.slow_turn import (
 )
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.rest.noise import (
+    FAR_QUIETER,
     forget_noise,
     learn_noise_from_segment,
+    noise_level,
     segment_variance,
     shows_motion,
     unlearn_first_segment,
 )
 from gyro_drift_filter.core.rest.records import BlockOutcome, Halves, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import segment_mean
+from gyro_drift_filter.core.rest.segment import LEAST_VARIANCE, segment_mean
 from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 
 # What a bias has moved by where it has warmed up faster than the parameter allows, in deviations of
@@ -134,7 +138,8 @@ def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) 
         turn['mistaken'] = True
         state['walk'] = min(state['walk'], 1.0)
     else:
-        outcome = update_slow_turn(state, lengths['block_seconds'])
+        quieter = found == BlockOutcome.SEGMENT and _is_far_quieter(state)
+        outcome = update_slow_turn(state, lengths['block_seconds'], quieter)
         if outcome == SlowTurnOutcome.TURN:
             return False
         if outcome == SlowTurnOutcome.LASTED:
@@ -146,6 +151,16 @@ def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) 
     state['known'] = False
     state['doubted_segments'] = state['recent_count'] = 0
     return True
+
+
+@kernel
+def _is_far_quieter(state: Bias) -> bool:
+    """Return whether the segment is far quieter than the quietest one that has shown the bias."""
+    rates, accelerations = noise_level(state['rest'], 0), noise_level(state['rest'], 3)
+    less = math.log(FAR_QUIETER)
+    without = state['quietest_accelerations'] <= math.log(LEAST_VARIANCE)  # an accelerometer
+    calmer = without or accelerations < state['quietest_accelerations'] + less
+    return bool(calmer and rates < state['quietest_rates'] + less)
 
 
 @kernel

@@ -59,7 +59,12 @@ from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.quantisation import likely_count
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
-from gyro_drift_filter.core.rest.noise import note_count, segment_variance, variance_of_mean
+from gyro_drift_filter.core.rest.noise import (
+    noise_level,
+    note_count,
+    segment_variance,
+    variance_of_mean,
+)
 from gyro_drift_filter.core.rest.other_noise import (
     confirm_other_noise,
     finds_other_segment,
@@ -123,6 +128,7 @@ def start_bias(
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = state['walk_at_rest'] = 1.0
+    state['quietest_rates'] = state['quietest_accelerations'] = -np.inf
     state['doubted_segments'] = 0
     state['corrected'] = 0
     state['restored'] = False
@@ -376,11 +382,25 @@ def _learn(state: Bias) -> None:
             state['variance'][axis] = segment_variance(rest, axis)
     else:
         _correct(state)
+    _note_quietest(state, anew)
     for axis in range(3):
         anew = limit_shift(state['motion'], axis, rest['signals'][axis]['variance']) or anew
     if anew:
         start_motion_bias(state['motion'], state['bias'], state['variance'])
     _settle(state)
+
+
+@kernel
+def _note_quietest(state: Bias, anew: bool) -> None:
+    """Note how quiet the segment is, the first one of its bias or not.
+
+    Of a bias that was given, or is remembered, nothing is quieter.
+    """
+    rates, accelerations = noise_level(state['rest'], 0), noise_level(state['rest'], 3)
+    if anew:
+        state['quietest_rates'], state['quietest_accelerations'] = rates, accelerations
+    state['quietest_rates'] = min(state['quietest_rates'], rates)
+    state['quietest_accelerations'] = min(state['quietest_accelerations'], accelerations)
 
 
 @kernel

@@ -94,6 +94,10 @@ class Bias(TypedDict):
     seconds_since_rest: float  # since the last rest, or since the start where there was none
     doubted_segments: int  # of rest, to go until one is accepted after a slow turn
     turn: SlowTurn  # the rate of rest that was not accepted
+    # mean logarithms of the variance of the rates, and of the accelerations, in the quietest
+    # segment that has shown the bias
+    quietest_rates: float
+    quietest_accelerations: float
     rest_beyond_max: bool  # the stillness under way has a rate beyond the largest bias
     # segments of rest that were counted
     segments: int  # that the bias was learned from

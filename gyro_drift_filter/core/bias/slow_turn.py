@@ -37,8 +37,9 @@ from gyro_drift_filter.core.rest.standing import LEAST_GRAVITY, STEADY_GRAVITY
 if TYPE_CHECKING:
     from gyro_drift_filter.core.bias.records import Bias
 
-# A turn lasts no longer than this: then it is the bias after all.
-LONGEST_TURN = 90.0  # s
+# A turn lasts no longer than this: then it is the bias after all. No body is quieter while it turns
+# than while it stands, but beside a machine that has stopped meanwhile.
+LONGEST_TURN, LONGEST_QUIETER_TURN = 90.0, 30.0  # s
 # It stays, or moves on as a bias that warms up does, within so many deviations of its noise.
 SAME_TURN_GATE = 4.0
 # A body that has turned by so much in between, in rad, has not kept on turning slowly meanwhile.
@@ -161,10 +162,11 @@ def end_stopped_turn(turn: SlowTurn, still_blocks: int) -> None:
 
 
 @kernel
-def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
+def update_slow_turn(state: 'Bias', block_seconds: float, quieter: bool) -> SlowTurnOutcome:
     """Update by a segment whose rate is not the bias; return what that rate is.
 
-    A block of the segment lasts `block_seconds`.
+    A block of the segment lasts `block_seconds`. It may be far `quieter` than all rest that has
+    shown the bias.
     """
     turn, rest, bias = state['turn'], state['rest'], state['bias']
     seconds, since_rest = rest['blocks'] * block_seconds, state['seconds_since_rest']
@@ -194,7 +196,8 @@ def update_slow_turn(state: 'Bias', block_seconds: float) -> SlowTurnOutcome:
         turn['turned'] = 0.0
     needed = RETURNS_OF_WARM_UP if turn['moves'] else 1
     again = turn['returns'] >= needed and not turn['mistaken']
-    lasted = again or turn['seconds'] >= LONGEST_TURN
+    quieter_lasts = quieter and turn['seconds'] >= LONGEST_QUIETER_TURN and not turn['mistaken']
+    lasted = again or quieter_lasts or turn['seconds'] >= LONGEST_TURN
     return SlowTurnOutcome.LASTED if lasted else SlowTurnOutcome.TURN
 
 

@@ -188,6 +188,18 @@ def shows_motion(rest: Rest, length: int) -> bool:
 
 
 @kernel
+def noise_level(rest: Rest, first: int) -> float:
+    """Return the mean logarithm of the variance of three signals, from `first` on, in the segment.
+
+    The variances are in (rad/s)^2, or in (m/s^2)^2 for the accelerations, from signal 3 on.
+    """
+    total = 0.0
+    for i in range(first, first + 3):
+        total += math.log(max(value_variance(rest, rest['signals'][i]), LEAST_VARIANCE))
+    return total / 3.0
+
+
+@kernel
 def unlearn_first_segment(rest: Rest) -> None:
     """Forget the noise, if it is that of one segment alone, which was no rest."""
     if rest['learned'] == 1:
