@@ -80,15 +80,30 @@ def source(tmp_path_factory):
     return path
 
 
+def held_by(source):
+    """Return the paths within a source distribution."""
+    with tarfile.open(source) as archive:
+        return {name.partition('/')[2] for name in archive.getnames()}
+
+
 @pytest.mark.slow
 def test_the_source_distribution_holds_what_the_tests_need(source):
-    with tarfile.open(source) as archive:
-        held = {name.partition('/')[2] for name in archive.getnames()}
+    held = held_by(source)
     for folder in ('benchmark', 'config', 'demo', 'docs', 'harness', 'launch', 'test', 'tools'):
         for path in (REPOSITORY / folder).rglob('*'):
             if path.is_file() and '__pycache__' not in path.parts:
                 assert str(path.relative_to(REPOSITORY)) in held
     assert {'package.xml', 'LICENSE', 'Makefile', 'pytest.ini', 'ruff.toml', 'mypy.ini'} <= held
+
+
+@pytest.mark.slow
+def test_the_source_distribution_holds_what_is_tracked(source):
+    """But for what the continuous integration and git alone read."""
+    if shutil.which('git') is None or not (REPOSITORY / '.git').exists():
+        pytest.skip('this is no clone with git')
+    listed = run_command('git', 'ls-files', cwd=REPOSITORY)
+    assert listed.returncode == 0, listed.stderr
+    assert set(listed.stdout.splitlines()) - held_by(source) == {'.ci/run', '.gitignore'}
 
 
 @pytest.mark.slow
