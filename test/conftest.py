@@ -27,7 +27,7 @@ import pytest
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
 
-from support.paths import NAMES, RECORDINGS
+from support.paths import NAMES, RECORDINGS, recorded
 
 # ROS traffic of the tests stays on this machine.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -41,14 +41,6 @@ settings.load_profile('repeatable')
 if hasattr(providers, '_get_local_constants'):  # not in every version
     _NO_CONSTANTS = providers._local_constants
     providers._get_local_constants = lambda: _NO_CONSTANTS
-
-
-def path_of(name):
-    """Return the path of a real recording, or skip the test where there is none."""
-    path = RECORDINGS / name
-    if not path.exists():
-        pytest.skip(f'the real recording {name} is not beside this clone')
-    return path
 
 
 # What ROS 2 from apt does not bring. `make test` installs all of it; `colcon test` on a robot's
@@ -157,13 +149,7 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(params=NAMES)
 def recording(request):
     """Path of each real recording in turn."""
-    return path_of(request.param)
-
-
-@pytest.fixture
-def real_bag():
-    """Return a function of a recording's name to its path."""
-    return path_of
+    return recorded(RECORDINGS / request.param)
 
 
 @pytest.fixture
@@ -188,7 +174,7 @@ def real():
     known = {}
 
     def load(name):
-        path = path_of(name)
+        path = recorded(RECORDINGS / name)
         if name not in known:
             data = read_imu_arrays(path)
             known[name] = data.stamps, data.angular_velocity, data.linear_acceleration

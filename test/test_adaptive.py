@@ -44,7 +44,7 @@ from gyro_drift_filter.core.methods.noise import largest_variance
 from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START, even_stamps
-from support.paths import FLIGHTS
+from support.paths import FLIGHTS, recorded
 from support.sensor import by_hand, motion_below
 
 RATES = (50.0, 100.0, 400.0, 1000.0, 4000.0)
@@ -948,10 +948,9 @@ def test_a_sensor_that_never_rests_at_a_low_rate_has_an_honest_deviation(rate, r
     assert 0.85 < inside.mean() < 0.99
 
 
-@pytest.mark.skipif(not FLIGHTS.exists(), reason='no recordings beside this clone')
 @pytest.mark.parametrize('every', [4, 8, 12, 20])
 def test_real_walks_in_the_hand_are_followed_at_a_low_rate(every):
-    paths = sorted(FLIGHTS.glob('room_*.npz'))
+    paths = sorted(recorded(FLIGHTS).glob('room_*.npz'))
     assert paths
     for path in paths:
         with np.load(path) as data:

@@ -27,7 +27,7 @@ from gyro_drift_filter.calibrate.rests import find_rests, make_track
 from gyro_drift_filter.calibrate.turning import Leg, rotations, turn, turn_alone
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 from support.messages import even_stamps
-from support.paths import RECORDINGS
+from support.paths import RECORDINGS, recorded
 
 UP = Rotation.identity()
 DEGREE = np.radians(1.0)
@@ -399,9 +399,7 @@ def test_a_turn_and_what_it_depends_on(random):
 @pytest.mark.slow
 def test_a_real_sensor_closes_turns_that_it_was_not_found_from():
     """An Xsens whose nominal scale is 31 % off, laid down by hand 38 times."""
-    if not (RECORDINGS / 'multiposition_xsens').exists():
-        pytest.skip('needs the recordings beside the package')
-    data = read_imu_arrays(RECORDINGS / 'multiposition_xsens')
+    data = read_imu_arrays(recorded(RECORDINGS / 'multiposition_xsens'))
     first = (data.stamps - data.stamps[0]) < 260e9
     parts = [
         Samples(data.stamps[part], data.angular_velocity[part], data.linear_acceleration[part])

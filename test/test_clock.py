@@ -29,7 +29,7 @@ from gyro_drift_filter.core.clock.periodogram import keep_stamp, period_of_stamp
 from gyro_drift_filter.core.records import FILTER
 from gyro_drift_filter.core.sample import SampleStatus
 from support.messages import START, even_stamps
-from support.paths import RECORDINGS
+from support.paths import RECORDINGS, recorded
 from support.sensor import GRAVITY, NOISE, at_rest, by_hand, fast_turn
 
 MS = 1_000_000
@@ -654,9 +654,7 @@ def test_period_and_losses_are_those_of_hindsight(rate, drift, jitter, exponenti
 
 
 def test_the_real_bursty_driver_has_no_gap():
-    path = RECORDINGS / 'static_mpu6050_bursty'
-    if not path.exists():
-        pytest.skip('the real recording static_mpu6050_bursty is not beside this clone')
+    path = recorded(RECORDINGS / 'static_mpu6050_bursty')
     filter_ = Filter()
     feed(filter_, read_imu_arrays(path).stamps)
     assert clock(filter_) == QUIET

@@ -34,16 +34,11 @@ from benchmark.covariance import (
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from support.messages import START, even_stamps, serialized
-from support.paths import RECORDINGS
+from support.paths import WITH_TRUTH, recorded
 from support.sensor import DEGREE, NOISE, at_rest, by_hand
 
 LEAST, MOST = 0.85, 0.99
 DEVIATION = Parameters().bias_turn_on_deviation
-DATA = RECORDINGS.parent / 'quality' / 'data'
-
-with_recordings = pytest.mark.skipif(
-    not DATA.exists(), reason='the real recordings with known truth are not beside this clone'
-)
 
 
 def assert_claim(recordings):
@@ -86,23 +81,22 @@ def test_before_the_first_rest(deviation, random):
 
 
 @pytest.mark.slow
-@with_recordings
 def test_real_motion_by_hand(random):
-    assert_claim(recording.part(0, 6000) for recording in motion_by_hand(DATA, random))
+    recordings = motion_by_hand(recorded(WITH_TRUTH), random)
+    assert_claim(recording.part(0, 6000) for recording in recordings)
 
 
-@with_recordings
 def test_real_sensors_that_stand_still():
-    assert_claim(recording.part(0, 20_000) for recording in motionless(DATA))
+    assert_claim(recording.part(0, 20_000) for recording in motionless(recorded(WITH_TRUTH)))
 
 
 @pytest.mark.slow
-@with_recordings
 def test_the_bias_of_real_sensors_with_a_reference(random):
     """Of five sensors, two of them in eight recordings with an orientation beside them."""
-    found = [judge(recording) for recording in tracked(DATA)]
+    data = recorded(WITH_TRUTH)
+    found = [judge(recording) for recording in tracked(data)]
     before = [shares['bias before'] for shares in found]
-    before += [judge(recording.part(0, 200))['before'] for recording in motionless(DATA)]
+    before += [judge(recording.part(0, 200))['before'] for recording in motionless(data)]
     # Five of them never rest.
     after = [shares['bias after'] for shares in found if np.isfinite(shares['bias after'])]
     assert min(np.mean(before), np.mean(after)) >= LEAST

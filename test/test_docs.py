@@ -24,7 +24,7 @@ import pytest
 
 from gyro_drift_filter.cli.main import main
 from support.bags import simulated_folder
-from support.paths import PACKAGE, REPOSITORY
+from support.paths import PACKAGE, RECORDINGS, REPOSITORY, recorded
 from support.processes import run_command
 
 PAGES = [REPOSITORY / 'README.md', *sorted((REPOSITORY / 'docs').glob('*.md'))]
@@ -96,8 +96,8 @@ def test_commands_of_a_page_work(page, recordings, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_verdict_that_the_page_shows_is_that_of_the_program(real_bag, tmp_path, capsys):
-    source = real_bag('multiposition_xsens')
+def test_the_verdict_that_the_page_shows_is_that_of_the_program(tmp_path, capsys):
+    source = recorded(RECORDINGS / 'multiposition_xsens')
     assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 0
     shown = [b.text for b in blocks(REPOSITORY / 'docs' / 'report.md') if b.language == 'text']
     assert f'\n\n{shown[0]}\n' in capsys.readouterr().out

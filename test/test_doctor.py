@@ -47,7 +47,7 @@ from gyro_drift_filter.simulation.sensor import START
 from support.bags import write as write_rows
 from support.doctored import handled, messages, write
 from support.messages import without_rates
-from support.paths import RECORDINGS
+from support.paths import RECORDINGS, recorded
 from support.sensor import turning_gravity
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -798,9 +798,7 @@ REAL = {
 @pytest.mark.parametrize('name', REAL)
 def test_real_recordings_are_told_as_they_are(name):
     """All state zeros for covariances; their log times are their stamps."""
-    if not (RECORDINGS / name).exists():
-        pytest.skip(f'without {RECORDINGS / name}')
-    findings = examined(RECORDINGS / name)
+    findings = examined(recorded(RECORDINGS / name))
     assert faults(findings) == REAL[name] | {'zero covariance'}
     assert 'clock' in of_verdict(findings, FindingVerdict.UNKNOWN)
 

@@ -31,7 +31,7 @@ from gyro_drift_filter.rotations import (
     running_products,
     to_vectors,
 )
-from support.paths import MOTION
+from support.paths import MOTION, recorded
 from support.sensor import DEGREE, fast_turn, motion_below
 
 
@@ -664,10 +664,7 @@ def test_outliers_in_motion_are_not_given_back(seed):
 
     Simulated motion does not begin suddenly enough to show it, a hand does.
     """
-    path = MOTION / '14_undisturbed_slow_translation_with_breaks_B.npz'
-    if not path.exists():
-        pytest.skip('the recordings of motion are not beside this clone')
-    data = np.load(path)
+    data = np.load(recorded(MOTION / '14_undisturbed_slow_translation_with_breaks_B.npz'))
     truth, accelerations = data['rate'][:12_000].astype(float), data['acc'][:12_000].astype(float)
     random = np.random.default_rng(seed)
     z, outlier = truth + 6e-4 * random.standard_normal(truth.shape), np.zeros(truth.shape, bool)

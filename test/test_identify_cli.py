@@ -37,6 +37,7 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from support.bags import write, write_imus
 from support.messages import START
+from support.paths import RECORDINGS, recorded
 from support.processes import run_command
 
 pytestmark = pytest.mark.slow
@@ -489,14 +490,14 @@ def test_a_bag_with_temperature_only(tmp_path, capsys):
         ('broad_24_tapping', r'rest: \d\d\.\d s in \d spans, by gyroscope and accelerometer'),
     ],
 )
-def test_real_recordings_with_bursts_and_motion(name, said, real_bag, tmp_path, capsys):
-    assert identify(tmp_path, real_bag(name)) == 0
+def test_real_recordings_with_bursts_and_motion(name, said, tmp_path, capsys):
+    assert identify(tmp_path, recorded(RECORDINGS / name)) == 0
     assert re.search(said, capsys.readouterr().out)
     read_parameters(tmp_path / 'model.yaml')
 
 
-def test_a_real_recording(real_bag, tmp_path):
-    source = real_bag('static_adis16405')
+def test_a_real_recording(tmp_path):
+    source = recorded(RECORDINGS / 'static_adis16405')
     assert identify(tmp_path, source, '--json', str(tmp_path / 'model.json')) == 0
     axes = json.loads((tmp_path / 'model.json').read_text())['axes']
     biases = np.degrees([axis['preprocessed']['bias'] for axis in axes])

@@ -44,7 +44,7 @@ from gyro_drift_filter.tune.search import TimeIsUpError
 from gyro_drift_filter.tune.tuning import LEAST_GAIN, _Run, tune
 from support.bags import write
 from support.handling import HandlingSettings, simulate_handling
-from support.paths import RECORDINGS
+from support.paths import RECORDINGS, recorded
 
 TURNING = SimulationSettings(seed=3, static_seconds=6.0, dynamic_seconds=6.0)
 
@@ -423,9 +423,7 @@ def test_a_library_that_is_missing_is_named(bag, tmp_path, capsys, monkeypatch):
 )
 def test_real_recordings(name, method, better):
     """No worse than the default on the stretches held back, and better where that is poor."""
-    if not (RECORDINGS / name).exists():
-        pytest.skip(f'the real recording {name} is not beside this clone')
-    imu = read_imu_arrays(RECORDINGS / name)
+    imu = read_imu_arrays(recorded(RECORDINGS / name))
     recording = Material(imu.stamps, imu.angular_velocity, imu.linear_acceleration)
     found = tune(recording, Parameters(method=method), budget=60)
     assert found.cost_best <= found.cost_before

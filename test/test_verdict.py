@@ -44,6 +44,7 @@ from support.bags import write, write_imus
 from support.chunks import filtered_imus
 from support.handling import HandlingSettings, simulate_handling
 from support.messages import even_stamps
+from support.paths import RECORDINGS, recorded
 from support.sensor import NOISE, at_rest, by_hand, motion_below, taking_off, turning_gravity
 
 DEGREE = np.pi / 180
@@ -671,8 +672,8 @@ EXPECTED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', EXPECTED)
-def test_real_recordings(name, real_bag, tmp_path):
-    verdict = judged(real_bag(name), tmp_path)
+def test_real_recordings(name, tmp_path):
+    verdict = judged(recorded(RECORDINGS / name), tmp_path)
     rests, low, high = EXPECTED[name]
     assert verdict.outcome == 'helped'
     assert verdict.rests.count >= rests

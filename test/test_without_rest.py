@@ -42,7 +42,7 @@ from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.vehicles import VEHICLES, ride
 from support.messages import START, even_stamps
-from support.paths import FLIGHTS, REPOSITORY
+from support.paths import FLIGHTS, REPOSITORY, recorded
 from support.sensor import DEGREE, at_rest, motion_below, turning_gravity
 
 LATER = slice(round(120 * SAMPLE_RATE), None)
@@ -569,10 +569,7 @@ def test_directions_across_the_vertical_are_of_length_one_and_square(random):
 @pytest.mark.parametrize('name', STARTS)
 def test_real_flights_and_walks_that_begin_in_motion(name):
     """With another bias of 2 deg/s across the vertical, and as they are."""
-    path = FLIGHTS / f'{name}.npz'
-    if not path.exists():
-        pytest.skip('the recordings with a known orientation are not beside this clone')
-    data = np.load(path)
+    data = np.load(recorded(FLIGHTS / f'{name}.npz'))
     first = np.searchsorted(data['t'], data['t'][0] + round(STARTS[name] * 1e9))
     last = np.searchsorted(data['t'], data['t'][-1] - 12 * 10**9)
     stamps, rates = data['t'][first:last], data['rate'][first:last].astype(float)

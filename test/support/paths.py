@@ -17,13 +17,16 @@
 import shutil
 from pathlib import Path
 
+import pytest
+
 REPOSITORY = Path(__file__).parent.parent.parent
 PACKAGE = REPOSITORY / 'gyro_drift_filter'
 PARAMETER_FILE = REPOSITORY / 'config' / 'gyro_drift_filter.yaml'
 TESTS = REPOSITORY / 'test'
 RECORDINGS = REPOSITORY.parent / 'shared' / 'bags'
-MOTION = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'motion'
-FLIGHTS = REPOSITORY.parent / 'shared' / 'quality' / 'data' / 'dead_reckoning'
+WITH_TRUTH = REPOSITORY.parent / 'shared' / 'quality' / 'data'
+MOTION = WITH_TRUTH / 'motion'
+FLIGHTS = WITH_TRUTH / 'dead_reckoning'
 NAMES = (
     'broad_09_fast_rotation_with_breaks',
     'broad_24_tapping',
@@ -31,6 +34,14 @@ NAMES = (
     'static_mpu6050_bursty',
     'xio_fusion',
 )
+
+
+def recorded(path: Path) -> Path:
+    """Return the path of real recordings, or skip the test where they are not."""
+    if not path.exists():
+        pytest.skip(f'the real recordings {path.relative_to(REPOSITORY.parent)} are not there')
+    return path
+
 
 # What a copy of the repository leaves out: what is made in it.
 NOT_COPIED = shutil.ignore_patterns(
