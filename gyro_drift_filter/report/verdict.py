@@ -18,7 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +71,44 @@ class BiasSource(StrEnum):
     UNKNOWN = 'unknown'
 
 
-# A `bags.replay_run.Summary`: this layer knows no bags.
-Run = Any
+class Run(Protocol):
+    """What is read of a `bags.replay_run.Summary`, as this layer knows no bags."""
+
+    @property
+    def topic(self) -> str:
+        """The Imu topic."""
+
+    @property
+    def output_topic(self) -> str:
+        """The filtered topic."""
+
+    @property
+    def received(self) -> int:
+        """Imu messages read."""
+
+    @property
+    def written(self) -> int:
+        """Messages written to the filtered topic."""
+
+    @property
+    def not_reported(self) -> int:
+        """Messages without angular velocity, passed on as they came."""
+
+    @property
+    def unusable(self) -> NDArray[np.int64]:
+        """Samples without a usable rate, per axis (3,)."""
+
+    @property
+    def bias_deviation(self) -> Floats:
+        """Standard deviation of the bias at the end, (3,) in rad/s."""
+
+    @property
+    def start(self) -> int:
+        """Log time of the first message of the recording in ns."""
+
+    @property
+    def seconds(self) -> float:
+        """From then to its last message."""
 
 
 @dataclass(frozen=True)
