@@ -210,6 +210,34 @@ class FlaggedOutliers:
 
 
 @dataclass(frozen=True)
+class Misfit:
+    """How far the filter does not fit its sensor.
+
+    Attributes:
+        lagging: Share of the time in which innovations were far larger than the filter expects.
+        held_back: Share of the motion that the filter took for outliers for longer than these last.
+    """
+
+    lagging: float
+    held_back: float
+
+    @property
+    def lags(self) -> bool:
+        """Whether the filter lags for so long that it does not fit its sensor."""
+        return self.lagging > _LAGGING_SHARE
+
+    @property
+    def holds_motion_back(self) -> bool:
+        """Whether the filter takes so much of the motion for outliers that turns are lost."""
+        return self.held_back > _HELD_SHARE
+
+    @property
+    def harms(self) -> bool:
+        """Whether the rates are worse with the filter than without."""
+        return self.lags or self.holds_motion_back
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What a run of the filter was good for.
 
@@ -234,8 +262,8 @@ class Verdict:
         change_in_motion: Root mean square (3,) in rad/s of what the filter changes in motion beside
             the bias; NaN without enough motion.
         silent: Why an axis has no figures (3,); empty where it has.
-        lagging: Share of the time in which innovations were far larger than the filter expects.
-        held_back: Share of the motion that the filter took for outliers for longer than these last.
+        lagging: As in `Misfit`.
+        held_back: As in `Misfit`.
         findings: What in the recording is unsound.
     """
 
@@ -262,14 +290,9 @@ class Verdict:
     findings: list[Finding]
 
     @property
-    def lags(self) -> bool:
-        """Whether the filter lags for so long that it does not fit its sensor."""
-        return self.lagging > _LAGGING_SHARE
-
-    @property
-    def holds_motion_back(self) -> bool:
-        """Whether the filter takes so much of the motion for outliers that turns are lost."""
-        return self.held_back > _HELD_SHARE
+    def misfit(self) -> Misfit:
+        """How far the filter does not fit its sensor."""
+        return Misfit(self.lagging, self.held_back)
 
 
 class RunWatch:
@@ -350,37 +373,21 @@ class RunWatch:
         outliers = _flagged_outliers(
             total['outliers'], run, looked_for=filter_.parameters.outlier_enabled
         )
-        lagging = self._lagging / self._reported if self._reported else 0.0
         moving = int(total['moving'])
-        in_motion = moving + outliers.in_motion
-        held_back = 0.0
-        if in_motion >= _FEWEST:
-            held_back = int(self._held_back.samples.max()) / in_motion
-        lags, holds_back = lagging > _LAGGING_SHARE, held_back > _HELD_SHARE
-        harms = lags or holds_back
-        # Of a filter that does not follow the motion, what it takes for outliers says nothing of
-        # the recording. Gravity is held against the rates that stand in for these.
-        following = {'outliers', 'diverged'} if harms else set()
-        if holds_back:
-            following.add('contradicts gravity')
-        found = self._rules.findings(following, truncation_refuted=is_truncation_refuted(filter_))
-        faults = [finding for finding in found if finding.is_fault]
+        misfit = self._misfit(moving + outliers.in_motion)
+        faults = self._faults(misfit)
         gains = _gains(rests, bias, outliers, run)
         if in_degrees(faults):
             # What is flagged there is motion, 57 times as fast as it is.
             gains = [gain for gain in gains if gain != 'outliers']
-        outcome = Outcome.HELPED if gains else Outcome.USELESS
         silent = [_why_silent(total, run, axis) for axis in range(3)]
-        if not (gains or all(silent) or in_degrees(faults)) and _is_unsure(bias):
-            outcome = Outcome.UNSURE
-        if harms:
-            outcome = Outcome.HARMED
+        has_rates = not (all(silent) or in_degrees(faults))
         return Verdict(
             topic=run.topic,
             output_topic=run.output_topic,
             method=filter_.parameters.method,
             version=package_version(),
-            outcome=outcome,
+            outcome=_outcome(misfit, gains, is_unsure=has_rates and _is_unsure(bias)),
             gains=gains,
             received=run.received,
             written=run.written,
@@ -397,10 +404,26 @@ class RunWatch:
                 np.sqrt(total['changed'] / moving) if moving >= _FEWEST else np.full(3, np.nan)
             ),
             silent=silent,
-            lagging=lagging,
-            held_back=held_back,
+            lagging=misfit.lagging,
+            held_back=misfit.held_back,
             findings=faults,
         )
+
+    def _misfit(self, in_motion: int) -> Misfit:
+        """Return how far the filter does not fit, of so many samples in motion."""
+        lagging = self._lagging / self._reported if self._reported else 0.0
+        held_back = int(self._held_back.samples.max()) / in_motion if in_motion >= _FEWEST else 0.0
+        return Misfit(lagging, held_back)
+
+    def _faults(self, misfit: Misfit) -> list[Finding]:
+        # Of a filter that does not follow the motion, what it takes for outliers says nothing of
+        # the recording. Gravity is held against the rates that stand in for these.
+        refuted = {'outliers', 'diverged'} if misfit.harms else set()
+        if misfit.holds_motion_back:
+            refuted.add('contradicts gravity')
+        truncation_refuted = is_truncation_refuted(self._filter)
+        found = self._rules.findings(refuted, truncation_refuted=truncation_refuted)
+        return [finding for finding in found if finding.is_fault]
 
     def _bias(self, total: Any, run: Run) -> Bias:
         filter_ = self._filter
@@ -495,6 +518,14 @@ def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, run: Run) -> lis
     if 0 < int(outliers.axes.max()) < _SPIKES * run.received:
         gains.append('outliers')
     return gains
+
+
+def _outcome(misfit: Misfit, gains: Sequence[str], *, is_unsure: bool) -> Outcome:
+    if misfit.harms:
+        return Outcome.HARMED
+    if gains:
+        return Outcome.HELPED
+    return Outcome.UNSURE if is_unsure else Outcome.USELESS
 
 
 def _is_unsure(bias: Bias) -> bool:

@@ -135,9 +135,9 @@ def per_minute(rate: float) -> str:
 def _why_harmful(verdict: Verdict) -> str:
     """Return what the filter does wrong, and what to do about it."""
     what = []
-    if verdict.lags:
+    if verdict.misfit.lags:
         what.append(f'lags behind the motion for {100.0 * verdict.lagging:.0f} % of the time')
-    if verdict.holds_motion_back:
+    if verdict.misfit.holds_motion_back:
         what.append(f'takes {100.0 * verdict.held_back:.0f} % of the motion for outliers')
     advice = 'Take the default method, adaptive.'
     if verdict.method == Parameters().method:
