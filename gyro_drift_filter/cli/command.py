@@ -22,7 +22,7 @@ from importlib import import_module
 from gyro_drift_filter.cli import signals
 from gyro_drift_filter.cli.printing import take_any_name, tell
 from gyro_drift_filter.errors import GyroDriftFilterError
-from gyro_drift_filter.messages.health import package_version
+from gyro_drift_filter.version import package_version
 
 # Modules of this package.
 _SUBCOMMANDS = (

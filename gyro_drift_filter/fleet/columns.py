@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
-from gyro_drift_filter.messages.health import package_version
+from gyro_drift_filter.version import package_version
 from gyro_drift_filter.whole_file import whole_file
 
 

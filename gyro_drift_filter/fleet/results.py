@@ -23,7 +23,7 @@ from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.fleet.columns import MEASURED
 from gyro_drift_filter.fleet.measuring import Result, Row
 from gyro_drift_filter.fleet.sources import Bag
-from gyro_drift_filter.messages.health import package_version
+from gyro_drift_filter.version import package_version
 from gyro_drift_filter.whole_file import write_whole
 
 

@@ -20,8 +20,6 @@ levels and messages.
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -36,6 +34,7 @@ from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, applying
 from gyro_drift_filter.messages.span import Span, span_of
 from gyro_drift_filter.messages.telemetry import TELEMETRY, MessageReport, as_telemetry
+from gyro_drift_filter.version import package_version
 
 # Reports, one a second, that shares and rates are taken over.
 _WINDOW = 10
@@ -48,15 +47,6 @@ _at_start = np.zeros(1, TELEMETRY)
 _at_start['samples_per_message'] = 1.0
 # The report of a message filter to which nothing has come.
 NOTHING_RECEIVED = MessageReport(0, 0, '', 0, 0, 0, 0, '', Parameters(), as_telemetry(_at_start)[0])
-
-
-@cache
-def package_version() -> str:
-    """Return the version of the installed package, or 'unknown' in a bare checkout."""
-    try:
-        return version('gyro_drift_filter')
-    except PackageNotFoundError:
-        return 'unknown'
 
 
 class Health:

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
-from gyro_drift_filter.messages.health import package_version
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -34,6 +33,7 @@ from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
 from gyro_drift_filter.report.steady_rates import SteadyRates
+from gyro_drift_filter.version import package_version
 
 Floats = NDArray[np.float64]
 
