@@ -33,9 +33,9 @@ from gyro_drift_filter.bags.library import (
     get_typestore,
 )
 from gyro_drift_filter.bags.message_types import types_with
+from gyro_drift_filter.bags.qos import RELIABLE, RELIABLE_AND_LATCHED
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
-from gyro_drift_filter.bags.writer import RELIABLE, RELIABLE_AND_LATCHED
 from gyro_drift_filter.errors import reason
 
 # What to do about a damaged bag.

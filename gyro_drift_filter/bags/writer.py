@@ -29,12 +29,6 @@ from gyro_drift_filter.bags.library import (
     Connection,
     ConnectionExtRosbag2,
     MessageDefinitionFormat,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
     StoragePlugin,
     Stores,
     Typestore,
@@ -46,6 +40,7 @@ from gyro_drift_filter.bags.library import (
 )
 from gyro_drift_filter.bags.mcap_storage import McapStorage
 from gyro_drift_filter.bags.message_types import types_with
+from gyro_drift_filter.bags.qos import RELIABLE
 from gyro_drift_filter.bags.recording import (
     ROSBAG2_SUFFIXES,
     Identity,
@@ -57,22 +52,6 @@ from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
-_FOREVER = QosTime(2**31 - 1, 2**32 - 1)
-
-# Reliable, depth 10: what the node publishes with.
-RELIABLE = Qos(
-    QosHistory.KEEP_LAST,
-    10,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    avoid_ros_namespace_conventions=False,
-)
-# The same for late subscribers, too, as ROS 1 has it of latched topics.
-RELIABLE_AND_LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL)
 
 
 class _Writer(Writer):
