@@ -17,12 +17,18 @@
 import math
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.library import Connection, ConnectionExtRosbag2, Qos, Typestore
+from gyro_drift_filter.bags.library import (
+    Connection,
+    ConnectionExtRosbag2,
+    Qos,
+    RPath,
+    Typestore,
+)
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.mcap.message_kernels import ROW
 
@@ -97,6 +103,20 @@ class Piece(NamedTuple):
         """Return a message by the index of its row."""
         start, size = self.rows[row]['start'], self.rows[row]['size']
         return self.data[start : start + size].tobytes()
+
+
+class StoredPath(RPath, Protocol):
+    """What stands for a path in a store that is no file system."""
+
+    @property
+    def name(self) -> str:
+        """Its last part."""
+
+    def iterdir(self) -> Iterator[Self]:
+        """Yield what a folder holds."""
+
+    def glob(self, pattern: str) -> Iterator[Self]:
+        """Yield what matches a pattern in a folder."""
 
 
 class Recording(Protocol):
