@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawn
@@ -26,9 +25,6 @@ from matplotlib.figure import Figure as Drawn
 from gyro_drift_filter.report.figures import Figure, Trace
 from gyro_drift_filter.report.page import DrawnRecording
 from gyro_drift_filter.whole_file import draw_whole
-
-mpl.use('Agg')
-from matplotlib import pyplot as plt
 
 # The palette of Okabe and Ito, which the colour-blind can tell apart.
 _COLOURS = {
@@ -57,9 +53,7 @@ def draw(folder: Path, recording: DrawnRecording) -> None:
         'deviation': '+-',
     }
     for figure in recording.figures:
-        drawn = _drawn(figure, recording.rests, colours, names)
-        draw_whole(folder / f'{figure.name}.png', drawn)
-        plt.close(drawn)
+        draw_whole(folder / f'{figure.name}.png', _drawn(figure, recording.rests, colours, names))
 
 
 def _drawn(
@@ -69,14 +63,8 @@ def _drawn(
     names: Mapping[str, str],
 ) -> Drawn:
     """Return a figure as matplotlib has it; colours and names are by role."""
-    drawn, panels = plt.subplots(
-        len(figure.panels),
-        1,
-        sharex=True,
-        squeeze=False,
-        figsize=(9, 1.2 + 2.4 * len(figure.panels)),
-        layout='constrained',
-    )
+    drawn = Drawn(figsize=(9, 1.2 + 2.4 * len(figure.panels)), layout='constrained')
+    panels = drawn.subplots(len(figure.panels), 1, sharex=True, squeeze=False)
     for panel, (axis, traces) in zip(panels[:, 0], figure.panels.items(), strict=True):
         for begin, end in rests if figure.in_time else ():
             panel.axvspan(begin, end, color=_REST, alpha=0.12, linewidth=0)
