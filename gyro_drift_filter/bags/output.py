@@ -33,7 +33,7 @@ from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, diagnostic_arrays
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
-from gyro_drift_filter.messages.names import FILTER, INPUT
+from gyro_drift_filter.messages.names import FILTER_STATUS, INPUT_STATUS
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS, SHORTER, VECTOR_TYPE
 
 DIAGNOSTICS_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -102,7 +102,9 @@ class Output:
             state['reports'] = report_channel
             if diagnostics:
                 self._add_sample_topics(state, names)
-        self._own_statuses = {n.node + part for n in inputs.values() for part in (INPUT, FILTER)}
+        self._own_statuses = {
+            n.node + part for n in inputs.values() for part in (INPUT_STATUS, FILTER_STATUS)
+        }
 
     def _copy_topics(
         self, recording: Recording, kept: Collection[str], own: Collection[str]

@@ -25,7 +25,7 @@ from statsmodels.tsa.arima_process import ArmaProcess
 from statsmodels.tsa.stattools import acf
 
 from gyro_drift_filter.core.parameters import AXES
-from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Reading
+from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts, seconds_at
 from gyro_drift_filter.identify.spectrum import spectrum
@@ -145,7 +145,7 @@ def _allan(panel: Axes, axis: AxisModel, _: int) -> None:
     panel.loglog(
         allan.taus, 3600 * np.degrees(allan.deviations), '.-', color=_CHOSEN, label='measured'
     )
-    lines: tuple[tuple[str, Reading | None, float, str], ...] = (
+    lines: tuple[tuple[str, Coefficient | None, float, str], ...] = (
         ('angle random walk', allan.angle_random_walk, -0.5, 'deg/sqrt(h)'),
         ('rate random walk', allan.rate_random_walk, 0.5, 'deg/h/sqrt(h)'),
     )

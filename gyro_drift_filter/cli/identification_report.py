@@ -24,7 +24,7 @@ from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli.parameter_file import listed, parameters_to_write, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
-from gyro_drift_filter.identify.allan import Reading
+from gyro_drift_filter.identify.allan import Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 from gyro_drift_filter.identify.models import MATERIAL
 from gyro_drift_filter.phrases import counted, named_axes
@@ -139,11 +139,11 @@ def _root(variance: float) -> str:
     return f'{math.degrees(math.sqrt(max(variance, 0.0))):.3g}'
 
 
-def _read(reading: Reading | None, factor: float) -> str:
+def _read(reading: Coefficient | None, factor: float) -> str:
     return '-' if reading is None else f'{factor * math.degrees(reading.value):.3g}'
 
 
-def _taus(reading: Reading | None) -> str:
+def _taus(reading: Coefficient | None) -> str:
     if reading is None:
         return '-'
     if reading.shortest == reading.longest:

@@ -62,7 +62,7 @@ RISE = 1.05
 
 
 @dataclass(frozen=True)
-class Reading:
+class Coefficient:
     """A coefficient and the range of averaging times in s that it was read in."""
 
     value: float
@@ -88,9 +88,9 @@ class Allan:
     taus: Floats
     deviations: Floats
     counts: NDArray[np.int64]
-    angle_random_walk: Reading | None
-    bias_instability: Reading
-    rate_random_walk: Reading | None
+    angle_random_walk: Coefficient | None
+    bias_instability: Coefficient
+    rate_random_walk: Coefficient | None
     warnings: tuple[str, ...]
 
     @property
@@ -140,7 +140,7 @@ def allan_deviation(spans: Sequence[Values], period: float) -> Allan:
     bottom = int(np.argmin(deviations))
     walk = _read_slope(taus, deviations, slopes, ARW_SLOPE, slice(0, bottom + 1), near=1.0)
     drift = _read_slope(taus, deviations, slopes, RRW_SLOPE, slice(bottom, None), near=np.inf)
-    instability = Reading(
+    instability = Coefficient(
         float(deviations[bottom]) / BIAS_INSTABILITY, float(taus[bottom]), float(taus[bottom])
     )
     return Allan(
@@ -149,7 +149,7 @@ def allan_deviation(spans: Sequence[Values], period: float) -> Allan:
         counts,
         walk,
         instability,
-        None if drift is None else Reading(drift.value * 3**0.5, drift.shortest, drift.longest),
+        None if drift is None else Coefficient(drift.value * 3**0.5, drift.shortest, drift.longest),
         _warnings(taus, deviations, walk, drift),
     )
 
@@ -222,7 +222,7 @@ def _slopes(taus: Floats, deviations: Floats) -> Floats:
 
 def _read_slope(
     taus: Floats, deviations: Floats, slopes: Floats, slope: float, within: slice, near: float
-) -> Reading | None:
+) -> Coefficient | None:
     """Fit a line of the given slope to the run of taus that has it and lies nearest to `near`.
 
     Returns:
@@ -240,7 +240,7 @@ def _read_slope(
     else:
         run = min(runs, key=lambda r: float(np.abs(np.log(taus[r] / near)).min()))
     logarithm = float(np.mean(np.log(deviations[run]) - slope * np.log(taus[run])))
-    return Reading(float(np.exp(logarithm)), float(taus[run[0]]), float(taus[run[-1]]))
+    return Coefficient(float(np.exp(logarithm)), float(taus[run[0]]), float(taus[run[-1]]))
 
 
 def _still_falls(deviations: Floats) -> bool:
@@ -250,7 +250,7 @@ def _still_falls(deviations: Floats) -> bool:
 
 
 def _warnings(
-    taus: Floats, deviations: Floats, walk: Reading | None, drift: Reading | None
+    taus: Floats, deviations: Floats, walk: Coefficient | None, drift: Coefficient | None
 ) -> tuple[str, ...]:
     warnings = []
     if walk is None:

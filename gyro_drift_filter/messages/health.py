@@ -28,7 +28,7 @@ from gyro_drift_filter.core.parameters import Parameters
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus, Level
 from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.input_rules import INPUT_RULES
-from gyro_drift_filter.messages.names import FILTER, INPUT, NODE_NAME
+from gyro_drift_filter.messages.names import FILTER_STATUS, INPUT_STATUS, NODE_NAME
 from gyro_drift_filter.messages.outlier_reason import seconds_since_outlier, why_flagged
 from gyro_drift_filter.messages.rest_obstacle import why_not_at_rest
 from gyro_drift_filter.messages.rules import Rule, applying
@@ -78,8 +78,8 @@ class Health:
         """Return the status of the input and of the filter by the rules that apply."""
         sound = 'filtering' if span.now.telemetry.samples else 'no sample yet'
         return [
-            self._status(INPUT, of_input, 'receiving', span, _input_values(span)),
-            self._status(FILTER, of_filter, sound, span, _filter_values(span)),
+            self._status(INPUT_STATUS, of_input, 'receiving', span, _input_values(span)),
+            self._status(FILTER_STATUS, of_filter, sound, span, _filter_values(span)),
         ]
 
     def rules(

@@ -176,7 +176,7 @@ def _rate_text(span: Span) -> str:
     return f'{come} their stamps say: {cause} Or is a bag played at another speed?'
 
 
-_are_some_not_reported = beyond(lambda span: span.not_reported, *_NOT_REPORTED_SHARE)
+_are_some_not_reported = beyond(lambda span: span.not_reported_share, *_NOT_REPORTED_SHARE)
 
 
 def _is_not_reported(span: Span) -> bool | None:
@@ -186,7 +186,7 @@ def _is_not_reported(span: Span) -> bool | None:
         return span.samples == 0 or (some if span.seconds >= _NOT_REPORTED_SECONDS else None)
     # What is left of a time without rates in the window is no share of what comes now.
     received = span.now.received - span.before.received
-    is_over = span.not_reported * received > _SURELY_ONE
+    is_over = span.not_reported_share * received > _SURELY_ONE
     return False if is_over or some is False else None
 
 
@@ -279,6 +279,11 @@ def _no_gravity_text(span: Span) -> str:
     )
 
 
+def _are_all(span: Span, name: str) -> bool:
+    """Return whether a count has grown by every sample since the last report, if there were any."""
+    return 0 < span.samples == increase(span, name)
+
+
 INPUT_RULES = (
     Rule(
         'silent',
@@ -301,14 +306,14 @@ INPUT_RULES = (
     ),
     Rule(
         'no usable rate',
-        lambda span: increase(span, 'refused') == span.samples > 0,
+        lambda span: _are_all(span, 'refused'),
         'no usable rate on some axis (NaN, infinite or above 1e6 rad/s): nothing is published; '
         'look at the driver',
         level=Level.ERROR,
     ),
     Rule(
         'repeated',
-        lambda span: increase(span, 'duplicates') == span.samples > 0,
+        lambda span: _are_all(span, 'duplicates'),
         'the same message comes again and again: the sensor or its driver hangs',
         level=Level.ERROR,
     ),
@@ -403,7 +408,7 @@ INPUT_RULES = (
     ),
     Rule(
         'repeated samples',
-        beyond(lambda span: span.not_measured, *_REPEATED_SHARE),
+        beyond(lambda span: span.not_measured_share, *_REPEATED_SHARE),
         'the driver repeats samples, as it polls faster than the sensor measures: poll at the rate '
         'of the sensor, or on its data-ready signal',
     ),

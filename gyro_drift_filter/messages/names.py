@@ -16,4 +16,4 @@
 
 NODE_NAME = 'gyro_drift_filter'
 # The names of its statuses in diagnostics, behind the full one of the node.
-INPUT, FILTER = ': input', ': filter'
+INPUT_STATUS, FILTER_STATUS = ': input', ': filter'

@@ -40,7 +40,7 @@ class Span(NamedTuple):
         seconds: From its start to the present report.
         rate: Messages a second in the window, of any kind.
         reported_rate: The same of those that report a rate, and that the filter so takes.
-        not_reported: Share of the messages in the window that report no rate.
+        not_reported_share: Share of the messages in the window that report no rate.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few. What
@@ -48,7 +48,8 @@ class Span(NamedTuple):
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
         residuals: Mean squared difference between sample and filtered rate over R, of the same
             samples.
-        not_measured: Share of the samples in the window that the sensor has not measured anew.
+        not_measured_share: Share of the samples in the window that the sensor has not measured
+            anew.
         low_pass: The cut-off frequency in Hz of the low-pass that the noise has passed, NaN without
             one.
     """
@@ -61,19 +62,19 @@ class Span(NamedTuple):
     seconds: float
     rate: float
     reported_rate: float
-    not_reported: float
+    not_reported_share: float
     expected_rate: float
     is_rate_judged: bool
     outlier_shares: list[float]
     nis: list[float]
     residuals: list[float]
-    not_measured: float
+    not_measured_share: float
     low_pass: float
 
     @property
     def sensor_rate(self) -> float:
         """The rate in Hz at which the sensor measures, NaN where it is not known."""
-        return (1.0 - self.not_measured) * self.reported_rate
+        return (1.0 - self.not_measured_share) * self.reported_rate
 
     @property
     def stamped_rate(self) -> float:
@@ -138,13 +139,13 @@ def span_of(
         seconds=seconds,
         rate=received / seconds if seconds > 0.0 else math.nan,
         reported_rate=reported / seconds if seconds > 0.0 else math.nan,
-        not_reported=not_reported / received if received > 0 else 0.0,
+        not_reported_share=not_reported / received if received > 0 else 0.0,
         expected_rate=expected_rate,
         is_rate_judged=is_rate_judged,
         outlier_shares=[_share(max(a - b, 0), recent) for a, b in outliers],
         nis=[_share(a - b, count) for a, b, count in nis],
         residuals=[_share(a - b, count) for a, b, count in residuals],
-        not_measured=_share(state.not_measured - state_first.not_measured, recent),
+        not_measured_share=_share(state.not_measured - state_first.not_measured, recent),
         low_pass=_low_pass(state),
     )
 

@@ -51,7 +51,7 @@ from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.health import NOTHING_RECEIVED, Health
 from gyro_drift_filter.messages.imu import EXAMPLE
 from gyro_drift_filter.messages.message_filter import MessageFilter, MessageOutcome
-from gyro_drift_filter.messages.names import INPUT, NODE_NAME
+from gyro_drift_filter.messages.names import INPUT_STATUS, NODE_NAME
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.phrases import counted
@@ -295,7 +295,7 @@ class GyroDriftFilterNode(Node):
             kept = counted(self._cold_start.messages, 'message')
             message = f'compiling for the first start: {kept} kept'
             return status._replace(level=Level.WARN, message=message)
-        if not status.name.endswith(INPUT) or status.level not in (Level.OK, Level.STALE):
+        if not status.name.endswith(INPUT_STATUS) or status.level not in (Level.OK, Level.STALE):
             return status
         fault = self._neighbours.fault()
         if fault is None and status.level == Level.OK:
