@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmark.figures import tell_misses
-from benchmark.quality import falls_short, read_bars, rms
+from benchmark.figures import rms, tell_misses
+from benchmark.quality import falls_short, read_bars
 from benchmark.scenarios import motion, noise, stamps
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table

@@ -12,13 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures that are held against a bar: the table of them, and what falls short."""
+"""Figures that are held against a bar: how they are made, their table, and what falls short."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.cli.table import table
 
@@ -68,6 +71,11 @@ class Figure:
     def holds(self) -> bool:
         """Whether the bar holds."""
         return self.ratio >= self.bar if self.at_least else self.ratio <= self.bar
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def tell_figures(figures: Sequence[Figure], json_file: Path | None) -> int:

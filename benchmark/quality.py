@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.candidates import CANDIDATES, Candidate, Filtered, Recording
-from benchmark.figures import tell_misses
+from benchmark.figures import rms, tell_misses
 from benchmark.scenarios import (
     Trial,
     add_outliers,
@@ -105,11 +105,6 @@ def make_world(sample_rate: float, deviation: float, kind: str, seed: int) -> Wo
         [motion(_SECONDS, sample_rate, random, speed) for speed in (1.0, 0.5, 1.5, 1.0)],
         seed,
     )
-
-
-def rms(values: NDArray[np.float64]) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 class Scored:

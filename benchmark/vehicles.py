@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.figures import tell_misses
+from benchmark.figures import rms, tell_misses
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
@@ -109,11 +109,7 @@ def _errors(of: Ride, rates: Array, bias: Array) -> Array:
     angles = np.linalg.norm(to_vectors(multiply(whole, inverse(of.orientations))), axis=1)
     across = rotate(of.orientations, bias - of.bias)[:, :2]
     moving = np.linalg.norm(across[of.moving], axis=1)
-    return np.array([abs(np.degrees(heading)), np.degrees(_rms(angles)), 1e3 * _rms(moving)])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return np.array([abs(np.degrees(heading)), np.degrees(rms(angles)), 1e3 * rms(moving)])
 
 
 def share_inside(

@@ -32,7 +32,7 @@ from gyro_drift_filter.mcap.records import CHUNK, CHUNK_HEAD, FOOTER_FIELDS, MAG
 from gyro_drift_filter.mcap.recovery import has_damaged_summary, is_cut_off, recover
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from support.bags import mixed, read, simulated_folder, write_mcap
+from support.bags import mixed, read, simulated_folder, with_damage, write_mcap
 from support.messages import START, TEXT, text
 
 FORMS: dict[str, dict[str, object]] = {
@@ -150,10 +150,6 @@ def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
     with pytest.raises(BagError, match=r'folder\.mcap was cut off: name that file'):
         found(folder)
     assert found(file)
-
-
-def with_damage(whole, place):
-    return whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
 
 
 @pytest.mark.parametrize('checksum', [True, False])

@@ -37,7 +37,7 @@ from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
 from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
-from support.bags import read, simulated, write
+from support.bags import read, simulated, with_damage, write
 from support.messages import STORE, TEXT, text
 
 
@@ -344,10 +344,6 @@ def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(tmp_path):
             c.topic: c.ext.offered_qos_profiles[0].durability.name for c in recording.connections
         }
     assert (qos['/words'], qos[TOPIC]) == ('TRANSIENT_LOCAL', 'VOLATILE')
-
-
-def with_damage(whole, place):
-    return whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
 
 
 def test_what_is_no_whole_bag_of_ros_1_is_told_with_what_to_do(tmp_path):

@@ -25,8 +25,8 @@ from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import (
     Piece,
     Recording,
-    by_connection,
     is_cdr,
+    length_by_id,
 )
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
@@ -90,7 +90,7 @@ class Output:
         self._writer = writer
         self.left_out: dict[str, str] = {}
         # The channels that messages are copied to, by their connections; 0 where they are not.
-        self._copies = np.zeros(by_connection(recording), np.int64)
+        self._copies = np.zeros(length_by_id(recording), np.int64)
         self._is_report = np.zeros_like(self._copies, np.bool_)
         report_channel = self._copy_topics(recording, kept, own)
         self._states: Any = np.zeros(len(inputs), OUTPUT_STATE)

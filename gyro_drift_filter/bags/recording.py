@@ -170,14 +170,14 @@ def messages(recording: Recording) -> Iterator[tuple[Connection, int, bytes]]:
             yield connections[int(row['channel'])], log_time, piece.message(k)
 
 
-def by_connection(recording: Recording) -> int:
+def length_by_id(recording: Recording) -> int:
     """Return the length of an array with an element for each connection, by its `id`."""
     return 1 + max((connection.id for connection in recording.connections), default=0)
 
 
 def are_among(recording: Recording, ids: Collection[int]) -> NDArray[np.bool_]:
     """Return, by the `id` of a connection, whether it is one of these."""
-    among = np.zeros(by_connection(recording), np.bool_)
+    among = np.zeros(length_by_id(recording), np.bool_)
     among[list(ids)] = True
     return among
 

@@ -24,7 +24,13 @@ DIAGNOSTICS = '/diagnostics'
 
 @dataclass(frozen=True)
 class Topics:
-    """Names of the outputs that belong to an input topic."""
+    """Names that belong to an Imu topic.
+
+    Attributes:
+        filtered: The topic of what was filtered.
+        node: The node that would filter it; its other topics are below this name.
+        temperature: The topic that the temperature of the sensor is read from.
+    """
 
     filtered: str
     node: str

@@ -70,7 +70,7 @@ class Check:
         name: Of the assumption.
         passed: False makes it a warning.
         statistic: The figure that `detail` gives in a few digits; which one, the function says that
-            makes the check. It is for callers in Python: the command shows `detail` alone.
+            makes the check. It is for programs: what the command prints is `detail` alone.
         detail: The figures, in one sentence.
         consequence: What a failure means for the user, in one sentence; empty where it passed.
     """

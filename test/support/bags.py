@@ -171,3 +171,8 @@ def simulated_folder(folder: Path) -> Path:
     turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
     write_imus(folder / 'turns', turns.stamps, turns.rates, turns.accelerations)
     return folder
+
+
+def with_damage(whole: bytes, place: int) -> bytes:
+    """Return the content of a file with another byte at a place."""
+    return whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :]
