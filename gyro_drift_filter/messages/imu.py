@@ -42,8 +42,9 @@ ENCAPSULATION = 4  # bytes that name the encoding
 HEADER = 12  # bytes of the stamp and of the length of the frame_id
 DOUBLES = 37
 # Indexes among the doubles.
-_RATE, _RATE_COVARIANCE = 13, 16
-_ACCELERATION, _ACCELERATION_COVARIANCE = 25, 28
+ORIENTATION_COVARIANCE = 4
+RATE, RATE_COVARIANCE = 13, 16
+ACCELERATION, ACCELERATION_COVARIANCE = 25, 28
 # Writers may pad a message to a multiple of their word.
 _LARGEST_PADDING = 7
 
@@ -134,17 +135,17 @@ def read_imu(data: NDArray[np.uint8], start: int, size: int, imu: Imu) -> None:
         seconds -= 2**32
     sample, first = imu['sample'], start + doubles
     sample['stamp'] = seconds * 1_000_000_000 + nanoseconds
-    covariance = double(data, first + 8 * _ACCELERATION_COVARIANCE, big_endian)
+    covariance = double(data, first + 8 * ACCELERATION_COVARIANCE, big_endian)
     for axis in range(3):
-        rate = double(data, first + 8 * (_RATE + axis), big_endian)
-        acceleration = double(data, first + 8 * (_ACCELERATION + axis), big_endian)
+        rate = double(data, first + 8 * (RATE + axis), big_endian)
+        acceleration = double(data, first + 8 * (ACCELERATION + axis), big_endian)
         sample['angular_velocity'][axis] = rate
         sample['linear_acceleration'][axis] = acceleration if covariance != -1.0 else math.nan
     imu['frame_id'] = ENCAPSULATION + HEADER
     imu['frame_id_size'] = max(name - 1, 0)
     imu['doubles'] = doubles
     imu['big_endian'] = big_endian
-    reported = double(data, first + 8 * _RATE_COVARIANCE, big_endian) != -1.0
+    reported = double(data, first + 8 * RATE_COVARIANCE, big_endian) != -1.0
     imu['kind'] = ImuKind.GOOD if reported else ImuKind.NOT_REPORTED
 
 
@@ -159,7 +160,7 @@ def is_published(imu: Imu) -> bool:
 @kernel
 def rate_variance(data: NDArray[np.uint8], imu: Imu, axis: int) -> float:
     """Return the variance of a rate that the message itself states, in (rad/s)^2."""
-    offset = imu['start'] + imu['doubles'] + 8 * (_RATE_COVARIANCE + 4 * axis)
+    offset = imu['start'] + imu['doubles'] + 8 * (RATE_COVARIANCE + 4 * axis)
     return double(data, offset, imu['big_endian'])
 
 
@@ -167,7 +168,7 @@ def rate_variance(data: NDArray[np.uint8], imu: Imu, axis: int) -> float:
 def patch_imu(data: NDArray[np.uint8], start: int, imu: Imu) -> None:
     """Write rate and covariance of the result into the message that starts there."""
     result, big_endian = imu['result'], imu['big_endian']
-    offset = start + imu['doubles'] + 8 * _RATE
+    offset = start + imu['doubles'] + 8 * RATE
     for axis in range(3):
         offset = put_double(data, offset, result['angular_velocity'][axis], big_endian)
     for row in range(3):

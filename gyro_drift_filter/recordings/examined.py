@@ -45,10 +45,17 @@ from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
 from gyro_drift_filter.doctor.reference import Reference
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, all_doubles
+from gyro_drift_filter.messages.imu import (
+    ACCELERATION_COVARIANCE,
+    IMU_TYPE,
+    ORIENTATION_COVARIANCE,
+    RATE_COVARIANCE,
+    ImuKind,
+    all_doubles,
+)
 
-# Where the covariances start among the doubles of an Imu: those of QUANTITIES.
-_COVARIANCES = (4, 16, 28)
+# In the order of QUANTITIES.
+_COVARIANCES = (ORIENTATION_COVARIANCE, RATE_COVARIANCE, ACCELERATION_COVARIANCE)
 
 
 class _Orientations:
@@ -119,7 +126,7 @@ class Reading:
         doubles = all_doubles(piece.data, good)
         for stated, first in zip(self._stated, _COVARIANCES, strict=True):
             stated.add(doubles[:, first : first + 9])
-        reported = doubles[:, _COVARIANCES[0]] != -1.0
+        reported = doubles[:, ORIENTATION_COVARIANCE] != -1.0
         self._own.add(sample['stamp'][reported], doubles[reported, :4])
 
     def _note_orientation(self, channel: int, data: bytes) -> None:

@@ -26,15 +26,13 @@ from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.errors import reason
-from gyro_drift_filter.messages.imu import DOUBLES, ENCAPSULATION, IMU_TYPE
+from gyro_drift_filter.messages.imu import ACCELERATION, DOUBLES, ENCAPSULATION, IMU_TYPE, RATE
 from gyro_drift_filter.simulation.experiments import Simulation
 
 TOPIC = '/imu/data_raw'
 FRAME = 'imu_link'
 _NOT_REPORTED = np.array([-1.0] + 8 * [0.0])
 _UNKNOWN = np.zeros(9)
-# Where among the doubles of an Imu the rates and the accelerations begin.
-_RATE, _FORCE = 13, 25
 # Of a truth: between fewer, no rate can be interpolated.
 _FEWEST_SAMPLES = 2
 
@@ -90,8 +88,8 @@ def imu_messages(
     forces = np.broadcast_to(accelerations, np.shape(rates))
     for stamp, rate, force in zip(stamps.tolist(), rates, forces, strict=True):
         pack_into('<iI', message, ENCAPSULATION, *divmod(stamp, 10**9))
-        pack_into('<3d', message, doubles + 8 * _RATE, *rate)
-        pack_into('<3d', message, doubles + 8 * _FORCE, *force)
+        pack_into('<3d', message, doubles + 8 * RATE, *rate)
+        pack_into('<3d', message, doubles + 8 * ACCELERATION, *force)
         yield stamp, bytes(message)
 
 
