@@ -65,6 +65,7 @@ def test_a_bag_gives_a_parameter_file_that_replay_takes(tmp_path, capsys, random
     np.testing.assert_allclose(found, faults.matrix, atol=2e-3)
     results = json.loads(files['found.json'].read_text())
     np.testing.assert_allclose(results['matrix'], found, atol=1e-9)
+    assert results['noise'].keys() == set(Noise._fields)
     assert len(results['after']['angles']) == len(results['legs']) == 11
     for path in sorted(files['figures'].iterdir()):
         assert path.name in ('closures.png', 'turns.png')

@@ -16,12 +16,14 @@
 
 import io
 import json
+import math
 import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,8 +33,10 @@ import pytest
 import shtab
 
 from gyro_drift_filter.accelerate import ahead
+from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli import command, printing, progress
 from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.cli.result_files import as_plain
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
@@ -288,6 +292,18 @@ def test_results_for_programs_take_the_place_of_the_text(arguments, tmp_path, mo
     written = json.loads(Path('file').read_text())
     assert written.keys() == json.loads(printed).keys()
     assert not capsys.readouterr().out.startswith('{')
+
+
+def test_every_record_has_names_in_the_results_for_programs():
+    @dataclass
+    class Result:
+        noise: Noise
+        samples: tuple[float, ...] = field(metadata={'in_json': False})
+
+    noise = Noise(0.1, None, math.nan, 100.0)
+    plain = {'rate_density': 0.1, 'rate_walk': None, 'acceleration_density': None}
+    plain['sample_rate'] = 100.0
+    assert as_plain([Result(noise, (1.0, 2.0))]) == [{'noise': plain}]
 
 
 def test_simulate_is_reproducible(tmp_path):

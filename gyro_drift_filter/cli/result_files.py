@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from gyro_drift_filter.report.verdict import Verdict
 
 _PICTURES = ('.png', '.svg', '.pdf', '.ps', '.eps', '.jpg', '.jpeg', '.tif', '.tiff', '.webp')
-# Arrays as long as the recording are left out of the JSON.
-_LONG = ('residuals', 'cleaned')
 _NONE: Mapping[str, Path | None] = MappingProxyType({})
 # What `--json` takes for the standard output.
 _STANDARD_OUTPUT = Path('-')
@@ -230,13 +228,15 @@ def verdicts_of(bags: Iterable[tuple[Path, Iterable['Verdict']]]) -> dict[str, A
 
 
 def as_plain(value: Any) -> Any:
-    """Return dataclasses and arrays as what JSON knows; what is as long as the data left out."""
+    """Return records and arrays as what JSON knows, without fields that are not `in_json`."""
     if dataclasses.is_dataclass(value):
         return {
             field.name: as_plain(getattr(value, field.name))
             for field in dataclasses.fields(value)
-            if field.name not in _LONG
+            if field.metadata.get('in_json', True)
         }
+    if hasattr(value, '_asdict'):  # a NamedTuple
+        return as_plain(value._asdict())
     if isinstance(value, dict):
         return {key: as_plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

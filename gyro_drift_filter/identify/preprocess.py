@@ -20,7 +20,7 @@ not cut, because the models live on the correlation from one sample to the next.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +80,9 @@ class Preprocessed:
         missing: Number of samples replaced as not finite.
     """
 
-    residuals: tuple[Stored, ...]
-    cleaned: tuple[Stored, ...]
+    # As long as the recording, which is too much for the results that programs get.
+    residuals: tuple[Stored, ...] = field(metadata={'in_json': False})
+    cleaned: tuple[Stored, ...] = field(metadata={'in_json': False})
     bias: float
     bias_deviation: float
     trend_order: int
