@@ -34,6 +34,14 @@ def time_to_stand(needed: int) -> str:
     return 'ten seconds' if seconds <= 10 else f'{seconds} seconds'
 
 
+def why_no_rest(seconds: float, needed: float) -> str:
+    """Return why there was no rest in a recording of so many s, where the first needs so many."""
+    whole = math.ceil(needed)
+    if seconds >= needed:
+        return f'the sensor never stood still for {whole} s'
+    return f'the recording of {seconds:.3g} s is too short for a rest of {whole} s'
+
+
 def named_axes(names: Sequence[str]) -> str:
     """Return names of axes behind what they are, as 'axis x' or 'axes x, y'."""
     return f'{"axes" if len(names) > 1 else "axis"} {", ".join(names)}'

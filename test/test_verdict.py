@@ -332,6 +332,17 @@ def test_a_recording_that_is_long_enough_for_a_rest_is_not_said_to_be_too_short(
     assert 'the sensor never stood still for 3 s' in ' '.join(text.split())
 
 
+def test_why_there_was_no_rest_is_the_same_for_replay_and_doctor(tmp_path, random, capsys):
+    """A rest takes more than the 14 s that there are."""
+    rates, accelerations = at_rest(random, 14, rate=10.0)
+    stamps = START + 10**8 * np.arange(len(rates))
+    text = ' '.join(as_text(of_samples(tmp_path, rates, accelerations, stamps)).split())
+    why = 'the recording of 14 s is too short for a rest of 15 s'
+    assert f'rest none: {why}' in text
+    main(['doctor', str(tmp_path / 'in')])
+    assert f'rests: {why}' in capsys.readouterr().out
+
+
 def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 12)

@@ -43,7 +43,7 @@ from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.timing import learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
-from gyro_drift_filter.phrases import by_axis, counted, time_to_stand
+from gyro_drift_filter.phrases import by_axis, counted, time_to_stand, why_no_rest
 
 Floats = NDArray[np.float64]
 
@@ -198,12 +198,7 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
     )
     seconds = state.samples * period
     if not state.segments:
-        too_short = not seconds >= state.least_rest_seconds
-        what = (
-            f'the recording of {seconds:.2g} s is too short for a rest of {state.first_rest} s'
-            if too_short
-            else f'the sensor never stood still for {state.first_rest} s'
-        )
+        what = why_no_rest(seconds, state.least_rest_seconds)
         known = 'known for the time being only' if state.bias_provisional else 'not known'
         return fault('rests', f'{what}: its bias is {known}', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))

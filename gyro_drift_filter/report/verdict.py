@@ -118,7 +118,8 @@ class Rests:
     Attributes:
         count: Rests.
         seconds: All of them together.
-        needed: For how long in s it had to stand still for the first one to be found.
+        needed: For how long in whole s it had to stand still for the first one to be found.
+        least: The same before it is rounded up.
         samples: At rest that the deviations are of: without the last second of each.
         raw_deviation: Standard deviation of the rates as they came, each rest about its own mean,
             (3,) in rad/s; NaN where it is not known, as in
@@ -129,6 +130,7 @@ class Rests:
     count: int
     seconds: float
     needed: int
+    least: float
     samples: int
     raw_deviation: Floats
     filtered_deviation: Floats
@@ -484,6 +486,7 @@ def _rests(total: Any, needed: float) -> Rests:
         int(total['rests']),
         float(total['rest_seconds']),
         math.ceil(needed),
+        needed,
         int(noise['count']),
         raw,
         filtered,

@@ -14,7 +14,6 @@
 
 """The verdict in words that somebody understands who has never seen the filter."""
 
-import math
 import textwrap
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,7 +23,7 @@ import numpy as np
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.input_rules import IN_DEGREES
-from gyro_drift_filter.phrases import by_axis, counted, time_to_stand
+from gyro_drift_filter.phrases import by_axis, counted, time_to_stand, why_no_rest
 from gyro_drift_filter.report.verdict import (
     SIGNIFICANT,
     Bias,
@@ -211,11 +210,7 @@ def _is_beyond(verdict: Verdict) -> bool:
 def _why_no_rest(verdict: Verdict) -> str:
     if _is_beyond(verdict):
         return 'while the sensor was steady, its rate was beyond bias.max'
-    seconds, needed = verdict.received * verdict.period, verdict.rests.needed
-    # What is needed is known in whole seconds, rounded up.
-    if math.ceil(seconds) < needed:
-        return f'the recording of {seconds:.2g} s is too short for a rest of {needed} s'
-    return f'the sensor never stood still for {needed} s'
+    return why_no_rest(verdict.received * verdict.period, verdict.rests.least)
 
 
 def _why_silent(verdict: Verdict) -> str:
