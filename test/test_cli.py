@@ -14,6 +14,7 @@
 
 """The command as a person meets it: what it prints, and how it ends."""
 
+import errno
 import io
 import json
 import math
@@ -66,8 +67,8 @@ def test_simulate_then_replay(tmp_path):
     assert lines[2].startswith('It helped: ')
     assert [line.split()[0] for line in lines if line.startswith('  r')] == ['rest']
     assert re.search(r'found at rest after 2\.\d s', done.stdout)
-    assert ' '.join(lines[-5].split()) == 'deg/s bias +- std raw kalman ratio outliers'
-    assert [line.split()[0] for line in lines[-4:-1]] == ['x', 'y', 'z']
+    assert ' '.join(lines[-6].split()) == 'deg/s bias +- std raw kalman ratio outliers'
+    assert [line.split()[0] for line in lines[-5:-2]] == ['x', 'y', 'z']
     assert lines[-1] == f'wrote {out}'
     assert (out / 'metadata.yaml').exists()
 
@@ -110,7 +111,7 @@ def resting(random, seconds, bias, moving=0.0):
 def test_the_table_counts_from_the_bias_on(tmp_path, random, capsys):
     """The step by which the bias comes off made a good run look worse than none."""
     lines = table_of(resting(random, 30, (0.05, -0.02, 0.1)), tmp_path, capsys)
-    for line, bias in zip(lines[-4:-1], np.degrees((0.05, -0.02, 0.1)), strict=True):
+    for line, bias in zip(lines[-5:-2], np.degrees((0.05, -0.02, 0.1)), strict=True):
         _, known, sure, raw, filtered, ratio, _ = line.split()
         assert float(known) == pytest.approx(bias, abs=4 * float(sure))
         assert float(raw) == pytest.approx(np.degrees(0.002), rel=0.1)
@@ -121,7 +122,7 @@ def test_the_table_counts_from_the_bias_on(tmp_path, random, capsys):
 def test_the_table_of_a_recording_without_rest(tmp_path, random, capsys):
     lines = table_of(resting(random, 8, (0, 0, 0), moving=8.0), tmp_path, capsys)
     assert lines[2].startswith('This filter did nothing useful here: the sensor never stood still')
-    assert [line.split()[1] for line in lines[-4:-1]] == ['-', '-', '-']
+    assert [line.split()[1] for line in lines[-5:-2]] == ['-', '-', '-']
 
 
 def test_the_table_says_when_the_bias_is_left_in(tmp_path, random, capsys):
@@ -130,7 +131,7 @@ def test_the_table_says_when_the_bias_is_left_in(tmp_path, random, capsys):
     options = '--params', str(parameters)
     lines = table_of(resting(random, 10, (0.05, 0, 0)), tmp_path, capsys, *options)
     assert 'left in, as bias.enabled is false' in ' '.join(lines)
-    assert float(lines[-4].split()[1]) == pytest.approx(np.degrees(0.05), abs=0.05)
+    assert float(lines[-5].split()[1]) == pytest.approx(np.degrees(0.05), abs=0.05)
 
 
 def test_the_table_has_words_for_axes_without_figures(tmp_path, random, capsys):
@@ -140,13 +141,13 @@ def test_the_table_has_words_for_axes_without_figures(tmp_path, random, capsys):
         for t, data in messages
     ]
     lines = table_of(dead, tmp_path, capsys)
-    assert re.match(r'x +dead, always 28\.6479 +- +-', lines[-4])
+    assert re.match(r'x +dead, always 28\.6479 +- +-', lines[-5])
     missing = [
         (t, imu_message(t, (1, 2, 3), (0, 0, 9.8), covariance=NOT_REPORTED)) for t, _ in messages
     ]
     lines = table_of(missing, tmp_path / 'missing', capsys)
     assert '1000 written (1000 of them unfiltered)' in lines[0]
-    assert re.match(r'x +not reported +- +-', lines[-4])
+    assert re.match(r'x +not reported +- +-', lines[-5])
 
 
 def test_dead_axes_are_not_called_unusable(tmp_path, capsys):
@@ -292,6 +293,33 @@ def test_results_for_programs_take_the_place_of_the_text(arguments, tmp_path, mo
     written = json.loads(Path('file').read_text())
     assert written.keys() == json.loads(printed).keys()
     assert not capsys.readouterr().out.startswith('{')
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['replay', 'in', '-o', 'out', '--json', 'full'],
+        pytest.param(['tune', 'in', '-o', 'full', '--seconds', '0.001'], marks=pytest.mark.slow),
+        ['doctor', 'in', '--json', 'full'],
+        ['explain', 'in', '--json', 'full'],
+    ],
+)
+def test_results_that_the_disk_does_not_take_are_said(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(3000)})
+    write_text = Path.write_text
+
+    def full(self, *arguments, **options):
+        if self.name.startswith('.full.'):
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        return write_text(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert 'full can not be written: No space left' in printed.err
+    assert len(printed.out.splitlines()) > 2
+    assert printed.out.endswith('\n\nwrote out\n') == ('out' in arguments)
 
 
 def test_every_record_has_names_in_the_results_for_programs():

@@ -376,7 +376,9 @@ def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(Path, 'write_text', full)
     assert identify(tmp_path, source) == 1
-    assert 'model.yaml can not be written: No space left' in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert 'warning: only 30 s of rest' in told
+    assert 'model.yaml can not be written: No space left' in told
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 

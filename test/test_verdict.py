@@ -656,6 +656,7 @@ def test_the_verdict_for_programs_says_the_same(tmp_path, random, capsys):
     arguments = ['replay', str(source), '-o', str(tmp_path / 'out'), '--json']
     assert main([*arguments, str(tmp_path / 'v.json')]) == 0
     printed = capsys.readouterr().out
+    assert printed.endswith(f'\n\nwrote {tmp_path}/out\n      {tmp_path}/v.json\n')
     (verdict,) = json.loads((tmp_path / 'v.json').read_text())['verdicts']
     assert f'z {np.degrees(verdict["bias"]["rates"][2]):.3f} deg/s' in printed
     assert verdict['outcome'] == 'helped'

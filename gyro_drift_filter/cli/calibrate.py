@@ -116,7 +116,8 @@ def run(options: argparse.Namespace) -> int:
     distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
     result = calibrate(recordings, turns=options.turns)
-    with saying(report(result), options.json, result) as written:
+    warnings = (f'warning: {warning}' for warning in (*result.warnings, *result.unknown))
+    with saying(report(result), options.json, result, warnings) as written:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
         written.append(options.output)
@@ -130,8 +131,6 @@ def run(options: argparse.Namespace) -> int:
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, recordings)
-    for warning in (*result.warnings, *result.unknown):
-        tell(f'warning: {warning}')
     if options.kalibr and (text := lacking(result.noise)):
         tell(f'note: {text}')
     return INCOMPLETE if result.unknown else 0

@@ -30,7 +30,12 @@ from gyro_drift_filter.cli.filter_options import (
     warn_without_hints,
 )
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_targets,
+    saying,
+    write_json,
+)
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES
@@ -120,7 +125,8 @@ def run(options: argparse.Namespace) -> None:
         'flagged': sequences,
         'unflagged': unflagged,
     }
-    give_results(text, options.json, plain, after_files=False)
+    with saying(text, options.json, plain) as written:
+        written += write_json(options.json, plain)
 
 
 def page(

@@ -30,7 +30,7 @@ from gyro_drift_filter.cli.filter_options import (
 from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import check_targets
+from gyro_drift_filter.cli.result_files import check_targets, with_files
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
 from gyro_drift_filter.phrases import counted
@@ -149,7 +149,7 @@ def run(options: argparse.Namespace) -> int | None:
     if not options.quiet:
         known = f', {fleet.reused} of them known from before' if fleet.reused else ''
         count = counted(len(bags), 'bag')
-        say(f'{count}{known}\n\n{_summary(output)}\n\nwrote {output / TABLE}')
+        say(with_files(f'{count}{known}\n\n{_summary(output)}', [output / TABLE]))
     return None
 
 

@@ -27,7 +27,8 @@ from gyro_drift_filter.cli.result_files import (
     add_json_option,
     as_plain,
     check_targets,
-    give_results,
+    saying,
+    write_json,
 )
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import printable
@@ -73,9 +74,11 @@ def run(options: argparse.Namespace) -> None:
         path = report_path(reports, bag['content'])
         return quote(os.path.relpath(path.absolute(), page_folder)) if path.exists() else ''
 
-    write_whole(options.output, fleet_page(sensors, failures, link))
-    text = f'{ranking_text(sensors)}\n\nwrote {options.output}'
-    give_results(text, options.json, {'sensors': [_plain(sensor) for sensor in sensors]})
+    results = {'sensors': [_plain(sensor) for sensor in sensors]}
+    with saying(ranking_text(sensors), options.json, results) as written:
+        write_whole(options.output, fleet_page(sensors, failures, link))
+        written.append(options.output)
+        written += write_json(options.json, results)
 
 
 def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:

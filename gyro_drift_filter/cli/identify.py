@@ -36,6 +36,7 @@ from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.cli.identification_samples import Samples
+    from gyro_drift_filter.identify.identification import Identification
 
 
 def add_parser(subcommands: Any) -> None:
@@ -111,9 +112,8 @@ def run(options: argparse.Namespace) -> None:
         from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
         from gyro_drift_filter.cli.identification_samples import read_samples
-        from gyro_drift_filter.identify.identification import DeadAxis, identify
+        from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import ORDERS
-        from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
     if options.plot:
         with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.identification_figures import draw
@@ -135,7 +135,8 @@ def run(options: argparse.Namespace) -> None:
         paper=options.noise == 'paper',
     )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    with saying(report(result), options.json, result) as written:
+    warnings = (f'warning: {warning}' for warning in _warnings(result))
+    with saying(report(result), options.json, result, warnings) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
         written.append(options.output)
         written += write_json(options.json, result)
@@ -144,13 +145,22 @@ def run(options: argparse.Namespace) -> None:
             written.append(options.kalibr)
         if options.plot:
             written += draw(options.plot, result, samples.stamps, samples.rates)
-    for warning in result.warnings:
-        tell(f'warning: {warning}')
-    least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))
-    if least > LARGEST_NOISE:
-        tell(f'warning: the noise at rest is {least:.2g} rad/s or more on each axis: {IN_DEGREES}')
     if options.kalibr and (text := lacking(noise_of(result))):
         tell(f'note: {text}')
+
+
+def _warnings(result: 'Identification') -> list[str]:
+    """Return what is doubtful about a result."""
+    from gyro_drift_filter.identify.identification import DeadAxis
+    from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
+
+    warnings = list(result.warnings)
+    least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))
+    if least > LARGEST_NOISE:
+        warnings.append(
+            f'the noise at rest is {least:.2g} rad/s or more on each axis: {IN_DEGREES}'
+        )
+    return warnings
 
 
 def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:

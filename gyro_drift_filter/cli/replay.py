@@ -34,8 +34,9 @@ from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
     add_json_option,
     check_targets,
-    give_results,
+    saying,
     verdicts_of,
+    write_json,
 )
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
@@ -148,10 +149,11 @@ def run(options: argparse.Namespace) -> None:
     if not is_shown:
         return
     verdicts = [watches[summary.topic].verdict(summary) for summary in summaries]
-    text = ''
-    if not options.quiet:
-        text = '\n\n'.join(map(describe, verdicts)) + f'\nwrote {options.output}'
-    give_results(text, options.json, verdicts_of([(options.bag, verdicts)]))
+    text = '' if options.quiet else '\n\n'.join(map(describe, verdicts))
+    results = verdicts_of([(options.bag, verdicts)])
+    with saying(text, options.json, results) as written:
+        written.append(options.output)
+        written += write_json(options.json, results)
 
 
 def _tell_remarks(summaries: Sequence['Summary']) -> None:

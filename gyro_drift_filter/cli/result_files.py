@@ -19,7 +19,7 @@ import dataclasses
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyro_drift_filter.cli.printing import say
+from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.whole_file import write_whole
 
@@ -152,51 +152,41 @@ def _check_writable(folder: Path) -> None:
 
 
 @contextmanager
-def saying(report: str, json_file: Path | None, value: Any) -> Iterator[list[Path]]:
+def saying(
+    report: str, json_file: Path | None, value: Any, remarks: Iterable[str] = ()
+) -> Iterator[list[Path]]:
     """Say results at the end, and the files that were written, which go into the list yielded.
 
     Where one could not be written, as the disk is full, the results are said all the same, as they
-    took long to find.
+    took long to find. The standard output comes last, as its reader may have left.
 
     Args:
         report: The results as text; empty where nothing is to be said.
         json_file: What `--json` names: `-` has the value said in place of the text.
         value: The results for programs.
+        remarks: What is told of the results on stderr, after them.
+
+    Raises:
+        GyroDriftFilterError: The results can't be said.
     """
     written: list[Path] = []
     try:
         yield written
     finally:
-        if report and written:
-            report += '\n\nwrote ' + '\n      '.join(map(str, written))
-        _say_one(report, json_file, value, after_files=bool(written))
+        try:
+            if json_file == _STANDARD_OUTPUT:
+                say(_as_json(value), after_files=bool(written))
+            elif report:
+                say(with_files(report, written), after_files=bool(written))
+        finally:
+            for remark in remarks:
+                tell(remark)
 
 
-def give_results(
-    text: str, json_file: Path | None, value: Any, *, after_files: bool = True
-) -> None:
-    """Write results for programs, where `--json` wants them, and say the text; see `saying`.
-
-    The standard output comes last, as its reader may have left: all else has to be written before.
-
-    Args:
-        text: The results as text.
-        json_file: What `--json` names.
-        value: The results for programs.
-        after_files: Whether the command has written other files before.
-
-    Raises:
-        GyroDriftFilterError: They can't be written.
-    """
-    written = write_json(json_file, value)
-    _say_one(text, json_file, value, after_files=after_files or bool(written))
-
-
-def _say_one(text: str, json_file: Path | None, value: Any, *, after_files: bool) -> None:
-    if json_file == _STANDARD_OUTPUT:
-        say(_as_json(value), after_files=after_files)
-    elif text:
-        say(text, after_files=after_files)
+def with_files(report: str, written: Sequence[Path]) -> str:
+    """Return a text with the files that were written at its end, if there are any."""
+    listed = '\n      '.join(map(str, written))
+    return f'{report}\n\nwrote {listed}' if written else report
 
 
 def write_json(json_file: Path | None, value: Any) -> list[Path]:

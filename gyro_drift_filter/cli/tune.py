@@ -27,7 +27,12 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_file import today
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import add_json_option, check_targets, give_results
+from gyro_drift_filter.cli.result_files import (
+    add_json_option,
+    check_targets,
+    saying,
+    write_json,
+)
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
@@ -110,11 +115,11 @@ def run(options: argparse.Namespace) -> None:
             material, parameters, seconds=options.seconds, seed=options.seed, on_evaluation=progress
         )
     source = printable(f'{options.bag.absolute().name}, topic {samples.topic}')
-    write_whole(options.output, parameter_file(tuning, source))
-    text = ''
-    if not options.quiet:
-        text = report(tuning, by_truth=options.truth is not None) + f'\n\nwrote {options.output}'
-    give_results(text, options.json, tuning)
+    text = '' if options.quiet else report(tuning, by_truth=options.truth is not None)
+    with saying(text, options.json, tuning) as written:
+        write_whole(options.output, parameter_file(tuning, source))
+        written.append(options.output)
+        written += write_json(options.json, tuning)
 
 
 def _truth(
