@@ -16,6 +16,7 @@
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,28 @@ def test_a_hint_in_the_bag_is_taken_as_the_node_takes_it(kind, tmp_path, random)
     assert told == [rest > 0 for rest in rests] == [False, True]
     assert abs(biases[2000][2]) < 1e-6
     assert biases[-1][2] == pytest.approx(2.0 * DEGREE, rel=0.05)
+
+
+def test_a_fault_of_the_filter_is_not_passed_over_as_a_hint_that_can_not_be_read(
+    tmp_path, random, monkeypatch
+):
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Filter, 'hint', broken)
+    kind = HINT_TYPES['twist']
+    hints = [(START + 1, b'cut off'), (START + 2, serialize(hint('twist', 0.03), kind))]
+    source = write(
+        tmp_path / 'in',
+        {(TOPIC, IMU_TYPE): imus(*at_rest(random, 1)), ('/cmd_vel', kind): hints[:1]},
+    )
+    replay_it = partial(replay, parameters=Parameters(), selection=Selection(hint='cmd_vel'))
+    replay_it(source, tmp_path / 'unread')
+    source = write(
+        tmp_path / 'both', {(TOPIC, IMU_TYPE): imus(*at_rest(random, 1)), ('/cmd_vel', kind): hints}
+    )
+    with pytest.raises(ZeroDivisionError):
+        replay_it(source, tmp_path / 'out')
 
 
 def test_hints_that_do_not_fit_are_refused(tmp_path, random):
