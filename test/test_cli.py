@@ -375,6 +375,15 @@ def test_replay_tells_of_hints_that_only_the_node_would_hear(tmp_path, capsys):
     assert told not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('command', ['report', 'tune', 'fleet'])
+def test_hints_that_a_command_does_not_take_are_told(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path('p.yaml').write_text('/**: {ros__parameters: {motion_hint: odometry}}')
+    assert main([command, 'no_bag', '-o', 'out', '--params', 'p.yaml']) == 1
+    told = capsys.readouterr().err
+    assert f'warning: motion_hint is odometry, but gyro_drift {command} takes no hints' in told
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('arguments', 'message'),

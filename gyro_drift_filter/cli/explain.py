@@ -27,7 +27,6 @@ from gyro_drift_filter.cli.filter_options import (
     add_method_option,
     add_params_option,
     chosen_parameters,
-    warn_without_hints,
 )
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
@@ -83,8 +82,7 @@ def run(options: argparse.Namespace) -> None:
     spare_linear_algebra()
     start, end = between(options)
     check_targets({'--json': options.json})
-    parameters = chosen_parameters(options.params, options.method)
-    warn_without_hints(parameters.motion_hint, options.motion_hint)
+    parameters = chosen_parameters(options)
     compile_first()
     logs: list[FlaggedLog] = []
 

@@ -44,20 +44,24 @@ def add_hint_option(command: argparse.ArgumentParser) -> None:
     )
 
 
-def chosen_parameters(path: Path | None, method: str | None = None) -> Parameters:
-    """Return the parameters of a file, or the default ones, with another method if one is named.
+def chosen_parameters(options: argparse.Namespace) -> Parameters:
+    """Return the parameters of `--params`, or the default ones, with `--method` if it is given.
+
+    A warning tells where they have the robot hint at motion, and no topic with hints is named.
 
     Raises:
         GyroDriftFilterError: The file can't be read, see `read_parameters`.
     """
-    parameters = read_parameters(path) if path else Parameters()
-    return parameters.with_names({'method': method}) if method else parameters
-
-
-def warn_without_hints(kind: str, topic: str | None) -> None:
-    """Warn where the parameters have the robot hint at motion, and no topic is named."""
-    if kind != 'none' and topic is None:
+    given = vars(options)
+    parameters = read_parameters(options.params) if options.params else Parameters()
+    if method := given.get('method'):
+        parameters = parameters.with_names({'method': method})
+    if parameters.motion_hint != 'none' and given.get('motion_hint') is None:
+        why = 'no topic is named by --motion-hint'
+        if 'motion_hint' not in given:
+            why = f'gyro_drift {options.command} takes no hints'
         tell(
-            f'warning: motion_hint is {kind}, but no topic is named by --motion-hint: the bias may '
-            'be another one than on the robot, where hints came'
+            f'warning: motion_hint is {parameters.motion_hint}, but {why}: the bias may be another '
+            'one than on the robot, where hints came'
         )
+    return parameters

@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int | None:
         from gyro_drift_filter.fleet.run import FleetRun
         from gyro_drift_filter.fleet.sources import find_bags
     spare_linear_algebra()
-    parameters = chosen_parameters(options.params, options.method)
+    parameters = chosen_parameters(options)
     output: Path = options.output
     _check(options)
     check_targets({}, others={'-o': output})

@@ -27,7 +27,6 @@ from gyro_drift_filter.cli.filter_options import (
     add_method_option,
     add_params_option,
     chosen_parameters,
-    warn_without_hints,
 )
 from gyro_drift_filter.cli.printing import in_colour, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
@@ -111,8 +110,7 @@ def run(options: argparse.Namespace) -> None:
         {'--json': options.json},
         others={'-o': options.output, '--bias-memory': options.bias_memory},
     )
-    parameters = chosen_parameters(options.params, options.method)
-    warn_without_hints(parameters.motion_hint, options.motion_hint)
+    parameters = chosen_parameters(options)
     if not options.quiet:
         compile_first()
     progress = Progress(enabled=not options.quiet)

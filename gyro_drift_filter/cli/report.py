@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.wording import as_text
 
     spare_linear_algebra()
-    parameters = chosen_parameters(options.params)
+    parameters = chosen_parameters(options)
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
     wanted = () if options.topic is None else (options.topic,)
     selection = Selection(imu_topics=wanted, start=start, end=end)

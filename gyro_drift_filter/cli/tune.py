@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.cli.identification_samples import read_samples
     from gyro_drift_filter.identify.series import stacked
 
-    parameters = chosen_parameters(options.params, options.method)
+    parameters = chosen_parameters(options)
     if not options.quiet:
         compile_first()
     with Progress(enabled=not options.quiet) as progress:
