@@ -19,6 +19,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+from gyro_drift_filter.cli.fleet import summary
 from gyro_drift_filter.cli.fleet_report import ranking_text
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.fleet.columns import read_table, write_table
@@ -54,7 +55,10 @@ def fleet(tmp_path):
         for day in range(9)
         for axis in 'xyz'
     ]
-    rows.append({'robot': 'c', 'source': f'/bags/{EVIL}', 'error': f'no bag, {EVIL}'})
+    rows += [
+        {'robot': 'c', 'source': f'/bags/{EVIL}', 'error': f'{topic}, {EVIL}'}
+        for topic in ('front', 'rear')
+    ]
     out = tmp_path / 'out'
     (out / 'reports').mkdir(parents=True)
     write_table(out / 'fleet.parquet', rows)
@@ -88,6 +92,7 @@ def test_the_page_and_the_figures(fleet, tmp_path, capsys):
     text = page.read_text()
     assert 'alert(1)</script>' not in text
     assert '1 of 3 sensors gets worse' in text
+    assert '<summary>1 bag without figures</summary>' in text
     assert 'href="out/reports/a3.html"' in text
     assert "default-src 'none'" in text
 
@@ -120,6 +125,12 @@ def test_a_summary_that_lists_the_worst_counts_all(fleet, tmp_path):
     assert ranking_text(sensors, 1).startswith('No sensor gets worse; 1 of 2')
     worse = ranking_text(judge_fleet(read_table(fleet / 'fleet.parquet')), 1)
     assert worse.startswith('1 of 3 sensors gets worse.\n\nrobot')
+
+
+def test_a_bag_of_which_two_topics_fail_counts_once(fleet):
+    first, front, rear, *_ = summary(fleet).splitlines()
+    assert first == '1 bag without figures'
+    assert (front, rear) == tuple(f'/bags/{EVIL}: {topic}, {EVIL}' for topic in ('front', 'rear'))
 
 
 def test_what_is_no_fleet_is_told(fleet, tmp_path, capsys):

@@ -27,18 +27,19 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
+from gyro_drift_filter.cli.fleet_report import ranking_text
 from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import check_targets, with_files
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
+from gyro_drift_filter.fleet.folder import BAGS, REPORTS, RESULTS, TABLE
 from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.fleet.sources import Bag
 
-TABLE = 'fleet.parquet'
 _LARGEST_MEMORY = 1e6  # GB: a million, beyond any machine
 # Errors and sensors that are told on the terminal; the table has them all.
 _TOLD = 10
@@ -119,8 +120,8 @@ def run(options: argparse.Namespace) -> int | None:
     bags = find_bags(options.source, options.robot)
     job = Job(
         parameters,
-        output.absolute() / 'bags' if options.write else None,
-        output.absolute() / 'reports' if options.reports else None,
+        output.absolute() / BAGS if options.write else None,
+        output.absolute() / REPORTS if options.reports else None,
     )
     if options.write:
         _check_apart(bags)
@@ -134,7 +135,7 @@ def run(options: argparse.Namespace) -> int | None:
     )
     with cluster as client:
         _make(output)  # not before: where there is no cluster, nothing is left behind
-        fleet = FleetRun(bags, job, Results(output / 'results', parameters), client)
+        fleet = FleetRun(bags, job, Results(output / RESULTS, parameters), client)
         try:
             with Progress(enabled=not options.quiet, unit='bags') as progress:
                 fleet.run(progress)
@@ -149,7 +150,7 @@ def run(options: argparse.Namespace) -> int | None:
     if not options.quiet:
         known = f', {fleet.reused} of them known from before' if fleet.reused else ''
         count = counted(len(bags), 'bag')
-        say(with_files(f'{count}{known}\n\n{_summary(output)}', [output / TABLE]))
+        say(with_files(f'{count}{known}\n\n{summary(output)}', [output / TABLE]))
     return None
 
 
@@ -176,8 +177,8 @@ def _check_apart(bags: list['Bag']) -> None:
         name = written_path(Path(), bag)
         if name in names:
             raise GyroDriftFilterError(
-                f'{names[name]} and {bag.source} would both be written to bags/{name}: write them '
-                'in two runs'
+                f'{names[name]} and {bag.source} would both be written to {BAGS}/{name}: write '
+                'them in two runs'
             )
         names[name] = bag.source
 
@@ -204,22 +205,17 @@ def tell_what_is_gone(table: Path, bags: Sequence['Bag']) -> None:
             )
 
 
-def _summary(output: Path) -> str:
+def summary(output: Path) -> str:
     """Return what failed, and which sensors get worse."""
-    from gyro_drift_filter.cli.fleet_report import ranking_text
-    from gyro_drift_filter.fleet.columns import read_table
+    from gyro_drift_filter.fleet.columns import failures_in, read_table
     from gyro_drift_filter.fleet.health import judge_fleet
+    from gyro_drift_filter.fleet.page import without_figures
 
     table = read_table(output / TABLE)
-    errors = sorted(
-        {
-            (row['source'], row['error'])
-            for row in table.select(['source', 'error']).to_pylist()
-            if row['error']
-        }
-    )
-    lines = [f'{source}: {error}' for source, error in errors[:_TOLD]]
-    if len(errors) > _TOLD:
-        lines.append(f'and {len(errors) - _TOLD} more, in the table')
-    failed = f'{len(errors)} without figures\n' + '\n'.join(lines) + '\n\n' if errors else ''
-    return failed + ranking_text(judge_fleet(table), _TOLD)
+    ranking = ranking_text(judge_fleet(table), _TOLD)
+    if not (failures := failures_in(table)):
+        return ranking
+    lines = [f'{row["source"]}: {row["error"]}' for row in failures[:_TOLD]]
+    if len(failures) > _TOLD:
+        lines.append(f'and {len(failures) - _TOLD} more, in the table')
+    return '\n'.join([without_figures(failures), *lines, '', ranking])

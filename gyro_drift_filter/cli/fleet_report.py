@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from gyro_drift_filter.cli.fleet import TABLE
 from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.result_files import (
     add_json_option,
@@ -32,6 +31,7 @@ from gyro_drift_filter.cli.result_files import (
 )
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.fleet.folder import REPORTS, TABLE
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -58,17 +58,12 @@ def run(options: argparse.Namespace) -> None:
     check_targets({'--json': options.json}, page=options.output)
     with needing_fleet():
         from gyro_drift_filter.fleet.bag_report import report_path
-        from gyro_drift_filter.fleet.columns import read_table
+        from gyro_drift_filter.fleet.columns import failures_in, read_table
         from gyro_drift_filter.fleet.health import judge_fleet
         from gyro_drift_filter.fleet.page import fleet_page
     fleet = read_table(options.fleet / TABLE)
     sensors = judge_fleet(fleet)
-    failures = [
-        row
-        for row in fleet.select(['robot', 'source', 'error']).to_pylist()
-        if row['error'] is not None
-    ]
-    reports, page_folder = options.fleet / 'reports', options.output.absolute().parent
+    reports, page_folder = options.fleet / REPORTS, options.output.absolute().parent
 
     def link(bag: Mapping[str, Any]) -> str:
         path = report_path(reports, bag['content'])
@@ -76,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
 
     results = {'sensors': [_plain(sensor) for sensor in sensors]}
     with saying(ranking_text(sensors), options.json, results) as written:
-        write_whole(options.output, fleet_page(sensors, failures, link))
+        write_whole(options.output, fleet_page(sensors, failures_in(fleet), link))
         written.append(options.output)
         written += write_json(options.json, results)
 

@@ -109,6 +109,13 @@ def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
             writer.write_table(pa.Table.from_pylist(part, of_table))
 
 
+def failures_in(table: pa.Table) -> list[dict[str, Any]]:
+    """Return robot, source and error where a table has no figures, each once, by source."""
+    rows = table.select(['robot', 'source', 'error']).to_pylist()
+    once = {(row['source'], row['error']): row for row in rows if row['error']}
+    return [once[key] for key in sorted(once)]
+
+
 def read_table(path: Path) -> pa.Table:
     """Return a table that was written.
 

@@ -37,7 +37,7 @@ def fleet_page(sensors: Sequence[Sensor], failures: Sequence[Mapping[str, Any]],
 
     Args:
         sensors: In the order of the ranking.
-        failures: Rows of the table with an error.
+        failures: As `failures_in` returns them.
         link: Returns the address of the report on a bag, empty where there is none.
     """
     worse = any(sensor.size > 0.0 for sensor in sensors)
@@ -78,6 +78,11 @@ def headline(sensors: Sequence[Sensor]) -> str:
     if young := len(sensors) - judged:
         text += f'; {young} of {len(sensors)} can not be judged yet: that takes {LEAST_BAGS} bags'
     return f'{text}.'
+
+
+def without_figures(failures: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many bags there are in failures: one may have several topics that fail."""
+    return f'{counted(len({row["source"] for row in failures}), "bag")} without figures'
 
 
 def describe_change(change: Change) -> str:
@@ -126,8 +131,7 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> str:
     ]
     table = table_of(('robot', 'bag', 'why'), rows, ' class="words" id="failures"')
     more = f'<p>The first {LARGEST}.</p>' if len(failures) > LARGEST else ''
-    count = counted(len(failures), 'bag')
-    return f'<details><summary>{count} without figures</summary>{more}{table}</details>'
+    return f'<details><summary>{without_figures(failures)}</summary>{more}{table}</details>'
 
 
 def _section(number: int, sensor: Sensor, link: Link) -> str:
