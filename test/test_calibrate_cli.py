@@ -232,6 +232,10 @@ def test_what_a_calibration_is_not_turned_into_is_told(tmp_path, capsys):
     assert main(['calibrate', str(source), *arguments]) == 1
     assert 'leave out --json, --end, --turns' in capsys.readouterr().err
     assert not output.exists()
+    binary = tmp_path / 'gyro.calib'
+    binary.write_bytes(b'\xff\xfe')
+    assert main(['calibrate', str(binary), '-o', str(output)]) == 1
+    assert f'{binary} is no text in UTF-8\n' in capsys.readouterr().err
 
 
 def test_a_file_of_imu_tk_becomes_a_parameter_file(tmp_path, capsys):

@@ -15,7 +15,6 @@
 """`gyro_drift calibrate`: scale and misalignment from a recording of turns by hand."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,17 +38,8 @@ if TYPE_CHECKING:
 
 # Exit status where entries are not known well: they are named.
 INCOMPLETE = 3
-# The options that a recording is needed for, and their defaults.
-_OF_RECORDINGS = {
-    'json': None,
-    'plot': None,
-    'kalibr': None,
-    'topic': None,
-    'start': 0.0,
-    'end': math.inf,
-    'turns': False,
-    'reference': None,
-}
+# What a calibration of another program needs; all other options are about recordings.
+_OF_CALIBRATIONS = ('command', 'bags', 'output')
 
 
 def add_parser(subcommands: Any) -> None:
@@ -94,7 +84,7 @@ def add_parser(subcommands: Any) -> None:
         help='orientation from elsewhere in the same bag: a pose, transform, quaternion, odometry '
         'or the orientation of an Imu; its rotation to the sensor and its delay are found',
     )
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, parser=command)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -152,7 +142,11 @@ def _convert(options: argparse.Namespace) -> None:
     path = options.bags[0]
     if len(options.bags) > 1:
         raise GyroDriftFilterError(f'{path} is a calibration: name it alone')
-    given = [name for name, default in _OF_RECORDINGS.items() if vars(options)[name] != default]
+    given = [
+        name
+        for name, value in vars(options).items()
+        if name not in _OF_CALIBRATIONS and value != options.parser.get_default(name)
+    ]
     if given:
         raise GyroDriftFilterError(
             f'{path} is a calibration, not a recording: leave out --{", --".join(given)}'
@@ -161,7 +155,9 @@ def _convert(options: argparse.Namespace) -> None:
         text = path.read_text(encoding='utf-8')
         kalibr = path.suffix != '.calib'
         found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise GyroDriftFilterError(f'{path} is no text in UTF-8') from error
+    except yaml.YAMLError as error:
         raise GyroDriftFilterError(f'{path} is no YAML: {yaml_reason(error)}') from error
     sensitivity = (
         NO_SENSITIVITY if found.sensitivity is None else found.sensitivity.ravel().tolist()
