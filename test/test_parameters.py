@@ -20,6 +20,7 @@ import pytest
 import yaml
 
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.parameter_text import parameter_text
 from gyro_drift_filter.core import ParameterError, Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS
 from gyro_drift_filter.messages.parameter_sections import is_section_of
@@ -282,3 +283,20 @@ def test_a_name_of_a_parameter_is_text_whatever_it_looks_like(tmp_path):
     """That of another node, such as y, made the node refuse the file."""
     content = '/**: {ros__parameters: {offset: {x: 1.0, y: 2.0}, epsilon: 7.0}}'
     assert read_parameters(write(tmp_path, content)).epsilon == 7.0
+
+
+def test_what_is_written_is_read_to_the_last_bit(tmp_path):
+    """A double without a point is a text to PyYAML, and an integer to rcl."""
+    path, noise = tmp_path / 'p.yaml', (2e-5, 0.01 / 3.0, 1e-100)
+    values = {
+        'sample_rate': 100.0,
+        'model.phi': (0.1 + 0.2, 1e-5, 0.0),
+        'bias.memory': False,
+        'model.noise_deviation': noise,
+    }
+    path.write_text(parameter_text(['a head'], values, {'model.phi': ['a remark']}))
+    assert read_parameters(path) == Parameters.from_names(values)
+    written = yaml.safe_load(path.read_text())['/**']['ros__parameters']
+    assert written['model']['noise_deviation'] == list(noise)
+    assert '# a head\n/**:' in path.read_text()
+    assert '    model:\n      # a remark\n      phi: ' in path.read_text()

@@ -305,7 +305,7 @@ def test_the_command(bag, tmp_path, capsys, monkeypatch):
 def test_the_file_holds_what_it_started_from(bag, tmp_path):
     start, out = tmp_path / 'start.yaml', tmp_path / 'out.yaml'
     start.write_text(
-        '/**: {ros__parameters: {bias.max: 0.3, sample_rate: 100, bias.memory: false}}'
+        '/**: {ros__parameters: {bias.max: 0.27453292519943, sample_rate: 100, bias.memory: false}}'
     )
     options = ['--params', str(start), '--seconds', '0.001', '--quiet']
     assert main(['tune', str(bag), '-o', str(out), *options]) == 0

@@ -20,10 +20,8 @@ where the files are not what this writes.
 
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
 
-import numpy as np
-
+from gyro_drift_filter.cli.parameter_text import as_yaml
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS, Description
 
@@ -73,7 +71,7 @@ def _yaml_lines(description: Description, indent: int) -> list[str]:
         f'{description.limits[0].upper()}{description.limits[1:]}.' if description.limits else ''
     )
     comment = _comment(description.text, indent) + _comment(unit + limits, indent)
-    value = _shown(Parameters().names()[description.name])
+    value = as_yaml(Parameters().names()[description.name])
     return [*comment, f'{indent * " "}{description.name.rpartition(".")[2]}: {value}']
 
 
@@ -92,7 +90,7 @@ def _markdown() -> str:
 
 
 def _markdown_row(description: Description) -> str:
-    value = _shown(Parameters().names()[description.name])
+    value = as_yaml(Parameters().names()[description.name])
     cells = [f'`{description.name}`', f'`{value}`', description.unit, description.limits]
     return f'| {" | ".join([*cells, description.text])} |\n'
 
@@ -109,17 +107,6 @@ def _groups() -> list[tuple[str, list[Description]]]:
             f"the group '{group}' is new: GROUPS of core/parameters.py needs a sentence for it"
         )
     return list(groups.items())
-
-
-def _shown(value: Any) -> str:
-    """Return a value as both YAML and rcl read it: a double has a point."""
-    if isinstance(value, tuple):
-        return f'[{", ".join(map(_shown, value))}]'
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float) and 0.0 < abs(value) < 1e-3:
-        return np.format_float_scientific(value, trim='0', exp_digits=1)
-    return str(value)
 
 
 if __name__ == '__main__':

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import parameters_to_write
+from gyro_drift_filter.cli.parameter_text import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import (

@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
-from gyro_drift_filter.cli.parameter_file import listed, today
+from gyro_drift_filter.cli.parameter_text import as_yaml, parameter_text, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]
+
+_MATRIX, _SENSITIVITY = 'calibration.matrix', 'calibration.acceleration_sensitivity'
 
 
 def report(result: Calibration) -> str:
@@ -127,33 +129,32 @@ def parameter_file(result: Calibration, source: str) -> str:
         result: To be written.
         source: Names of the recordings, printable, for a comment.
     """
-    lines = [
-        '# Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
-        f'# Found from {source}: {len(result.legs)} turns between {result.rests} rests, '
+    head = [
+        'Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
+        f'Found from {source}: {len(result.legs)} turns between {result.rests} rests, '
         f'on {today()}.',
+        *(f'Not known well: {text}' for text in result.unknown),
     ]
-    lines += [f'# Not known well: {text}' for text in result.unknown]
     if (found := result.accelerometer) is not None:
-        lines += [
-            '# The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
-            f'#   matrix: {listed(found.matrix.ravel())}',
-            f'#   bias: {listed(found.bias.ravel())}',
+        head += [
+            'The accelerometer, for whoever needs it: acceleration = matrix (raw - bias), m/s^2.',
+            f'  matrix: {as_yaml(found.matrix)}',
+            f'  bias: {as_yaml(found.bias)}',
         ]
-    lines += [
-        '/**:',
-        '  ros__parameters:',
-        '    calibration:',
-        '      # rate = matrix (filtered - bias), row by row; standard errors:',
-        f'      # {listed(result.deviation.ravel())}',
-        f'      matrix: {listed(result.matrix.ravel())}',
-    ]
-    if result.sensitivity is not None:
-        lines += [
-            '      # What each m/s^2 adds to the rates, in rad/s, row by row; standard errors:',
-            f'      # {listed(result.sensitivity.deviation.ravel())}',
-            f'      acceleration_sensitivity: {listed(result.sensitivity.matrix.ravel())}',
+    values = {_MATRIX: result.matrix}
+    remarks = {
+        _MATRIX: [
+            'rate = matrix (filtered - bias), row by row; standard errors:',
+            as_yaml(result.deviation),
         ]
-    return '\n'.join(lines) + '\n'
+    }
+    if (sensitivity := result.sensitivity) is not None:
+        values[_SENSITIVITY] = sensitivity.matrix
+        remarks[_SENSITIVITY] = [
+            'What each m/s^2 adds to the rates, in rad/s, row by row; standard errors:',
+            as_yaml(sensitivity.deviation),
+        ]
+    return parameter_text(head, values, remarks)
 
 
 def foreign_file(found: Foreign, source: str) -> str:
@@ -163,15 +164,8 @@ def foreign_file(found: Foreign, source: str) -> str:
         found: To be written.
         source: Name of the file, for a comment.
     """
-    lines = [
-        f'# Scale and misalignment of a gyroscope, from {source}.',
-        '/**:',
-        '  ros__parameters:',
-        '    calibration:',
-        f'      matrix: {listed(found.matrix.ravel())}',
-    ]
-    if found.sensitivity is not None:
-        lines += [f'      acceleration_sensitivity: {listed(found.sensitivity.ravel())}']
-    if found.bias is not None:
-        lines += ['    bias:', f'      initial: {listed(found.bias.ravel())}']
-    return '\n'.join(lines) + '\n'
+    head = [f'Scale and misalignment of a gyroscope, from {source}.']
+    values = {_MATRIX: found.matrix, _SENSITIVITY: found.sensitivity, 'bias.initial': found.bias}
+    return parameter_text(
+        head, {name: value for name, value in values.items() if value is not None}, {}
+    )

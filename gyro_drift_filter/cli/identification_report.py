@@ -21,7 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
-from gyro_drift_filter.cli.parameter_file import listed, parameters_to_write, today
+from gyro_drift_filter.cli.parameter_text import (
+    as_yaml,
+    parameter_text,
+    parameters_to_write,
+    today,
+)
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Coefficient
@@ -217,27 +222,26 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     )
     bias_deviation = per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
-    remark = f"\n# Dead: {named_axes(dead)}; the package's defaults stand there." if dead else ''
-    return f"""\
-# Noise model of a gyroscope, for the node and `gyro_drift replay --params`. SI units; per axis
-# x, y, z. Identified from {source}, {result.seconds:.0f} s of rest, on {today()}.{remark}
-/**:
-  ros__parameters:
-    # Hz
-    sample_rate: {found.sample_rate:.6f}
-    bias:
-      # At that time, rad/s. It holds until the first rest; standard error:
-      # {listed(bias_deviation)}
-      initial: {listed(found.bias_initial)}
-    model:
-      # AR(1) coefficient of the drift
-      phi: {listed(found.model_phi)}
-      # Q and R of kalman and sage_husa, by {noise}, (rad/s)^2
-      process_noise: {listed(found.model_process_noise)}
-      measurement_noise: {listed(found.model_measurement_noise)}
-      # Standard deviation of the noise at rest, for adaptive, rad/s
-      noise_deviation: {listed(found.model_noise_deviation)}
-"""
+    head = [
+        'Noise model of a gyroscope, for the node and `gyro_drift replay --params`.',
+        'SI units; per axis x, y, z.',
+        f'Identified from {source}, {result.seconds:.0f} s of rest, on {today()}.',
+    ]
+    if dead:
+        head.append(f"Dead: {named_axes(dead)}; the package's defaults stand there.")
+    remarks = {
+        'sample_rate': ['Hz'],
+        'bias.initial': [
+            'At that time, rad/s. It holds until the first rest; standard error:',
+            as_yaml(bias_deviation),
+        ],
+        'model.phi': ['AR(1) coefficient of the drift'],
+        'model.process_noise': [f'Q and R of kalman and sage_husa, by {noise}, (rad/s)^2'],
+        'model.measurement_noise': [],
+        'model.noise_deviation': ['Standard deviation of the noise at rest, for adaptive, rad/s'],
+    }
+    values = found.names()
+    return parameter_text(head, {name: values[name] for name in remarks}, remarks)
 
 
 def noise_of(result: Identification) -> Noise:

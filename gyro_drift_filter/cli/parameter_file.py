@@ -15,14 +15,12 @@
 """ROS 2 parameter files: `replay` takes those that the node takes."""
 
 import logging
-from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.parameters import AXES, DESCRIPTIONS, FIELDS, OF_EVERY_NODE
-from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE
+from gyro_drift_filter.errors import ParameterError
 from gyro_drift_filter.messages.names import NODE_NAME
 from gyro_drift_filter.messages.parameter_sections import note_unknown, read_sections
 
@@ -81,36 +79,3 @@ def _ours(path: Path) -> dict[str, dict[str, Any]]:
 
 def _is_ours(section: str) -> bool:
     return section.rpartition('/')[2] in (NODE_NAME, '*', '**')
-
-
-def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
-    """Return parameters that were found, before a file is written with them.
-
-    Args:
-        bias: (3,) in rad/s.
-        others: By the names of the fields of `Parameters`.
-
-    Raises:
-        GyroDriftFilterError: The node and replay would refuse the file.
-    """
-    largest = FIELDS['bias_initial'].high
-    for axis, rate in zip(AXES, bias, strict=True):
-        if abs(rate) > largest:
-            raise GyroDriftFilterError(
-                f'the bias about {axis} is {rate:.4g} rad/s, where {largest:g} is the most that is '
-                'taken: are the rates in deg/s?'
-            )
-    return Parameters(bias_initial=(bias[0], bias[1], bias[2]), **others)
-
-
-def today() -> str:
-    """Return the day on which a file is written, for a comment in it."""
-    return datetime.now(UTC).strftime('%Y-%m-%d')
-
-
-def listed(values: Iterable[float]) -> str:
-    """Return numbers as a list in a parameter file.
-
-    rcl takes lists of one type only, so every number has a point or an exponent.
-    """
-    return '[' + ', '.join(f'{value:.9e}' for value in values) + ']'

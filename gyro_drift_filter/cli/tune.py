@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_file import today
+from gyro_drift_filter.cli.parameter_text import parameter_text, today
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
 from gyro_drift_filter.cli.result_files import (
@@ -231,28 +231,19 @@ def parameter_file(tuning: 'Tuning', source: str) -> str:
         tuning: To be written.
         source: Name of the recording, for a comment.
     """
-    tuned = {one.name: one for one in tuning.sensitivities}
+    remarks = {one.name: [_remark(one)] for one in tuning.sensitivities}
     default = Parameters().names()
-    sections: dict[str, list[str]] = {'': []}
-    for name, value in tuning.chosen.names().items():
-        if not (name == 'method' or name in tuned or value != default[name]):
-            continue
-        group, _, last = name.rpartition('.')
-        lines = sections.setdefault(group, [])
-        indent = 6 * ' ' if group else 4 * ' '
-        if name in tuned:
-            lines.append(f'{indent}# {_remark(tuned[name])}')
-        lines.append(f'{indent}{last}: {_as_yaml(value)}')
-    head = f"""\
-# Settings of the filter, for the node and `gyro_drift replay --params`. SI units; per axis x, y, z.
-# Tuned on {source}, on {today()}.
-/**:
-  ros__parameters:
-"""
-    out = sections.pop('')
-    for group, lines in sections.items():
-        out += [f'    {group}:', *lines]
-    return head + '\n'.join(out) + '\n'
+    head = [
+        'Settings of the filter, for the node and `gyro_drift replay --params`.',
+        'SI units; per axis x, y, z.',
+        f'Tuned on {source}, on {today()}.',
+    ]
+    values = {
+        name: value
+        for name, value in tuning.chosen.names().items()
+        if name == 'method' or name in remarks or value != default[name]
+    }
+    return parameter_text(head, values, remarks)
 
 
 def _remark(one: Any) -> str:
@@ -260,17 +251,3 @@ def _remark(one: Any) -> str:
     if one.loss is None:
         return kept
     return f'{kept}; as good from {one.low:g} to {one.high:g}, at worst {one.loss:.4f} nats lost'
-
-
-def _as_yaml(value: Any) -> str:
-    # rcl takes a list of one type only, so every number has a point or an exponent.
-    if isinstance(value, tuple):
-        return '[' + ', '.join(_as_yaml(v) for v in value) + ']'
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    if isinstance(value, float):
-        text = f'{value:.9g}'
-        if text.lstrip('-').isdigit():
-            return f'{text}.0'
-        return text if '.' in text else f'{value:.9e}'
-    return str(value)

@@ -1,0 +1,85 @@
+# Copyright 2026 gyro_drift_filter maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The text of ROS 2 parameter files, as commands write them."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.core.parameters import AXES, FIELDS
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+
+def parameter_text(
+    head: Sequence[str], values: Mapping[str, Any], remarks: Mapping[str, Sequence[str]]
+) -> str:
+    """Return the text of a parameter file for the node and replay.
+
+    Args:
+        head: Comments at its beginning, by lines.
+        values: By the names of the parameters.
+        remarks: Comments above some of them, by lines.
+    """
+    groups: dict[str, list[str]] = {'': []}
+    for name, value in values.items():
+        group, _, last = name.rpartition('.')
+        indent = (6 if group else 4) * ' '
+        lines = groups.setdefault(group, [f'    {group}:'])
+        lines += [f'{indent}# {remark}' for remark in remarks.get(name, ())]
+        lines.append(f'{indent}{last}: {as_yaml(value)}')
+    comments = [f'# {line}' for line in head]
+    return '\n'.join([*comments, '/**:', '  ros__parameters:', *chain(*groups.values()), ''])
+
+
+def as_yaml(value: Any) -> str:
+    """Return a value as both YAML and rcl read it, an array row by row: a double has a point."""
+    if isinstance(value, np.ndarray):
+        value = tuple(value.ravel().tolist())
+    if isinstance(value, tuple):
+        return f'[{", ".join(map(as_yaml, value))}]'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and 0.0 < abs(value) < 1e-3:
+        return np.format_float_scientific(value, trim='0', exp_digits=1)
+    return str(value)
+
+
+def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
+    """Return parameters that were found, before a file is written with them.
+
+    Args:
+        bias: (3,) in rad/s.
+        others: By the names of the fields of `Parameters`.
+
+    Raises:
+        GyroDriftFilterError: The node and replay would refuse the file.
+    """
+    largest = FIELDS['bias_initial'].high
+    for axis, rate in zip(AXES, bias, strict=True):
+        if abs(rate) > largest:
+            raise GyroDriftFilterError(
+                f'the bias about {axis} is {rate:.4g} rad/s, where {largest:g} is the most that is '
+                'taken: are the rates in deg/s?'
+            )
+    return Parameters(bias_initial=(bias[0], bias[1], bias[2]), **others)
+
+
+def today() -> str:
+    """Return the day on which a file is written, for a comment in it."""
+    return datetime.now(UTC).strftime('%Y-%m-%d')
