@@ -17,16 +17,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.simulation.drive import Drive
 from gyro_drift_filter.simulation.experiments import Simulation
-
-mpl.use('Agg')
-from matplotlib import pyplot as plt
 
 Rates = Mapping[str, NDArray[np.float64]]
 # In the order of METHOD_NAMES, the last ones for methods to come; matplotlib chooses any further.
@@ -38,7 +35,8 @@ def draw_heading(path: Path, drive: Drive, turned: Rates) -> None:
     """Draw the rate about the vertical, and below it by how much the heading is off, in deg."""
     recording = drive.recording
     time = _seconds(recording)
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(9, 5.5), layout='constrained')
+    figure = Figure(figsize=(9, 5.5), layout='constrained')
+    above, below = figure.subplots(2, 1, sharex=True)
     above.plot(time, recording.angular_velocity[:, 2], linewidth=0.6, color=_COLOURS['raw'])
     above.plot(time, drive.rates[:, 2], 'k--', linewidth=0.8)
     above.set_ylabel('rate about z (rad/s)')
@@ -52,15 +50,13 @@ def draw_heading(path: Path, drive: Drive, turned: Rates) -> None:
     below.legend(fontsize=9)
     figure.suptitle('A robot that drives and stands: the heading with and without the filter')
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def draw_static(path: Path, simulation: Simulation, rates: Rates) -> None:
     """Draw figure 2: the motionless part before and after each filter, one panel each."""
     time, still = _seconds(simulation), ~simulation.moving
-    figure, panels = plt.subplots(
-        len(rates), 1, sharex=True, sharey=True, figsize=(9, 6.5), layout='constrained'
-    )
+    figure = Figure(figsize=(9, 6.5), layout='constrained')
+    panels = figure.subplots(len(rates), 1, sharex=True, sharey=True)
     for panel, (name, rate) in zip(panels, rates.items(), strict=True):
         panel.plot(time[still], rate[still, 0], linewidth=0.6, color=_COLOURS.get(name))
         panel.axhline(simulation.bias[0], color='black', linewidth=0.8, linestyle='--')
@@ -73,7 +69,6 @@ def draw_static(path: Path, simulation: Simulation, rates: Rates) -> None:
     panels[-1].set_xlabel('time (s)')
     figure.suptitle('Static experiment, axis x (dashed: the bias, which stays)')
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
@@ -81,9 +76,8 @@ def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
     time, moving = _seconds(simulation)[simulation.moving], simulation.moving
     truth = simulation.truth[moving, 0]
     filtered = {name: rate for name, rate in rates.items() if name != 'raw'}
-    figure, (above, *below) = plt.subplots(
-        1 + len(filtered), 1, sharex=True, figsize=(9, 7), layout='constrained'
-    )
+    figure = Figure(figsize=(9, 7), layout='constrained')
+    above, *below = figure.subplots(1 + len(filtered), 1, sharex=True)
     for name, rate in rates.items():
         colour = _COLOURS.get(name)
         above.plot(time, rate[moving, 0], linewidth=0.8, color=colour, label=name)
@@ -101,7 +95,6 @@ def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
     below[-1].set_xlabel('time (s)')
     figure.suptitle('Dynamic experiment, axis x: raw outliers reach beyond the frame')
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _seconds(simulation: Simulation) -> NDArray[np.float64]:

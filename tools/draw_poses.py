@@ -22,10 +22,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-
-mpl.use('Agg')
-from matplotlib import pyplot as plt
 
 Floats = NDArray[np.float64]
 
@@ -144,8 +142,8 @@ def main() -> None:
     mpl.rcParams.update(
         {'svg.fonttype': 'none', 'svg.hashsalt': 'poses', 'font.family': 'sans-serif'}
     )
-    figure, panels = plt.subplots(2, 6, figsize=(9.0, 4.7))
-    figure.patch.set(facecolor='white')
+    figure = Figure(figsize=(9.0, 4.7), facecolor='white')
+    panels = figure.subplots(2, 6)
     for panel, (name, face) in zip(panels[0], FACES.items(), strict=True):
         draw_pose(panel, name, on_a_face(*face), leans=False)
     for panel, (name, edge) in zip(panels[1], EDGES.items(), strict=True):

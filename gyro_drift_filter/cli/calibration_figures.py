@@ -17,7 +17,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -25,9 +24,6 @@ from gyro_drift_filter.calibrate.calibration import Samples
 from gyro_drift_filter.calibrate.results import Calibration
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.whole_file import draw_whole
-
-mpl.use('Agg')
-from matplotlib import pyplot as plt
 
 _COLOURS = '#d1722b', '#2a8a57', '#1f5fa8'
 _BEFORE, _AFTER = '#8a94a6', '#1f5fa8'
@@ -47,15 +43,13 @@ def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> li
     drawn = {'turns.png': _turns(result, recordings), 'closures.png': _closures(result)}
     for name, figure in drawn.items():
         draw_whole(folder / name, figure)
-        plt.close(figure)
     return [folder / name for name in drawn]
 
 
 def _turns(result: Calibration, recordings: Sequence[Samples]) -> Figure:
     """Return the raw rates of each recording, with the turns shaded."""
-    figure, panels = plt.subplots(
-        len(recordings), 1, figsize=(9, 3.5 * len(recordings)), layout='constrained', squeeze=False
-    )
+    figure = Figure(figsize=(9, 3.5 * len(recordings)), layout='constrained')
+    panels = figure.subplots(len(recordings), 1, squeeze=False)
     for number, (panel, samples) in enumerate(zip(panels[:, 0], recordings, strict=True)):
         seconds = (samples.stamps - samples.stamps[0]) * 1e-9
         for axis, (name, colour) in enumerate(zip(AXES, _COLOURS, strict=True)):
@@ -72,7 +66,8 @@ def _turns(result: Calibration, recordings: Sequence[Samples]) -> Figure:
 
 def _closures(result: Calibration) -> Figure:
     """Return by how much each turn misses gravity, before and after."""
-    figure, closures = plt.subplots(figsize=(9, 4), layout='constrained')
+    figure = Figure(figsize=(9, 4), layout='constrained')
+    closures = figure.subplots()
     place = np.arange(len(result.legs))
     for closed, colour, label, shift in (
         (result.before, _BEFORE, 'before', -0.2),

@@ -17,9 +17,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from statsmodels.tsa.arima_process import ArmaProcess
 from statsmodels.tsa.stattools import acf
@@ -30,9 +30,6 @@ from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Ident
 from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts, seconds_at
 from gyro_drift_filter.identify.spectrum import spectrum
 from gyro_drift_filter.whole_file import draw_whole
-
-mpl.use('Agg')
-from matplotlib import pyplot as plt
 
 _RAW, _MODEL, _CHOSEN, _REST = '#8a94a6', '#d1722b', '#1f5fa8', '#2a8a57'
 _INSTABILITY = '#8d3c7f'
@@ -85,7 +82,8 @@ def draw(
     )
     written = []
     for name, title, draw_panel, label in drawn:
-        figure, panels = plt.subplots(3, 1, sharex=True, figsize=(9, 8.5), layout='constrained')
+        figure = Figure(figsize=(9, 8.5), layout='constrained')
+        panels = figure.subplots(3, 1, sharex=True)
         for index, (panel, axis) in enumerate(zip(panels, result.axes, strict=True)):
             panel.set_title(f'axis {AXES[index]}', fontsize=10, loc='left')
             if isinstance(axis, DeadAxis):
@@ -99,7 +97,6 @@ def draw(
         figure.suptitle(title)
         path = folder / f'{name}.png'
         draw_whole(path, figure)
-        plt.close(figure)
         written.append(path)
     return written
 
