@@ -35,7 +35,7 @@ ALLOWED = {
     'report': {'accelerate', 'core', 'doctor', 'identify', 'messages'},
     'simulation': {'bags', 'messages'},
     'tune': {'core'},
-    'recordings': {'bags', 'core', 'doctor', 'identify', 'messages'},
+    'recordings': {'bags', 'core', 'doctor', 'identify', 'messages', 'report'},
     'fleet': {'bags', 'core', 'doctor', 'identify', 'messages', 'recordings', 'report'},
     'ros': {'accelerate', 'core', 'messages'},
     'cli': {

@@ -176,8 +176,8 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
     from gyro_drift_filter.bags.orientations import read_orientations
     from gyro_drift_filter.calibrate.calibration import Samples
     from gyro_drift_filter.calibrate.reference import Reference
-    from gyro_drift_filter.cli.identification_samples import read_samples
     from gyro_drift_filter.identify.series import stacked
+    from gyro_drift_filter.recordings.samples import read_samples
 
     with Progress(enabled=True) as progress:
         found = read_samples(bag, options.topic, between(options), progress)

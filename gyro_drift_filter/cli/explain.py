@@ -42,7 +42,6 @@ from gyro_drift_filter.errors import printable
 from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
-    from gyro_drift_filter.core import Filter
     from gyro_drift_filter.report.flagged import FlaggedSequence, UnflaggedSamples
 
 # As long as a page that somebody reads.
@@ -72,45 +71,28 @@ def add_parser(subcommands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    from gyro_drift_filter.bags.opening import check_path, open_bag
-    from gyro_drift_filter.bags.output import NoOutput
     from gyro_drift_filter.bags.recording import BagError
-    from gyro_drift_filter.bags.replay_run import ReplayRun, why_nothing
     from gyro_drift_filter.bags.selection import Selection
-    from gyro_drift_filter.report.flagged import FlaggedLog
+    from gyro_drift_filter.recordings.flagged import read_flagged
 
     spare_linear_algebra()
     start, end = between(options)
     check_targets({'--json': options.json})
     parameters = chosen_parameters(options)
     compile_first()
-    logs: list[FlaggedLog] = []
-
-    def watched(topic: str, filter_: 'Filter') -> FlaggedLog:
-        logs.append(FlaggedLog(filter_))
-        return logs[-1]
-
     # The whole recording, so that each sample meets the filter as it met it on the robot.
     topics = (options.topic,) if options.topic else ()
     selection = Selection(imu_topics=topics, hint=options.motion_hint)
-    check_path(options.bag)
-    with open_bag(options.bag) as recording, Progress(enabled=True) as progress:
-        inputs = selection.inputs(recording)
-        hint = selection.hint_topic(recording)
-        replay = ReplayRun(recording, NoOutput(1), parameters, inputs, watched, hint)
-        for piece in selection.pieces(recording, progress):
-            replay.take(piece)
-        (summary,) = replay.finish()
-    if not logs[0].samples:
-        raise BagError(why_nothing(summary))
+    with Progress(enabled=True) as progress:
+        summary, log = read_flagged(options.bag, parameters, selection, progress)
     if start > summary.seconds:
         raise BagError(f'the recording lasts for {summary.seconds:g} s, and ends before --start')
     sequences = [
         sequence
-        for sequence in logs[0].sequences
+        for sequence in log.sequences
         if start <= 1e-9 * (sequence.log_time - summary.start) <= end
     ]
-    unflagged = logs[0].unflagged(summary.start, start, end)
+    unflagged = log.unflagged(summary.start, start, end)
     named = _named(sequences, unflagged, parameters)
     source = f'{options.bag.absolute().name}, topic {summary.topic}, {parameters.method}'
     text = page(source, sequences, summary.start, named, unflagged)

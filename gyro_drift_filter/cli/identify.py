@@ -35,8 +35,8 @@ from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from gyro_drift_filter.cli.identification_samples import Samples
     from gyro_drift_filter.identify.identification import Identification
+    from gyro_drift_filter.recordings.samples import Samples
 
 
 def add_parser(subcommands: Any) -> None:
@@ -111,9 +111,9 @@ def run(options: argparse.Namespace) -> None:
     with needing('identification', 'scipy', 'statsmodels', 'allantools'):
         from gyro_drift_filter.calibrate.exchange import lacking, to_kalibr
         from gyro_drift_filter.cli.identification_report import noise_of, parameter_file, report
-        from gyro_drift_filter.cli.identification_samples import read_samples
         from gyro_drift_filter.identify.identification import identify
         from gyro_drift_filter.identify.models import ORDERS
+        from gyro_drift_filter.recordings.samples import read_samples
     if options.plot:
         with needing('--plot', 'matplotlib'):
             from gyro_drift_filter.cli.identification_figures import draw

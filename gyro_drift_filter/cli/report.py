@@ -18,6 +18,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,7 @@ from gyro_drift_filter.whole_file import write_whole
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.core import Parameters
+    from gyro_drift_filter.recordings.filtered import Filtered
     from gyro_drift_filter.report.page import DrawnRecording
 
 
@@ -151,7 +153,7 @@ def _recording(
     options: argparse.Namespace,
 ) -> 'DrawnRecording':
     """Return what the page shows of a bag."""
-    from gyro_drift_filter.cli.report_recording import facts_of, filter_recording
+    from gyro_drift_filter.recordings.filtered import filter_recording
     from gyro_drift_filter.report.figures import Drawer
     from gyro_drift_filter.report.page import DrawnRecording, points_for
 
@@ -173,8 +175,23 @@ def _recording(
         None if recorded is None else (recorded.times, recorded.rates),
     )
     command = shlex.join(['gyro_drift', *sys.argv[1:]])
-    facts = facts_of(bag, filtered, command)
+    facts = _facts(bag, filtered, command)
     return DrawnRecording.of(name, drawer, filtered.summaries, parameters[0], facts, notes)
+
+
+def _facts(bag: Path, filtered: 'Filtered', command: str) -> list[tuple[str, str]]:
+    """Return where the report comes from: pairs of what and which."""
+    from gyro_drift_filter.report.page import when_recorded
+
+    summary = next(iter(filtered.summaries.values()))
+    period = next(iter(filtered.signals.values())).watch.period
+    return [
+        ('bag', str(bag)),
+        ('topic', f'{summary.topic}, frame {filtered.frame}'),
+        when_recorded(summary, period, f' of {filtered.messages}'),
+        ('command', command),
+        ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
+    ]
 
 
 def _draw(folder: Path, recordings: Sequence['DrawnRecording']) -> None:

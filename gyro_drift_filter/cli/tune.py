@@ -93,8 +93,8 @@ def run(options: argparse.Namespace) -> None:
     with needing('tuning', 'scipy'):
         from gyro_drift_filter.tune.objective import Material
         from gyro_drift_filter.tune.tuning import tune
-    from gyro_drift_filter.cli.identification_samples import read_samples
     from gyro_drift_filter.identify.series import stacked
+    from gyro_drift_filter.recordings.samples import read_samples
 
     parameters = chosen_parameters(options)
     if not options.quiet:

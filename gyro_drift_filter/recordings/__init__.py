@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is read of a recording on its way through a filter, for the doctor and for fleets."""
+"""What is read from a recording, filtered or as it is, for commands and fleets."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The samples of a bag for `identify` and `calibrate`: in temporary files, as there may be many."""
+"""The samples of one topic of a bag, unfiltered: in temporary files, as there may be many."""
 
 import math
 from collections.abc import Callable

@@ -16,7 +16,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,7 +36,6 @@ from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
-from gyro_drift_filter.report.page import when_recorded
 from gyro_drift_filter.report.signals import COMPARED, Signals
 
 
@@ -157,16 +155,3 @@ def filter_recording(
     recorded = filtered.beside(main, summary.start)
     frame = runs[0].filters[0].messages.report().frame
     return Filtered(signals, summaries, recorded, frame, count)
-
-
-def facts_of(bag: Path, filtered: Filtered, command: str) -> list[tuple[str, str]]:
-    """Return where the report comes from: pairs of what and which."""
-    summary = next(iter(filtered.summaries.values()))
-    period = next(iter(filtered.signals.values())).watch.period
-    return [
-        ('bag', str(bag)),
-        ('topic', f'{summary.topic}, frame {filtered.frame}'),
-        when_recorded(summary, period, f' of {filtered.messages}'),
-        ('command', command),
-        ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
-    ]
