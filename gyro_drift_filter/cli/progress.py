@@ -25,8 +25,8 @@ from gyro_drift_filter.cli.printing import is_terminal, tell
 from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
 
-# Between two remarks on how far compiling is: on a terminal, and where each is a line of its own.
-_TERMINAL_SECONDS, _LINE_SECONDS = 0.5, 10.0
+# Between two remarks on how far work is: on a terminal, and where each is a line of its own.
+_TERMINAL_SECONDS, _LINE_SECONDS = 0.2, 10.0
 
 
 class Progress:
@@ -45,7 +45,7 @@ class Progress:
     def __call__(self, done: int, total: int) -> None:
         """Show how many are done; the total is 0 where it is not known."""
         now = time.monotonic()
-        pause = 0.2 if self._terminal else _LINE_SECONDS
+        pause = _TERMINAL_SECONDS if self._terminal else _LINE_SECONDS
         if not self._enabled or now - self._last < pause:
             return
         self._last = now
