@@ -255,6 +255,10 @@ def test_a_file_of_imu_tk_becomes_a_parameter_file(tmp_path, capsys):
     (tmp_path / 'found.yaml').unlink()
     assert calibrate(tmp_path, path) == 1
     assert 'scales axis' in capsys.readouterr().err
+    path.write_text(f'{2 * "1 0 0 0 1 0 0 0 1 "} 0 0.3 0')
+    assert calibrate(tmp_path, path) == 0
+    assert read_parameters(tmp_path / 'found.yaml').bias_max == pytest.approx(0.34)
+    (tmp_path / 'found.yaml').unlink()
     path.write_text(f'{2 * "1 0 0 0 1 0 0 0 1 "} 0 100 0')
     assert calibrate(tmp_path, path) == 1
     assert 'the bias about y is 100 rad/s, where 10 is' in capsys.readouterr().err

@@ -183,6 +183,20 @@ def test_a_noise_that_no_gyroscope_has_is_said_to_be_in_degrees(tmp_path, capsys
     assert 'rad/s or more on each axis: the driver may publish degrees' in capsys.readouterr().err
 
 
+def test_a_bias_beyond_the_default_limit_is_one_that_rest_may_have(tmp_path, capsys):
+    """It was subtracted as `bias.initial`, never learned anew, and told as left in."""
+    source = bag(tmp_path / 'in', 30, change=lambda rates: np.add(rates, [0.3, 0, 0]))
+    assert identify(tmp_path, source) == 0
+    assert re.search(r'the bias about x, 17\.\d deg/s, is beyond the', capsys.readouterr().err)
+    parameters = read_parameters(tmp_path / 'model.yaml')
+    assert parameters.bias_max == pytest.approx(parameters.bias_initial[0] + 0.04)
+    arguments = ['-o', str(tmp_path / 'out'), '--params', str(tmp_path / 'model.yaml')]
+    assert main(['replay', str(source), *arguments]) == 0
+    printed = capsys.readouterr().out
+    assert 'found at rest' in printed
+    assert 'bias.max' not in printed
+
+
 def test_a_rest_at_another_rate_is_told(tmp_path, capsys):
     def turning(rates):
         rates[4000:4100] += 1.0

@@ -94,6 +94,7 @@ def test_every_parameter_is_described():
         ('outlier.run', 2.5, "'outlier.run' must be a whole number"),
         ('outlier.run', 0, 'at least 1'),
         ('zzz', 0.98, "unknown parameter 'zzz': there are method, "),
+        ('bias.initial', [0.1, 0.0, -0.2], r"'bias.initial' \(axis z\) is -0.2 rad/s, beyond bias"),
     ],
 )
 def test_wrong_values_are_refused_with_the_limit(name, value, message, tmp_path):

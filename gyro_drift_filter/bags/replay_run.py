@@ -293,12 +293,16 @@ class TopicFilter:
 
     def _listen(self, kind: str, data: bytes) -> None:
         """Tell the filter what another topic says, passing over what can't be read."""
-        filter_, said = self.messages.filter, None
+        said = None
         with suppress(Exception):
             message: Any = self._typestore.deserialize_cdr(data, kind)
             said = message.temperature if kind == TEMPERATURE_TYPE else moves(message)
-        if said is not None:
-            (filter_.note_temperature if kind == TEMPERATURE_TYPE else filter_.hint)(said)
+        if said is None:
+            return
+        if kind == TEMPERATURE_TYPE:
+            self.messages.filter.note_temperature(said)
+        else:
+            self.messages.filter.hint(said)
 
     def summary(
         self, written: int, left_out: dict[str, str], start: int, seconds: float

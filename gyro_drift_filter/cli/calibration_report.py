@@ -15,6 +15,7 @@
 """What `gyro_drift calibrate` prints and writes: tables and the parameter file."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,9 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
-from gyro_drift_filter.cli.parameter_text import as_yaml, parameter_text, today
+from gyro_drift_filter.cli.parameter_text import as_yaml, largest_bias, parameter_text, today
 from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -165,7 +167,11 @@ def foreign_file(found: Foreign, source: str) -> str:
         source: Name of the file, for a comment.
     """
     head = [f'Scale and misalignment of a gyroscope, from {source}.']
-    values = {_MATRIX: found.matrix, _SENSITIVITY: found.sensitivity, 'bias.initial': found.bias}
-    return parameter_text(
-        head, {name: value for name, value in values.items() if value is not None}, {}
-    )
+    values: dict[str, Any] = {_MATRIX: found.matrix}
+    if found.sensitivity is not None:
+        values[_SENSITIVITY] = found.sensitivity
+    if found.bias is not None:
+        if (largest := largest_bias(found.bias.tolist())) != Parameters().bias_max:
+            values['bias.max'] = largest
+        values['bias.initial'] = found.bias
+    return parameter_text(head, values, {})

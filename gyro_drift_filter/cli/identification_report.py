@@ -229,8 +229,10 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     ]
     if dead:
         head.append(f"Dead: {named_axes(dead)}; the package's defaults stand there.")
+    larger = ['Larger than the default, as the bias is, rad/s']
     remarks = {
         'sample_rate': ['Hz'],
+        **({} if found.bias_max == default.bias_max else {'bias.max': larger}),
         'bias.initial': [
             'At that time, rad/s. It holds until the first rest; standard error:',
             as_yaml(bias_deviation),

@@ -151,15 +151,26 @@ def run(options: argparse.Namespace) -> None:
 
 def _warnings(result: 'Identification') -> list[str]:
     """Return what is doubtful about a result."""
+    from gyro_drift_filter.core import Parameters
+    from gyro_drift_filter.core.parameters import AXES
     from gyro_drift_filter.identify.identification import DeadAxis
     from gyro_drift_filter.messages.input_rules import IN_DEGREES, LARGEST_NOISE
 
-    warnings = list(result.warnings)
-    least = min(axis.deviation for axis in result.axes if not isinstance(axis, DeadAxis))
+    warnings, limit = list(result.warnings), Parameters().bias_max
+    alive = {n: a for n, a in zip(AXES, result.axes, strict=True) if not isinstance(a, DeadAxis)}
+    least = min(axis.deviation for axis in alive.values())
     if least > LARGEST_NOISE:
         warnings.append(
             f'the noise at rest is {least:.2g} rad/s or more on each axis: {IN_DEGREES}'
         )
+        return warnings
+    for name, axis in alive.items():
+        if abs(axis.preprocessed.bias) > limit:
+            warnings.append(
+                f'the bias about {name}, {math.degrees(axis.preprocessed.bias):.3g} deg/s, is '
+                f'beyond the default of bias.max, {math.degrees(limit):g} deg/s: the parameter '
+                'file raises that, and without the file this bias is not subtracted'
+            )
     return warnings
 
 

@@ -77,7 +77,20 @@ def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
                 f'the bias about {axis} is {rate:.4g} rad/s, where {largest:g} is the most that is '
                 'taken: are the rates in deg/s?'
             )
-    return Parameters(bias_initial=(bias[0], bias[1], bias[2]), **others)
+    return Parameters(
+        bias_initial=(bias[0], bias[1], bias[2]), bias_max=largest_bias(bias), **others
+    )
+
+
+def largest_bias(bias: Sequence[float]) -> float:
+    """Return `bias.max` in rad/s for a sensor with a bias (3,) in rad/s.
+
+    It is the default one if the bias lies within that, or what the bias may be at the next start.
+    """
+    default, largest = Parameters(), max(map(abs, bias))
+    if largest <= default.bias_max:
+        return default.bias_max
+    return min(largest + default.bias_turn_on_deviation, FIELDS['bias_max'].high)
 
 
 def today() -> str:

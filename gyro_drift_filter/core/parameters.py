@@ -293,8 +293,9 @@ class Parameters:
     bias_initial: tuple[float, float, float] = _parameter(
         (0.0, 0.0, 0.0),
         'bias.initial',
-        'Bias of each axis x, y, z until the first rest, where none is remembered. Another value '
-        'that is set while the node runs replaces what was learned of the bias.',
+        'Bias of each axis x, y, z until the first rest, where none is remembered; at most '
+        'bias.max. Another value that is set while the node runs replaces what was learned of the '
+        'bias.',
         unit='rad/s',
         low=-10.0,
         high=10.0,
@@ -403,6 +404,7 @@ class Parameters:
         """Check all values and bring them into their own types."""
         for field, description in FIELDS.items():
             object.__setattr__(self, field, description.check(getattr(self, field)))
+        _check_bias(self.bias_initial, self.bias_max)
         if self.is_calibrated:
             _check_matrix(self.calibration_matrix)
 
@@ -440,6 +442,20 @@ class Parameters:
     def names(self) -> dict[str, Any]:
         """Return the values by ROS 2 name."""
         return {description.name: getattr(self, field) for field, description in FIELDS.items()}
+
+
+def _check_bias(initial: tuple[float, ...], largest: float) -> None:
+    """Check that the bias to begin with is one that rest may have.
+
+    Raises:
+        ParameterError: It is larger, so that no rest would ever replace it.
+    """
+    for axis, rate in zip(AXES, initial, strict=True):
+        if abs(rate) > largest:
+            raise ParameterError(
+                f"parameter 'bias.initial' (axis {axis}) is {rate:g} rad/s, beyond bias.max, "
+                f'{largest:g} rad/s: no rest would replace it'
+            )
 
 
 def _check_matrix(values: tuple[float, ...]) -> None:
