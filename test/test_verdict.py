@@ -137,6 +137,20 @@ def test_a_slow_sensor_is_recorded_all_the_time(random):
     assert log.judged_seconds == pytest.approx(100.0, abs=10.0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('hertz', 'is_told'), [(0.3, False), (5.0, True)])
+def test_a_robot_that_turns_on_a_smooth_floor_is_no_stand_without_a_rest(
+    hertz, is_told, tmp_path, random
+):
+    """Gravity stands beside a loose mount, too, but no bias wanders by more than its limit."""
+    rates, accelerations = at_rest(random, 200, rate=50)
+    turns = motion_below(hertz, random, 9500, 50)
+    rates[500:] += 0.3 * turns / turns.std()
+    stamps = START + 20_000_000 * np.arange(len(rates))
+    verdict = of_samples(tmp_path, rates, accelerations, stamps)
+    assert ('no rest' in [finding.name for finding in verdict.findings]) == is_told
+
+
 def test_log_times_that_stand_contradict_nothing(tmp_path, random):
     rates, accelerations = at_rest(random, 60, (0.0, 0.0, 3.0 * DEGREE))
     rates[[1000, 2000, 3000], 0] += 100.0 * DEGREE

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
+from gyro_drift_filter.doctor.steady_rates import SteadyRates
 from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.input_rules import WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
@@ -75,9 +76,11 @@ class RuleLog:
     last: Span | None = None
     seconds: float = 0.0
     judged_seconds: float = 0.0
+    _without_rest: SteadyRates = field(default_factory=SteadyRates)
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
-        """See messages, of which rules say nothing."""
+        """See messages (n,) IMU that were filtered."""
+        self._without_rest.take(imus)
 
     def judge(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
         """Take a report in: its span, the rules that apply, and the time since the one before."""
@@ -89,6 +92,8 @@ class RuleLog:
             entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
             entry.seconds += judged
             entry.text, entry.span = text, span
+            if rule.name == 'no rest':
+                self._without_rest.note(span.before.received, span.now.received)
         self.seconds += seconds
         self.judged_seconds += judged
         self.last = span
@@ -112,6 +117,9 @@ class RuleLog:
             return []
         state = span.now.telemetry
         refuted = refuted | _taken_back(state)
+        # Whatever a bias may be, it scatters by no more than its limit: the body has turned.
+        if (self._without_rest.deviation > span.now.parameters.bias_max).any():
+            refuted |= {'no rest'}
         found = [
             self._fault(entry, span)
             for name, entry in self.applied.items()

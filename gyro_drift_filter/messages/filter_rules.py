@@ -181,7 +181,8 @@ FILTER_RULES = (
             'gravity has stood still for minutes, and yet no rest is found, as '
             f'{why_not_at_rest(span.now.telemetry)}: if the robot stands, look for what makes its '
             'rates wander or jump (a motor, a fan, a loose mount, temperature, a driver that '
-            'publishes deg/s); if it moves, see whether the accelerometer hangs'
+            'publishes deg/s); if it drives about on level ground, this is no fault, unless the '
+            'accelerometer hangs'
         ),
     ),
     Rule(

@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
+from gyro_drift_filter.doctor.steady_rates import SteadyRates
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
-from gyro_drift_filter.report.steady_rates import SteadyRates
 from gyro_drift_filter.version import package_version
 
 Floats = NDArray[np.float64]
@@ -323,6 +323,7 @@ class RunWatch:
         add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
         self._held_back.take(imus, self.period)
         self._beyond_max.take(imus)
+        self._rules.take(imus, log_times)
 
     @property
     def is_by_log(self) -> bool:

@@ -25,13 +25,13 @@ Floats = NDArray[np.float64]
 
 
 class SteadyRates:
-    """Means of the raw rates between reports; of all messages only the last ones are kept."""
+    """Raw rates from report to report; of all messages only the last ones are kept."""
 
     def __init__(self) -> None:
         """Start before the first message."""
         self._rates: Floats = np.empty((0, 3))
         self._begin = 0  # messages before the ones that are kept
-        self._sum, self._count = np.zeros(3), 0
+        self._sum, self._squares, self._count = np.zeros(3), np.zeros(3), 0
 
     def take(self, imus: Any) -> None:
         """See the next messages (n,) IMU."""
@@ -44,10 +44,18 @@ class SteadyRates:
         usable = rates[(np.abs(rates) <= LARGEST_RATE).all(axis=1)]
         if len(usable):
             # Not the mean: the sensor may have begun to move, or a spike have come.
-            self._sum += np.median(usable, axis=0)
+            rate = np.median(usable, axis=0)
+            self._sum += rate
+            self._squares += rate * rate
             self._count += 1
 
     @property
     def mean(self) -> Floats:
         """The mean rates (3,) in rad/s of all that was added; NaN where nothing was."""
         return self._sum / self._count if self._count else np.full(3, np.nan)
+
+    @property
+    def deviation(self) -> Floats:
+        """Standard deviation (3,) in rad/s of the rates from report to report; NaN likewise."""
+        variance = self._squares / max(self._count, 1) - self.mean**2
+        return np.sqrt(np.maximum(variance, 0.0))
