@@ -305,6 +305,19 @@ def test_a_slow_sensor_has_to_stand_still_for_longer(found):
     assert rests.advice.startswith('let it stand still for 23 seconds at the start')
 
 
+@pytest.mark.parametrize('period', [1.0, 2.0])
+def test_a_sensor_that_is_slower_than_gap_limit_allows_is_one_fault(period, found, random):
+    simulation = again(handled(motions=1), slice(None, 1000, 10))
+    late = np.abs(0.01 * random.standard_normal(100))
+    stamps = START + (1e9 * (period * np.arange(100) + late)).astype(np.int64)
+    findings = found(replace(simulation, stamps=stamps))
+    assert {'slow sensor'} == faults(findings) & {
+        *('slow sensor', 'restarted', 'always restarted', 'gaps', 'rests'),
+    }
+    (finding,) = (finding for finding in findings if finding.name == 'slow sensor')
+    assert finding.advice.startswith('raise gap_limit')
+
+
 @pytest.mark.slow
 def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
     """With a little jitter some are counted until that is known, and then none."""

@@ -89,6 +89,11 @@ CASES = {
     'clipped': ({'clipped': [0, 1, 0]}, {}, 'end of the measuring range'),
     'unusable': ({'unusable': [0, 0, 1]}, {}, 'no usable number'),
     'lost': ({'lost': 1}, {}, 'before the node took them'),
+    'slow sensor': (
+        {'restarts': 5, 'parameters': Parameters(gap_limit=0.012), 'period_blocks': 0},
+        {'restarts': 5, 'parameters': Parameters(gap_limit=0.013), 'period_blocks': 0},
+        'raise gap_limit',
+    ),
     'always restarted': ({'restarts': 501}, {'restarts': 500}, 'in another unit'),
     'restarted': ({'restarts': 1}, {'gaps': 1}, 'jumped by more than gap_limit'),
     'backward': ({'backward_stamps': 51}, {'backward_stamps': 50}, 'stamps go backward'),

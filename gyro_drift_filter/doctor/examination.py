@@ -93,6 +93,7 @@ _FOLLOWS = {
     'noise in degrees': _OF_DEGREES,
     'axes': {'contradicts gravity'},
     'beyond bias.max': {'rests'},
+    'slow sensor': {'rests'},
     'unit of acceleration': {
         *('no gravity', 'beyond gravity', 'invented covariance of linear acceleration'),
     },

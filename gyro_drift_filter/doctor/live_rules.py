@@ -120,6 +120,8 @@ class RuleLog:
         # Whatever a bias may be, it scatters by no more than its limit: the body has turned.
         if (self._without_rest.deviation > span.now.parameters.bias_max).any():
             refuted |= {'no rest'}
+        if 'slow sensor' in self.applied:
+            refuted |= {'always restarted', 'restarted', 'gaps'}
         found = [
             self._fault(entry, span)
             for name, entry in self.applied.items()

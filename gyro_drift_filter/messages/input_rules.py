@@ -32,6 +32,10 @@ _SLOW_LOW_PASS = 15.0
 # Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
 # or a driver that mixes its messages up do so all the time.
 _BACKWARD_SHARE = 0.05
+# Of gap_limit: where samples are so far apart, stamps that are a bit late are beyond it.
+_LONG_STEP = 0.8
+# Messages that come between two reports stand for up to a report more.
+_OTHER_UNIT = 10.0
 # So many samples in the window show that their stamps always jump: one pause is none of them.
 _LEAST_STEPS = 5
 # No gyroscope has so much noise at rest, in rad/s, and what shakes it so much shakes the
@@ -71,6 +75,18 @@ def _stamps_go_backward(span: Span) -> bool:
 
 def _stamps_always_jump(span: Span) -> bool:
     return span.recent >= _LEAST_STEPS and 2 * in_window(span, 'restarts') > span.recent
+
+
+def _is_slower_than_gap_limit(span: Span) -> bool:
+    """Return whether it is the sensor that is slow where stamps jump, and no clock that is set."""
+    state = span.now.telemetry
+    if not in_window(span, 'restarts') or state.restarts < _LEAST_STEPS:
+        return False
+    limit, step = _LONG_STEP * span.now.parameters.gap_limit, 1e-9 * in_window(span, 'stamp')
+    # Stamps that are farther apart than gap_limit tell the filter no period.
+    is_known = state.period_blocks > 0 and state.period < limit
+    # In another unit they advance a thousand times as fast.
+    return not is_known and limit * span.recent < step < _OTHER_UNIT * span.seconds
 
 
 def _stamps_are_zero(span: Span) -> bool:
@@ -424,6 +440,12 @@ INPUT_RULES = (
         'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
         'back: choose a higher cut-off frequency, unless a machine that runs at some Hz shakes the '
         'sensor at rest',
+    ),
+    Rule(
+        'slow sensor',
+        _is_slower_than_gap_limit,
+        'samples come as far apart as gap_limit allows, or farther, so that the filter starts anew '
+        'at each that is a bit late: raise gap_limit to three sample periods or more',
     ),
     Rule(
         'always restarted',
