@@ -19,6 +19,7 @@ import itertools
 import json
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -300,6 +301,36 @@ def test_the_command(bag, tmp_path, capsys, monkeypatch):
         ).names()
     )
     assert result['cost_best'] < result['cost_before']
+
+
+def test_no_time_to_try_anything_is_told(bag, tmp_path, capsys):
+    options = ['-o', str(tmp_path / 'out.yaml'), '--seconds', '0.001']
+    assert main(['tune', str(bag), *options]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith('Nothing was tried: the time limit was up after the first run')
+    assert '\n1 run of the filter\n' in printed
+
+
+@pytest.mark.parametrize(
+    ('rates', 'accelerations', 'text'),
+    [
+        (57.3, 1.0, 'the driver may publish degrees per second'),
+        (1.0, 1 / 9.80665, 'linear acceleration is in g, not in m/s^2'),
+        (1.0, 1.0, None),
+    ],
+)
+def test_units_that_no_setting_makes_up_for_are_told(rates, accelerations, text, tmp_path, capsys):
+    recording = simulate(TURNING)
+    other = replace(
+        recording,
+        angular_velocity=rates * recording.angular_velocity,
+        linear_acceleration=accelerations * recording.linear_acceleration,
+    )
+    write_simulation(tmp_path / 'bag', other)
+    options = ['-o', str(tmp_path / 'out.yaml'), '--seconds', '0.001', '--quiet']
+    assert main(['tune', str(tmp_path / 'bag'), *options]) == 0
+    warnings = [w for w in capsys.readouterr().err.splitlines() if w.startswith('warning:')]
+    assert text in warnings[0] if text else not warnings
 
 
 def test_the_file_holds_what_it_started_from(bag, tmp_path):

@@ -37,6 +37,7 @@ from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
+from gyro_drift_filter.phrases import counted
 from gyro_drift_filter.tune.ranges import RANGES
 from gyro_drift_filter.whole_file import write_whole
 
@@ -103,6 +104,7 @@ def run(options: argparse.Namespace) -> None:
         samples = read_samples(options.bag, options.topic, between(options), progress)
     for note in samples.notes():
         tell(f'note: {note}')
+    _warn_of_units(options, samples.topic)
     stamps = np.asarray(samples.stamps)
     material = Material(
         stamps,
@@ -120,6 +122,18 @@ def run(options: argparse.Namespace) -> None:
         write_whole(options.output, parameter_file(tuning, source))
         written.append(options.output)
         written += write_json(options.json, tuning)
+
+
+def _warn_of_units(options: argparse.Namespace, topic: str) -> None:
+    """Tell what the doctor says of the units of a topic, which no setting makes up for."""
+    from gyro_drift_filter.doctor.examination import OF_UNITS, examine
+    from gyro_drift_filter.recordings.examined import read_recording
+
+    with Progress(enabled=not options.quiet) as progress:
+        _, examined = read_recording(options.bag, topic, between(options), progress)
+    for finding in examine(examined):
+        if finding.is_fault and finding.name in OF_UNITS:
+            tell(f'warning: {finding.text}: {finding.advice}')
 
 
 def _truth(
@@ -181,7 +195,7 @@ def report(tuning: 'Tuning', *, by_truth: bool) -> str:
             ]
         )
     advice = _advice(tuning, by_truth=by_truth)
-    lines = [advice, '', table(rows), '', f'{tuning.evaluations} runs of the filter']
+    lines = [advice, '', table(rows), '', f'{counted(tuning.evaluations, "run")} of the filter']
     if tuning.out_of_time:
         lines.append('The time limit has cut it short: --seconds gives it more.')
     return '\n'.join(lines)
@@ -204,6 +218,8 @@ def _advice(tuning: 'Tuning', *, by_truth: bool) -> str:
             f'{worth} they predict the samples better, by {gain.mean:.3f} +- '
             f'{gain.deviation:.3f} nats a sample.'
         )
+    if tuning.evaluations == 1:
+        return 'Nothing was tried: the time limit was up after the first run, so the settings stay.'
     least = f'{100.0 * LEAST_GAIN:g} %'
     if tuning.best == tuning.before:
         return (

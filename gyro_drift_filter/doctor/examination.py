@@ -86,6 +86,11 @@ class Examined:
 
 
 _OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _INVENTED_RATE}
+# Rates or accelerations are in another unit, or may be.
+OF_UNITS = {
+    *('degrees', 'noise in degrees', 'unit of rates', 'beyond bias.max'),
+    *('unit of acceleration', 'scale of acceleration', 'no gravity', 'beyond gravity'),
+}
 # Faults that others come of by themselves: these are left out beside them.
 _FOLLOWS = {
     'degrees': {'noise in degrees', *_OF_DEGREES},
