@@ -494,6 +494,12 @@ _GROUP = '/**: {ros__parameters: {bias: {%s}}}\n'
         '/**:\n  ros__parameters:\n    bias.max: |\n      0.1\n',
         '/**: {ros__parameters: {method: !ours kalman}}',
         '/**: {ros__parameters: {wheels: {}}}',
+        # Outside of what holds parameters.
+        '/**: {ros__parameters: {}, ros__params: {epsilon: 7.0}}',
+        '/**: {ros__parameters: }',
+        '/**: {ros__parameters: {}, other: [1]}',
+        '/**: {ros__parameters: {}, other: {}}',
+        'other: \n/**: {ros__parameters: {}}',
         # In a section of another node.
         '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {speed: 1, speed: 2.0}}',
         '/**: {ros__parameters: {epsilon: 7.0}}\nother: {ros__parameters: {wheels: {}}}',

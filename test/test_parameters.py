@@ -248,6 +248,24 @@ def test_what_rcl_refuses_or_mistakes_is_refused(content, message, tmp_path):
         read_parameters(write(tmp_path, f'/**: {{ros__parameters: {content}}}'))
 
 
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (
+            '/**: {ros__parameters: {}, ros__params: {epsilon: 7.0}}',
+            "'epsilon' is in no section 'gyro_drift_filter' or other",
+        ),
+        ('/**: {epsilon: 7.0}', "'epsilon' is in no section 'gyro_drift_filter'"),
+        ('other: \n/**: {ros__parameters: {}}', "'other' is in no section 'gyro_drift_filter'"),
+        ('/**:\n  ros__parameters:\n', r"section '/\*\*' has no parameters below its 'ros__param"),
+    ],
+)
+def test_values_outside_of_what_holds_parameters_are_refused(text, message, tmp_path):
+    """As rcl does: test_node.py compares."""
+    with pytest.raises(ParameterError, match=message):
+        read_parameters(write(tmp_path, text))
+
+
 def test_what_is_mistaken_only_in_the_section_of_another_node(tmp_path):
     """That is nothing to this one, unless rcl refuses the whole file for it."""
     ours = 'gyro_drift_filter: {ros__parameters: {epsilon: 7.0}}\n'

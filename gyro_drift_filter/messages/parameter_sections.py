@@ -21,6 +21,7 @@ from typing import Any
 
 from gyro_drift_filter.core.parameters import DESCRIPTIONS, GROUPS, is_misspelt, unknown_name
 from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError, yaml_reason
+from gyro_drift_filter.messages.names import NODE_NAME
 
 LARGEST_FILE = 1_000_000  # bytes
 
@@ -127,15 +128,24 @@ def _joined(document: _Pairs, is_ours: Callable[[str], bool]) -> dict[str, dict[
 
 
 def _sections(prefix: str, document: _Pairs) -> Iterator[tuple[str, _Pairs]]:
-    """Yield node names and their parameters; namespaces may be nested or joined by slashes."""
+    """Yield node names and their parameters; namespaces may be nested or joined by slashes.
+
+    Raises:
+        ParameterError: There is what rcl takes for a value outside of `ros__parameters`.
+    """
     for key, value in document:
         if not isinstance(value, tuple):
-            continue
+            raise ParameterError(
+                f"'{key}' is in no section '{NODE_NAME}' or other with '{_CONTENT}' above it: all "
+                'values belong into one'
+            )
         name = f'{prefix}/{str(key).strip("/")}'
         contents = [content for inner, content in value if inner == _CONTENT]
         if len(contents) > 1:
             raise ParameterError(f"section '{key}' has '{_CONTENT}' twice: join them")
-        yield from ((name, content) for content in contents if isinstance(content, tuple))
+        if contents and not isinstance(contents[0], tuple):
+            raise ParameterError(f"section '{key}' has no parameters below its '{_CONTENT}'")
+        yield from ((name, content) for content in contents)
         yield from _sections(name, tuple(pair for pair in value if pair[0] != _CONTENT))
 
 
