@@ -337,6 +337,11 @@ def start(*arguments, until=None, domain=None):
             'qos_overrides: {/imu/data_filtered: {publisher: {depth: deep}}}',
             'imu/data_filtered can not be set up with its qos_overrides: wrong type',
         ),
+        (
+            'qos_overrides: {/imu/data_raw: {subscription: {depth: -3}}}',
+            'imu/data_raw can not be set up with its qos_overrides: depth must be at least 0, not',
+        ),
+        ('use_sim_time: "true"', "'use_sim_time' must be true or false without quotes, not 'true'"),
     ],
 )
 def test_a_wrong_parameter_file_ends_the_node_with_one_line(content, message, tmp_path):

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import (
@@ -87,6 +88,17 @@ def _reporting_qos(topic: str) -> Iterator[None]:
         ) from error
 
 
+def _check_depth(qos: QoSProfile) -> SetParametersResult:
+    """Refuse a depth of which rcl says nothing but 'invalid allocator'.
+
+    Raises:
+        ValueError: It is negative.
+    """
+    if qos.depth < 0:
+        raise ValueError(f'depth must be at least 0, not {qos.depth}')
+    return SetParametersResult(successful=True)
+
+
 class GyroDriftFilterNode(Node):
     """Filter `imu/data_raw` into `imu/data_filtered`.
 
@@ -106,6 +118,11 @@ class GyroDriftFilterNode(Node):
             )
         except ValueError as error:
             raise ParameterError(f'a parameter was given no value: {error}') from error
+        simulated = self.get_parameter('use_sim_time').value
+        if not isinstance(simulated, bool):  # rclpy goes on with the system's time
+            raise ParameterError(
+                f"parameter 'use_sim_time' must be true or false without quotes, not {simulated!r}"
+            )
         parameters = LiveParameters(self, self._configure, parameter_files)
         self._refuse_shared_topics()
         self._messages = MessageFilter(parameters.current)
@@ -118,7 +135,7 @@ class GyroDriftFilterNode(Node):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._steady.now()
 
-        overridable = QoSOverridingOptions.with_default_policies()
+        overridable = QoSOverridingOptions.with_default_policies(callback=_check_depth)
         with _reporting_qos('imu/data_filtered'):
             self._output = self.create_publisher(
                 Imu, 'imu/data_filtered', _OUTPUT_QOS, qos_overriding_options=overridable
