@@ -152,6 +152,22 @@ def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
     assert found(file)
 
 
+def test_what_to_do_about_the_other_files_of_a_folder(tmp_path, random, caplog):
+    folder = tmp_path / 'folder'
+    replay(write_mcap(tmp_path / 'in.mcap', mixed(random)), folder, parameters=Parameters())
+    wanted, file = found(folder), folder / 'folder.mcap'
+    (folder / 'more.mcap').write_bytes(file.read_bytes())
+    assert found(folder) == wanted
+    assert 'left out, as metadata.yaml does not list it: more.mcap; `ros2 bag rei' in caplog.text
+    for content in (file.read_bytes()[:-500], b'', None):
+        file.unlink()
+        if content is not None:
+            file.write_bytes(content)
+        with pytest.raises(BagError, match=r'name them one by one, or .* `ros2 bag reindex`'):
+            found(folder)
+        file.touch()
+
+
 @pytest.mark.parametrize('checksum', [True, False])
 def test_a_damaged_summary_costs_no_message(checksum, tmp_path, random, caplog):
     """Whatever is damaged in it: the file is read from its beginning, and that is told."""

@@ -17,8 +17,9 @@
 import logging
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePath
+from typing import Any, cast
 
 from gyro_drift_filter.bags.library import (
     AnyReader,
@@ -36,7 +37,9 @@ from gyro_drift_filter.bags.unreadable import (
     DAMAGED_SUMMARY,
     advice_for,
     advice_on,
+    advice_on_others,
     fault_at_end,
+    files_in,
     why_unreadable,
 )
 from gyro_drift_filter.errors import reason
@@ -62,6 +65,7 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
         library = _opened(_recovered(path, stack), path)
         stack.callback(library.close)
         _check_summaries(library, path)
+        _note_unlisted(library, path)
         yield choose_reader(library)
 
 
@@ -98,7 +102,23 @@ def _check_summaries(library: AnyReader, folder: Path | StoredPath) -> None:
     for file in storage.storages if isinstance(storage, DirectoryReader) else ():
         if isinstance(file, McapReader) and has_damaged_summary(file.path):
             advice = advice_on(PurePath(str(file.path)).name, DAMAGED_SUMMARY)
-            raise BagError(f'{folder} can not be read as a bag: {advice}')
+            raise BagError(f'{folder} can not be read as a bag: {advice}{advice_on_others(folder)}')
+
+
+def _note_unlisted(library: AnyReader, folder: Path | StoredPath) -> None:
+    """Tell of the files of a folder that its metadata.yaml does not list, so that nobody reads."""
+    storage = getattr(library.readers[0], 'storage', None)
+    if not isinstance(storage, DirectoryReader):
+        return
+    listed = {PurePath(str(cast(Any, file).path)).name for file in storage.storages}
+    with suppress(OSError):
+        if unlisted := [name for name in files_in(folder) if name not in listed]:
+            _log.warning(
+                '%s: left out, as metadata.yaml does not list it: %s; `ros2 bag reindex` writes it '
+                'anew',
+                folder,
+                ', '.join(unlisted),
+            )
 
 
 def _recovered(path: Path | StoredPath, stack: ExitStack) -> Path | StoredPath:

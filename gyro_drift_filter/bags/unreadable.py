@@ -38,8 +38,12 @@ def why_unreadable(path: Path | StoredPath, error: Exception, suffixes: Sequence
         suffixes: What the name of a bag ends with that is a single file.
     """
     why = _why_not_by_name(path, suffixes) or _why_not_of_ros1(path, error)
-    why = why or _why_not_by_metadata(path) or reason_of_library(error)
-    return why + _fault_in(path)
+    if why := why or _why_not_by_metadata(path):
+        return why + _fault_in(path)
+    why, fault = reason_of_library(error).rstrip('.'), _fault_in(path)
+    is_missing = 'files are missing' in why
+    is_of_a_file = is_missing or 'seems to be empty' in why or fault
+    return why + fault + (advice_on_others(path, 1 if is_missing else 2) if is_of_a_file else '')
 
 
 def _why_not_by_name(path: Path | StoredPath, suffixes: Sequence[str]) -> str:
@@ -114,7 +118,23 @@ def advice_on(name: str, fault: str) -> str:
     return f'{name} {fault}: name that file, to read it as far as it goes'
 
 
+def advice_on_others(folder: Path | StoredPath, least: int = 2) -> str:
+    """Return how to read the other files of a folder, where it holds so many at least."""
+    with suppress(OSError):
+        if folder.is_dir() and len(files_in(folder)) >= least:
+            return (
+                '. To read other files of the folder name them one by one, or move what is not '
+                'whole out of it and let `ros2 bag reindex` write its metadata.yaml anew'
+            )
+    return ''
+
+
 def advice_for(folder: Path | StoredPath) -> str:
     """Return what to name instead of a folder without its metadata."""
-    files = sorted(file.name for file in folder.iterdir() if file.suffix in ROSBAG2_SUFFIXES)
+    files = files_in(folder)
     return f': name a file in it, as {folder / files[0]}' if files else ', and no .mcap or .db3'
+
+
+def files_in(folder: Path | StoredPath) -> list[str]:
+    """Return the names of the files with messages in a folder."""
+    return sorted(file.name for file in folder.iterdir() if file.suffix in ROSBAG2_SUFFIXES)
