@@ -66,6 +66,12 @@ def test_stamps_that_do_not_advance_are_an_error(stamps):
         learn_timing(stamps)
 
 
+def test_of_one_message_no_driver_is_blamed():
+    with pytest.raises(IdentificationError, match='one message only: record for longer') as error:
+        learn_timing(even(1))
+    assert 'driver' not in str(error.value)
+
+
 def test_stamps_that_go_back_are_told():
     """A sample rate, which was asked for, does not help where there are stamps."""
     with pytest.raises(IdentificationError, match='go back: record again with a driver') as error:

@@ -152,6 +152,7 @@ def test_a_folder_with_a_file_that_was_cut_off(tmp_path, random):
     assert found(file)
 
 
+@pytest.mark.slow
 def test_what_to_do_about_the_other_files_of_a_folder(tmp_path, random, caplog):
     folder = tmp_path / 'folder'
     replay(write_mcap(tmp_path / 'in.mcap', mixed(random)), folder, parameters=Parameters())

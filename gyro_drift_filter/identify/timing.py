@@ -80,6 +80,8 @@ def learn_timing(stamps: Integers | Values) -> Timing:
 
 def _why_no_period(stamps: Integers | Values) -> str:
     """Return in words why stamps (n,) tell no sample period, and what to do."""
+    if len(stamps) == 1:
+        return 'the stamps do not advance, as there is one message only: record for longer'
     if len(stamps) > 1 and stamps[-1:][0] < stamps[:1][0]:
         return 'the stamps go back: record again with a driver whose stamps advance'
     return (
