@@ -136,8 +136,8 @@ def _sections(prefix: str, document: _Pairs) -> Iterator[tuple[str, _Pairs]]:
     for key, value in document:
         if not isinstance(value, tuple):
             raise ParameterError(
-                f"'{key}' is in no section '{NODE_NAME}' or other with '{_CONTENT}' above it: all "
-                'values belong into one'
+                f"'{key}' is in no section '{NODE_NAME}' or other with '{_CONTENT}' above it: "
+                'move it below one'
             )
         name = f'{prefix}/{str(key).strip("/")}'
         contents = [content for inner, content in value if inner == _CONTENT]
