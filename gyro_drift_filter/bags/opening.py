@@ -16,10 +16,10 @@
 
 import logging
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePath
-from typing import Any, cast
+from typing import Any
 
 from gyro_drift_filter.bags.library import (
     AnyReader,
@@ -98,19 +98,23 @@ def _check_summaries(library: AnyReader, folder: Path | StoredPath) -> None:
     Raises:
         BagError: One has not, so that messages might be lost without a word.
     """
-    storage = getattr(library.readers[0], 'storage', None)
-    for file in storage.storages if isinstance(storage, DirectoryReader) else ():
+    for file in _files_of(library):
         if isinstance(file, McapReader) and has_damaged_summary(file.path):
             advice = advice_on(PurePath(str(file.path)).name, DAMAGED_SUMMARY)
             raise BagError(f'{folder} can not be read as a bag: {advice}{advice_on_others(folder)}')
 
 
+def _files_of(library: AnyReader) -> Sequence[Any]:
+    """Return the readers of the files of a folder; none where a single file is read."""
+    storage = getattr(library.readers[0], 'storage', None)
+    return storage.storages if isinstance(storage, DirectoryReader) else ()
+
+
 def _note_unlisted(library: AnyReader, folder: Path | StoredPath) -> None:
     """Tell of the files of a folder that its metadata.yaml does not list, so that nobody reads."""
-    storage = getattr(library.readers[0], 'storage', None)
-    if not isinstance(storage, DirectoryReader):
+    listed = {PurePath(str(file.path)).name for file in _files_of(library)}
+    if not listed:
         return
-    listed = {PurePath(str(cast(Any, file).path)).name for file in storage.storages}
     with suppress(OSError):
         if unlisted := [name for name in files_in(folder) if name not in listed]:
             _log.warning(
