@@ -35,6 +35,8 @@ from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
 _LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
+# The rates at the reports to which these apply tell more of them.
+_RATED = {'beyond bias.max', 'no rest'}
 # What is learned of the noise may pass through anything while it is learned: a low-pass shows for
 # more than this share of the time.
 _SETTLING_SHARE = 0.1
@@ -70,17 +72,18 @@ class RuleLog:
         last: The span of the last report; None before the first.
         seconds: From the start to the last report.
         judged_seconds: The same without pauses, in which nothing was recorded.
+        rates: At the reports to which a rule of `_RATED` applied.
     """
 
     applied: dict[str, Applied] = field(default_factory=dict)
     last: Span | None = None
     seconds: float = 0.0
     judged_seconds: float = 0.0
-    _without_rest: SteadyRates = field(default_factory=SteadyRates)
+    rates: SteadyRates = field(default_factory=SteadyRates)
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered."""
-        self._without_rest.take(imus)
+        self.rates.take(imus)
 
     def judge(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
         """Take a report in: its span, the rules that apply, and the time since the one before."""
@@ -92,8 +95,8 @@ class RuleLog:
             entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
             entry.seconds += judged
             entry.text, entry.span = text, span
-            if rule.name == 'no rest':
-                self._without_rest.note(span.before.received, span.now.received)
+            if rule.name in _RATED:
+                self.rates.note(rule.name, span.before.received, span.now.received)
         self.seconds += seconds
         self.judged_seconds += judged
         self.last = span
@@ -118,7 +121,7 @@ class RuleLog:
         state = span.now.telemetry
         refuted = refuted | _taken_back(state)
         # Whatever a bias may be, it scatters by no more than its limit: the body has turned.
-        if (self._without_rest.deviation > span.now.parameters.bias_max).any():
+        if (self.rates.deviation('no rest') > span.now.parameters.bias_max).any():
             refuted |= {'no rest'}
         if 'slow sensor' in self.applied:
             refuted |= {'always restarted', 'restarted', 'gaps'}

@@ -25,37 +25,40 @@ Floats = NDArray[np.float64]
 
 
 class SteadyRates:
-    """Raw rates from report to report; of all messages only the last ones are kept."""
+    """Raw rates by the rules that apply to reports; of all messages only the last ones are kept."""
 
     def __init__(self) -> None:
         """Start before the first message."""
         self._rates: Floats = np.empty((0, 3))
         self._begin = 0  # messages before the ones that are kept
-        self._sum, self._squares, self._count = np.zeros(3), np.zeros(3), 0
+        # By rules, over reports: the sum of rates (3,), of their squares, and of ones.
+        self._sums: dict[str, Floats] = {}
 
     def take(self, imus: Any) -> None:
         """See the next messages (n,) IMU."""
         self._begin += len(self._rates)
         self._rates = imus['sample']['angular_velocity'].copy()
 
-    def note(self, before: int, now: int) -> None:
-        """Add the messages between two reports, by how many messages had come until each."""
+    def note(self, rule: str, before: int, now: int) -> None:
+        """Add the messages between two reports to a rule, by how many had come until each."""
         rates = self._rates[max(before - self._begin, 0) : max(now - self._begin, 0)]
         usable = rates[(np.abs(rates) <= LARGEST_RATE).all(axis=1)]
         if len(usable):
             # Not the mean: the sensor may have begun to move, or a spike have come.
             rate = np.median(usable, axis=0)
-            self._sum += rate
-            self._squares += rate * rate
-            self._count += 1
+            sums = self._sums.setdefault(rule, np.zeros((3, 3)))
+            sums += (rate, rate * rate, np.ones(3))
 
-    @property
-    def mean(self) -> Floats:
-        """The mean rates (3,) in rad/s of all that was added; NaN where nothing was."""
-        return self._sum / self._count if self._count else np.full(3, np.nan)
+    def mean(self, rule: str) -> Floats:
+        """Return the mean rates (3,) in rad/s while a rule applied; NaN where it did not."""
+        return self._means(rule)[0]
 
-    @property
-    def deviation(self) -> Floats:
-        """Standard deviation (3,) in rad/s of the rates from report to report; NaN likewise."""
-        variance = self._squares / max(self._count, 1) - self.mean**2
-        return np.sqrt(np.maximum(variance, 0.0))
+    def deviation(self, rule: str) -> Floats:
+        """Return the standard deviation (3,) in rad/s of these rates over reports; NaN likewise."""
+        mean, square = self._means(rule)
+        deviation: Floats = np.sqrt(np.maximum(square - mean**2, 0.0))
+        return deviation
+
+    def _means(self, rule: str) -> tuple[Floats, Floats]:
+        rates, squares, count = self._sums.get(rule, np.full((3, 3), np.nan))
+        return rates / count, squares / count

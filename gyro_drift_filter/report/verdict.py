@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
-from gyro_drift_filter.doctor.steady_rates import SteadyRates
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -310,7 +309,6 @@ class RunWatch:
         # Samples, not seconds: a gap without messages is no time of which anything is said.
         self._reported = self._lagging = 0
         self._held_back = HeldBack()
-        self._beyond_max = SteadyRates()
         # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
         self._judged = 0
         self._variance = [0.0, 0.0, 0.0]
@@ -322,7 +320,6 @@ class RunWatch:
         note_pace(self._sums['times'], self._filter)
         add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
         self._held_back.take(imus, self.period)
-        self._beyond_max.take(imus)
         self._rules.take(imus, log_times)
 
     @property
@@ -357,8 +354,6 @@ class RunWatch:
         self._reported += span.samples
         if any(rule.name == 'large innovations' for rule in rules):
             self._lagging += span.samples
-        if any(rule.name == 'beyond bias.max' for rule in rules):
-            self._beyond_max.note(span.before.received, span.now.received)
         state = span.now.telemetry
         if state.bias_known or not self._sums[0]['known']:
             self._judged += span.samples
@@ -446,7 +441,7 @@ class RunWatch:
             run.bias_deviation,
             _since_start(int(total['rested_at']), run) if total['rests'] else None,
             filter_.parameters.bias_enabled,
-            self._beyond_max.mean,
+            self._rules.rates.mean('beyond bias.max'),
         )
 
     def _heading(self, total: Any, bias: Bias) -> Heading:
