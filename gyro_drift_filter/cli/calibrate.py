@@ -23,12 +23,7 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_text import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    check_targets,
-    saying,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, yaml_reason
 from gyro_drift_filter.whole_file import write_whole
@@ -111,7 +106,6 @@ def run(options: argparse.Namespace) -> int:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
         write_whole(options.output, parameter_file(result, source))
         written.append(options.output)
-        written += write_json(options.json, result)
         if options.kalibr:
             beside = (
                 None if found is None else found.matrix

@@ -29,12 +29,7 @@ from gyro_drift_filter.cli.filter_options import (
     chosen_parameters,
 )
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    check_targets,
-    saying,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES
@@ -105,8 +100,8 @@ def run(options: argparse.Namespace) -> None:
         'flagged': sequences,
         'unflagged': unflagged,
     }
-    with saying(text, options.json, plain) as written:
-        written += write_json(options.json, plain)
+    with saying(text, options.json, plain):
+        pass  # there are no other files
 
 
 def page(

@@ -22,13 +22,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from gyro_drift_filter.cli.packages import needing_fleet
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    as_plain,
-    check_targets,
-    saying,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, as_plain, check_targets, saying
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.fleet.folder import REPORTS, TABLE
@@ -73,7 +67,6 @@ def run(options: argparse.Namespace) -> None:
     with saying(ranking_text(sensors), options.json, results) as written:
         write_whole(options.output, fleet_page(sensors, failures_in(fleet), link))
         written.append(options.output)
-        written += write_json(options.json, results)
 
 
 def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:

@@ -24,12 +24,7 @@ from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    check_targets,
-    saying,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.whole_file import write_whole
@@ -139,7 +134,6 @@ def run(options: argparse.Namespace) -> None:
     with saying(report(result), options.json, result, warnings) as written:
         write_whole(options.output, parameter_file(result, source, options.noise))
         written.append(options.output)
-        written += write_json(options.json, result)
         if options.kalibr:
             write_whole(options.kalibr, to_kalibr(noise_of(result), samples.topic))
             written.append(options.kalibr)

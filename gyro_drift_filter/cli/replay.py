@@ -30,13 +30,7 @@ from gyro_drift_filter.cli.filter_options import (
 )
 from gyro_drift_filter.cli.printing import in_colour, tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    check_targets,
-    saying,
-    verdicts_of,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying, verdicts_of
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core.parameters import AXES
@@ -151,7 +145,6 @@ def run(options: argparse.Namespace) -> None:
     results = verdicts_of([(options.bag, verdicts)])
     with saying(text, options.json, results) as written:
         written.append(options.output)
-        written += write_json(options.json, results)
 
 
 def _tell_remarks(summaries: Sequence['Summary']) -> None:

@@ -34,7 +34,6 @@ from gyro_drift_filter.cli.result_files import (
     check_targets,
     saying,
     verdicts_of,
-    write_json,
 )
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core.methods import METHOD_NAMES
@@ -126,7 +125,6 @@ def run(options: argparse.Namespace) -> None:
     with saying(text, options.json, results) as written:
         write_whole(options.output, page(recordings))
         written.append(options.output)
-        written += write_json(options.json, results)
         if options.png:
             _draw(options.png, recordings)
             written.append(options.png)

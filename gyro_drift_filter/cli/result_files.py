@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that results are written to: looked at before the work."""
+"""Results: whether they can be written, looked at before the work, and the telling after it."""
 
 import argparse
 import dataclasses
@@ -155,10 +155,11 @@ def _check_writable(folder: Path) -> None:
 def saying(
     report: str, json_file: Path | None, value: Any, remarks: Iterable[str] = ()
 ) -> Iterator[list[Path]]:
-    """Say results at the end, and the files that were written, which go into the list yielded.
+    """Write results into the file that `--json` names, and say them and which files were written.
 
-    Where one could not be written, as the disk is full, the results are said all the same, as they
-    took long to find. The standard output comes last, as its reader may have left.
+    The list yielded takes the other files. Where one could not be written, as the disk is full, the
+    results are told all the same, as they took long to find. The standard output comes last, as its
+    reader may have left.
 
     Args:
         report: The results as text; empty where nothing is to be said.
@@ -167,11 +168,16 @@ def saying(
         remarks: What is told of the results on stderr, after them.
 
     Raises:
-        GyroDriftFilterError: The results can't be said.
+        GyroDriftFilterError: The results can't be written or said.
     """
     written: list[Path] = []
     try:
-        yield written
+        try:
+            yield written
+        finally:
+            if json_file is not None and json_file != _STANDARD_OUTPUT:
+                write_whole(json_file, f'{_as_json(value)}\n')
+                written.append(json_file)
     finally:
         try:
             if json_file == _STANDARD_OUTPUT:
@@ -187,21 +193,6 @@ def with_files(report: str, written: Sequence[Path]) -> str:
     """Return a text with the files that were written at its end, if there are any."""
     listed = '\n      '.join(map(str, written))
     return f'{report}\n\nwrote {listed}' if written else report
-
-
-def write_json(json_file: Path | None, value: Any) -> list[Path]:
-    """Write results into the file that `--json` names, if it does.
-
-    Returns:
-        The file, if one was written.
-
-    Raises:
-        GyroDriftFilterError: It can't be written.
-    """
-    if json_file is None or json_file == _STANDARD_OUTPUT:
-        return []
-    write_whole(json_file, f'{_as_json(value)}\n')
-    return [json_file]
 
 
 def _as_json(value: Any) -> str:

@@ -27,12 +27,7 @@ from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_text import parameter_text, today
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.progress import Progress, compile_first
-from gyro_drift_filter.cli.result_files import (
-    add_json_option,
-    check_targets,
-    saying,
-    write_json,
-)
+from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
@@ -121,7 +116,6 @@ def run(options: argparse.Namespace) -> None:
     with saying(text, options.json, tuning) as written:
         write_whole(options.output, parameter_file(tuning, source))
         written.append(options.output)
-        written += write_json(options.json, tuning)
 
 
 def _warn_of_units(options: argparse.Namespace, topic: str) -> None:
