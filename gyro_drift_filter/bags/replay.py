@@ -23,10 +23,11 @@ from gyro_drift_filter.bags.bias_memory import check_replaceable
 from gyro_drift_filter.bags.opening import check_path, open_bag
 from gyro_drift_filter.bags.output import Output
 from gyro_drift_filter.bags.recording import BagError
-from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, Watch, why_nothing
+from gyro_drift_filter.bags.replay_run import ReplayRun, Watch, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter, why_not_replaced
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.summary import Summary
 
 
 @contextmanager

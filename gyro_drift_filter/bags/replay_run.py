@@ -16,7 +16,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -41,6 +40,7 @@ from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
 from gyro_drift_filter.messages.motion_hint import moves
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.messages.telemetry import MessageReport
 from gyro_drift_filter.phrases import without_rate
 
@@ -74,43 +74,6 @@ class Watch(NamedTuple):
 
     progress: Callable[[int, int], None] = lambda done, total: None
     watcher: Callable[[str, Filter], Watcher | None] = lambda topic, filter_: None
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a replay did with an Imu topic.
-
-    Attributes:
-        topic: The input topic.
-        output_topic: The filtered topic.
-        received: Imu messages read.
-        written: Messages written to the filtered topic.
-        not_reported: Messages without angular velocity, passed on as they came.
-        left_out: Topics of the input that were not copied, and why.
-        outliers: Samples flagged, per axis (3,).
-        unusable: Samples without a usable rate, per axis (3,).
-        period: Sample period at the end in s, as the filter has it: where stamps tell none, the one
-            that it was given or assumes.
-        bias_deviation: Standard deviation of the bias at the end (3,) in rad/s, as `/diagnostics`
-            tells it: with its wander, and with what rounding may leave in the mean of a rest.
-        status: The filter's health over the whole bag.
-        start: Log time of the first message of the recording in ns.
-        seconds: From then to its last message.
-    """
-
-    topic: str
-    output_topic: str
-    received: int
-    written: int
-    not_reported: int
-    left_out: dict[str, str]
-    outliers: NDArray[np.int64]
-    unusable: NDArray[np.int64]
-    period: float
-    bias_deviation: NDArray[np.float64]
-    status: list[DiagnosticStatus]
-    start: int
-    seconds: float
 
 
 def why_nothing(summary: Summary, when: str = '') -> str:

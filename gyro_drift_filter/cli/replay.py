@@ -37,8 +37,8 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
 
 if TYPE_CHECKING:
-    from gyro_drift_filter.bags.replay_run import Summary
     from gyro_drift_filter.core import Filter
+    from gyro_drift_filter.messages.summary import Summary
     from gyro_drift_filter.report.verdict import RunWatch, Verdict
 
 

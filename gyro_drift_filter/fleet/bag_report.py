@@ -16,8 +16,8 @@
 
 from pathlib import Path
 
-from gyro_drift_filter.bags.replay_run import Summary
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.report.figures import Drawer
 from gyro_drift_filter.report.page import DrawnRecording, when_recorded
 from gyro_drift_filter.report.signals import Signals

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, Recording, are_among, is_cdr
-from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun, Summary
+from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE, ReplayRun
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.core import Filter, Parameters
@@ -43,6 +43,7 @@ from gyro_drift_filter.fleet.bag_report import report_path, shown_topic
 from gyro_drift_filter.fleet.noise import AxisNoise, identify_noise
 from gyro_drift_filter.fleet.sources import Bag
 from gyro_drift_filter.fleet.streamed import StreamedPath, content_hash
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.messages.telemetry import MessageReport, Telemetry
 from gyro_drift_filter.recordings.examined import Reading
 from gyro_drift_filter.report.page import DrawnRecording, page

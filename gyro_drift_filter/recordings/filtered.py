@@ -31,11 +31,12 @@ from gyro_drift_filter.bags.recording import (
     Recording,
     are_among,
 )
-from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, small_parts, why_nothing
+from gyro_drift_filter.bags.replay_run import ReplayRun, small_parts, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.report.signals import COMPARED, Signals
 
 

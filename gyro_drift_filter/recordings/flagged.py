@@ -20,9 +20,10 @@ from pathlib import Path
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput
 from gyro_drift_filter.bags.recording import BagError
-from gyro_drift_filter.bags.replay_run import ReplayRun, Summary, why_nothing
+from gyro_drift_filter.bags.replay_run import ReplayRun, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.report.flagged import FlaggedLog
 
 

@@ -30,8 +30,9 @@ from plotly.offline import get_plotlyjs
 
 from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.report.figures import Drawer, Figure, Trace
-from gyro_drift_filter.report.verdict import BiasSource, Run, Verdict
+from gyro_drift_filter.report.verdict import BiasSource, Verdict
 from gyro_drift_filter.report.wording import headline, per_minute, statements
 
 # What a page may have in bytes, for mail and for pull requests.
@@ -79,21 +80,21 @@ class DrawnRecording:
         cls,
         name: str,
         drawer: Drawer,
-        runs: Mapping[str, Run],
+        summaries: Mapping[str, Summary],
         parameters: Parameters,
         facts: list[tuple[str, str]],
         notes: list[str],
     ) -> Self:
-        """Return a recording with its figures and the verdicts on its runs, which are by method."""
+        """Return a recording with its figures, and the verdicts by the summaries of each method."""
         return cls(
             name=name,
             verdicts={
-                method: signals.watch.verdict(runs[method])
+                method: signals.watch.verdict(summaries[method])
                 for method, signals in drawer.runs.items()
             },
             figures=drawer.figures(),
             rests=drawer.rest_times(),
-            seconds=next(iter(runs.values())).seconds,
+            seconds=next(iter(summaries.values())).seconds,
             roles=drawer.roles(),
             parameters=parameters,
             facts=facts,
@@ -101,18 +102,18 @@ class DrawnRecording:
         )
 
 
-def when_recorded(run: Run, period: float, among: str = '') -> tuple[str, str]:
+def when_recorded(summary: Summary, period: float, among: str = '') -> tuple[str, str]:
     """Return the fact when a recording was made, how long it is, and what is in it.
 
     Args:
-        run: Of a filter over the recording.
+        summary: Of a filter over the recording.
         period: Of its samples in s.
         among: What its Imu messages are among, as the end of a clause.
     """
-    begin = datetime.fromtimestamp(run.start * 1e-9, UTC)
+    begin = datetime.fromtimestamp(summary.start * 1e-9, UTC)
     return 'recorded', (
-        f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {run.seconds:.1f} s, '
-        f'{run.received} Imu messages{among}, {1.0 / period:.4g} Hz'
+        f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {summary.seconds:.1f} s, '
+        f'{summary.received} Imu messages{among}, {1.0 / period:.4g} Hz'
     )
 
 

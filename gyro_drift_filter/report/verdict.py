@@ -18,7 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
+from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
@@ -68,46 +69,6 @@ class BiasSource(StrEnum):
     MOTION = 'motion'  # from gravity, while the sensor moved: hardly about the vertical
     GIVEN = 'given'  # from the recording before
     UNKNOWN = 'unknown'
-
-
-class Run(Protocol):
-    """What is read of a `bags.replay_run.Summary`, as this layer knows no bags."""
-
-    @property
-    def topic(self) -> str:
-        """The Imu topic."""
-
-    @property
-    def output_topic(self) -> str:
-        """The filtered topic."""
-
-    @property
-    def received(self) -> int:
-        """Imu messages read."""
-
-    @property
-    def written(self) -> int:
-        """Messages written to the filtered topic."""
-
-    @property
-    def not_reported(self) -> int:
-        """Messages without angular velocity, passed on as they came."""
-
-    @property
-    def unusable(self) -> NDArray[np.int64]:
-        """Samples without a usable rate, per axis (3,)."""
-
-    @property
-    def bias_deviation(self) -> Floats:
-        """Standard deviation of the bias at the end, (3,) in rad/s."""
-
-    @property
-    def start(self) -> int:
-        """Log time of the first message of the recording in ns."""
-
-    @property
-    def seconds(self) -> float:
-        """From then to its last message."""
 
 
 @dataclass(frozen=True)
@@ -360,38 +321,38 @@ class RunWatch:
             deviations = zip(self._variance, state.bias_deviation, strict=True)
             self._variance = [total + span.samples * (now * now) for total, now in deviations]
 
-    def verdict(self, run: Run) -> Verdict:
+    def verdict(self, summary: Summary) -> Verdict:
         """Return the verdict at the end of the run."""
         sums = self._sums.copy()
         end_run(sums)
         filter_, total = self._filter, sums[0]
         rests = _rests(total, self._seconds_needed())
-        bias = self._bias(total, run)
+        bias = self._bias(total, summary)
         heading = self._heading(total, bias)
         outliers = _flagged_outliers(
-            total['outliers'], run, looked_for=filter_.parameters.outlier_enabled
+            total['outliers'], summary, looked_for=filter_.parameters.outlier_enabled
         )
         moving = int(total['moving'])
         misfit = self._misfit(moving + outliers.in_motion)
         faults = self._faults(misfit)
-        gains = _gains(rests, bias, outliers, run)
+        gains = _gains(rests, bias, outliers, summary)
         if in_degrees(faults):
             # What is flagged there is motion, 57 times as fast as it is.
             gains = [gain for gain in gains if gain != 'outliers']
-        silent = [_why_silent(total, run, axis) for axis in range(3)]
+        silent = [_why_silent(total, summary, axis) for axis in range(3)]
         has_rates = not (all(silent) or in_degrees(faults))
         return Verdict(
-            topic=run.topic,
-            output_topic=run.output_topic,
+            topic=summary.topic,
+            output_topic=summary.output_topic,
             method=filter_.parameters.method,
             version=package_version(),
             outcome=_outcome(misfit, gains, is_unsure=has_rates and _is_unsure(bias)),
             gains=gains,
-            received=run.received,
-            written=run.written,
-            not_reported=run.not_reported,
+            received=summary.received,
+            written=summary.written,
+            not_reported=summary.not_reported,
             # Log times may stand, as where a converter has filled them in.
-            seconds=max(run.seconds, float(total['seconds'])),
+            seconds=max(summary.seconds, float(total['seconds'])),
             sampled_seconds=float(total['seconds']),
             period=self.period,
             rests=rests,
@@ -423,7 +384,7 @@ class RunWatch:
         found = self._rules.findings(refuted, truncation_refuted=truncation_refuted)
         return [finding for finding in found if finding.is_fault]
 
-    def _bias(self, total: Any, run: Run) -> Bias:
+    def _bias(self, total: Any, summary: Summary) -> Bias:
         filter_ = self._filter
         state = filter_.state['bias']
         source = BiasSource.UNKNOWN
@@ -438,8 +399,8 @@ class RunWatch:
         return Bias(
             source,
             state['bias'].copy(),
-            run.bias_deviation,
-            _since_start(int(total['rested_at']), run) if total['rests'] else None,
+            summary.bias_deviation,
+            _since_start(int(total['rested_at']), summary) if total['rests'] else None,
             filter_.parameters.bias_enabled,
             self._rules.rates.mean('beyond bias.max'),
         )
@@ -490,23 +451,23 @@ def _rests(total: Any, needed: float) -> Rests:
     )
 
 
-def _since_start(log_time: int, run: Run) -> float | None:
+def _since_start(log_time: int, summary: Summary) -> float | None:
     """Return a log time in s since the first message; None where log times stand."""
-    return 1e-9 * (log_time - run.start) if run.seconds > 0.0 else None
+    return 1e-9 * (log_time - summary.start) if summary.seconds > 0.0 else None
 
 
-def _flagged_outliers(found: Any, run: Run, *, looked_for: bool) -> FlaggedOutliers:
+def _flagged_outliers(found: Any, summary: Summary, *, looked_for: bool) -> FlaggedOutliers:
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
         return FlaggedOutliers(looked_for, axes, 0, 0, None, None, None, 0)
-    first, last = (_since_start(int(found[name]), run) for name in ('first', 'last'))
+    first, last = (_since_start(int(found[name]), summary) for name in ('first', 'last'))
     busiest = None if first is None else first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
     in_busiest = int(found['in_busiest'])
     return FlaggedOutliers(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
 
 
-def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, run: Run) -> list[str]:
+def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, summary: Summary) -> list[str]:
     """Return what the filter did for the recording."""
     gains = []
     if np.isfinite(rests.ratio).any() and np.nanmedian(rests.ratio) < _QUIETER:
@@ -514,7 +475,7 @@ def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, run: Run) -> lis
     is_found = bias.source != BiasSource.UNKNOWN and bias.taken_off
     if is_found and bool(np.any(np.abs(bias.rates) > SIGNIFICANT * bias.deviations)):
         gains.append('bias')
-    if 0 < int(outliers.axes.max()) < _SPIKES * run.received:
+    if 0 < int(outliers.axes.max()) < _SPIKES * summary.received:
         gains.append('outliers')
     return gains
 
@@ -533,13 +494,13 @@ def _is_unsure(bias: Bias) -> bool:
     return bias.taken_off and bias.source in unsure and bool(bias.rates.any())
 
 
-def _why_silent(total: Any, run: Run, axis: int) -> str:
+def _why_silent(total: Any, summary: Summary, axis: int) -> str:
     """Return in words why an axis has no figures; empty where it has."""
     samples, value = int(total['samples']), float(total['least'][axis])
     if samples == 0:
-        if run.unusable[axis] > 0:
+        if summary.unusable[axis] > 0:
             return 'no usable rate'
-        return 'not reported' if run.not_reported else 'no figures'
+        return 'not reported' if summary.not_reported else 'no figures'
     if samples > 1 and value == total['largest'][axis]:
         return f'dead, always {np.degrees(value) + 0.0:.4f}'  # 0, not -0
     return ''
