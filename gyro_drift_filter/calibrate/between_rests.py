@@ -249,12 +249,12 @@ class RestsOfOneRecording:
         blocks: '_Blocks',
     ) -> None:
         matrix = unknowns[MATRIX].reshape(3, 3)
-        way, sensitivity = turn(leg, matrix)
+        way, derivatives = turn(leg, matrix)
         size, (i, j) = len(self._rests), leg.rests
         # All as a rotation vector in the axes of the start: by unknowns, by sources.
         jacobian, noise = np.zeros((3, UNKNOWNS)), np.zeros((3, blocks.sources))
-        jacobian[:, MATRIX] = sensitivity.by_matrix
-        for k, by_bias in zip((i, j), sensitivity.by_biases, strict=True):
+        jacobian[:, MATRIX] = derivatives.by_matrix
+        for k, by_bias in zip((i, j), derivatives.by_biases, strict=True):
             noise[:, 3 * k : 3 * k + 3] = by_bias
         on_the_way = self._found.rate_density * leg.seconds
         on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0

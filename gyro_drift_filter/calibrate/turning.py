@@ -18,7 +18,7 @@ With the rate M x, x = raw - bias, the rotation R from the first rest to the sec
 
     dR = [dphi] R,   dphi = sum R(t) dM x(t) dt
 
-in the axes of the first rest, so one pass over the samples gives rotation and sensitivities.
+in the axes of the first rest, so one pass over the samples gives the rotation and its derivatives.
 """
 
 from dataclasses import dataclass
@@ -74,8 +74,8 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """What the rotation vector of a leg depends on, in the axes of its start.
+class Derivatives:
+    """Derivatives of the rotation vector of a leg, in the axes of its start.
 
     Attributes:
         by_matrix: (3, 9) by the entries of the matrix row by row.
@@ -147,8 +147,8 @@ def rotations(raw: Floats, steps: Floats, matrix: Floats) -> tuple[Floats, Float
     return before, multiply(before[:-1], from_vectors(0.5 * vectors))
 
 
-def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Sensitivity]:
-    """Return what a leg is with a matrix (3, 3), and what that depends on."""
+def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Derivatives]:
+    """Return what a leg is with a matrix (3, 3), and how that depends on matrix and biases."""
     before, middle = rotations(leg.raw, leg.steps, matrix)
     mean = 0.5 * (leg.raw[1:] + leg.raw[:-1]) * leg.steps[:, None]
     axes = Rotation.from_quat(middle).as_matrix()
@@ -158,7 +158,7 @@ def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Sensitivity]:
     behind = np.tensordot(leg.share, weighted, 1) @ matrix
     whole = weighted.sum(axis=0) @ matrix
     way = Turn(Rotation.from_quat(before[-1]).as_matrix(), _angle(mean @ matrix.T))
-    return way, Sensitivity(by_matrix, (whole - behind, behind))
+    return way, Derivatives(by_matrix, (whole - behind, behind))
 
 
 def turn_alone(leg: Leg, matrix: Floats) -> Turn:

@@ -31,7 +31,7 @@ from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.identify.identification import Identification
-    from gyro_drift_filter.recordings.samples import Samples
+    from gyro_drift_filter.recordings.samples import StoredSamples
 
 
 def add_parser(subcommands: Any) -> None:
@@ -168,7 +168,7 @@ def _warnings(result: 'Identification') -> list[str]:
     return warnings
 
 
-def _notes(samples: 'Samples', sample_rate: float | None) -> list[str]:
+def _notes(samples: 'StoredSamples', sample_rate: float | None) -> list[str]:
     notes = samples.notes()
     if sample_rate is not None and not samples.clock:
         notes.append('--sample-rate is not used, as the messages have stamps')

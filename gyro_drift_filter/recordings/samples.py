@@ -34,8 +34,8 @@ _UNIT_MARGIN = 0.02
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Of one topic, n samples.
+class StoredSamples:
+    """The samples of one topic, n of them, in temporary files.
 
     Attributes:
         topic: Its name.
@@ -81,7 +81,7 @@ def read_samples(
     between: tuple[float, float],
     progress: Callable[[int, int], None],
     sample_rate: float | None = None,
-) -> Samples:
+) -> StoredSamples:
     """Read the samples of a bag.
 
     Args:
@@ -118,7 +118,7 @@ def read_samples(
         append_rows(accelerations, usable(force, LARGEST_ACCELERATION))
     if not clock:
         _check_unit(*(1e-9 * float(np.ptp(times)) for times in zip(*edges, strict=True)))
-    return Samples(name, refused, stamps, rates, accelerations, beyond, doubled, clock)
+    return StoredSamples(name, refused, stamps, rates, accelerations, beyond, doubled, clock)
 
 
 def _without_doubles(part: ImuPart, last: Any) -> ImuPart:
