@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.parameter_text import parameters_to_write
 from gyro_drift_filter.cli.printing import say, tell
 from gyro_drift_filter.cli.progress import Progress
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
@@ -130,8 +129,6 @@ def _convert(options: argparse.Namespace) -> None:
 
     from gyro_drift_filter.calibrate.exchange import from_imu_tk, from_kalibr
     from gyro_drift_filter.cli.calibration_report import foreign_file
-    from gyro_drift_filter.core import Parameters
-    from gyro_drift_filter.core.parameters import NO_SENSITIVITY
 
     path = options.bags[0]
     if len(options.bags) > 1:
@@ -153,14 +150,6 @@ def _convert(options: argparse.Namespace) -> None:
         raise GyroDriftFilterError(f'{path} is no text in UTF-8') from error
     except yaml.YAMLError as error:
         raise GyroDriftFilterError(f'{path} is no YAML: {yaml_reason(error)}') from error
-    sensitivity = (
-        NO_SENSITIVITY if found.sensitivity is None else found.sensitivity.ravel().tolist()
-    )
-    parameters_to_write(
-        Parameters().bias_initial if found.bias is None else found.bias.tolist(),
-        calibration_matrix=tuple(found.matrix.ravel().tolist()),
-        calibration_acceleration_sensitivity=tuple(sensitivity),
-    )
     write_whole(options.output, foreign_file(found, printable(path.name)))
     say(f'wrote {options.output}')
 

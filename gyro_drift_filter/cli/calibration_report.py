@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
-from gyro_drift_filter.cli.parameter_text import as_yaml, largest_bias, parameter_text, today
+from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
 from gyro_drift_filter.cli.table import table
-from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -165,13 +164,14 @@ def foreign_file(found: Foreign, source: str) -> str:
     Args:
         found: To be written.
         source: Name of the file, for a comment.
+
+    Raises:
+        GyroDriftFilterError: The node and replay would refuse the file.
     """
     head = [f'Scale and misalignment of a gyroscope, from {source}.']
     values: dict[str, Any] = {_MATRIX: found.matrix}
     if found.sensitivity is not None:
         values[_SENSITIVITY] = found.sensitivity
     if found.bias is not None:
-        if (largest := largest_bias(found.bias.tolist())) != Parameters().bias_max:
-            values['bias.max'] = largest
-        values['bias.initial'] = found.bias
+        values |= bias_parameters(found.bias.tolist())
     return parameter_text(head, values, {})

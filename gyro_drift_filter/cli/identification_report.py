@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli.parameter_text import (
     as_yaml,
+    bias_parameters,
     parameter_text,
-    parameters_to_write,
     today,
 )
 from gyro_drift_filter.cli.table import table
@@ -208,18 +208,20 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
         )
         return x, y, z
 
-    found = parameters_to_write(
-        per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial),
-        sample_rate=1.0 / result.timing.period,
-        model_phi=per_axis(lambda axis: axis.phi, default.model_phi),
-        model_process_noise=per_axis(
+    values = {
+        'sample_rate': 1.0 / result.timing.period,
+        **bias_parameters(per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial)),
+        'model.phi': per_axis(lambda axis: axis.phi, default.model_phi),
+        'model.process_noise': per_axis(
             lambda axis: axis.noise.process_noise, default.model_process_noise
         ),
-        model_measurement_noise=per_axis(
+        'model.measurement_noise': per_axis(
             lambda axis: axis.noise.measurement_noise, default.model_measurement_noise
         ),
-        model_noise_deviation=per_axis(lambda axis: axis.deviation, default.model_noise_deviation),
-    )
+        'model.noise_deviation': per_axis(
+            lambda axis: axis.deviation, default.model_noise_deviation
+        ),
+    }
     bias_deviation = per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
     head = [
@@ -229,21 +231,18 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     ]
     if dead:
         head.append(f"Dead: {named_axes(dead)}; the package's defaults stand there.")
-    larger = ['Larger than the default, as the bias is, rad/s']
     remarks = {
         'sample_rate': ['Hz'],
-        **({} if found.bias_max == default.bias_max else {'bias.max': larger}),
+        'bias.max': ['Larger than the default, as the bias is, rad/s'],
         'bias.initial': [
             'At that time, rad/s. It holds until the first rest; standard error:',
             as_yaml(bias_deviation),
         ],
         'model.phi': ['AR(1) coefficient of the drift'],
         'model.process_noise': [f'Q and R of kalman and sage_husa, by {noise}, (rad/s)^2'],
-        'model.measurement_noise': [],
         'model.noise_deviation': ['Standard deviation of the noise at rest, for adaptive, rad/s'],
     }
-    values = found.names()
-    return parameter_text(head, {name: values[name] for name in remarks}, remarks)
+    return parameter_text(head, values, remarks)
 
 
 def noise_of(result: Identification) -> Noise:

@@ -35,7 +35,11 @@ def parameter_text(
         head: Comments at its beginning, by lines.
         values: By the names of the parameters.
         remarks: Comments above some of them, by lines.
+
+    Raises:
+        ParameterError: The node and replay would refuse the file.
     """
+    Parameters.from_names({name: _flat(value) for name, value in values.items()})
     groups: dict[str, list[str]] = {'': []}
     for name, value in values.items():
         group, _, last = name.rpartition('.')
@@ -49,8 +53,7 @@ def parameter_text(
 
 def as_yaml(value: Any) -> str:
     """Return a value as both YAML and rcl read it, an array row by row: a double has a point."""
-    if isinstance(value, np.ndarray):
-        value = tuple(value.ravel().tolist())
+    value = _flat(value)
     if isinstance(value, tuple):
         return f'[{", ".join(map(as_yaml, value))}]'
     if isinstance(value, bool):
@@ -60,37 +63,31 @@ def as_yaml(value: Any) -> str:
     return str(value)
 
 
-def parameters_to_write(bias: Sequence[float], **others: Any) -> Parameters:
-    """Return parameters that were found, before a file is written with them.
+def _flat(value: Any) -> Any:
+    """Return an array as a tuple, row by row, and any other value as it is."""
+    return tuple(value.ravel().tolist()) if isinstance(value, np.ndarray) else value
 
-    Args:
-        bias: (3,) in rad/s.
-        others: By the names of the fields of `Parameters`.
+
+def bias_parameters(bias: Sequence[float]) -> dict[str, Any]:
+    """Return the parameters of a sensor with a bias (3,) in rad/s, by their names.
+
+    Where the bias lies beyond the default of `bias.max`, that is raised to what it may be at the
+    next start.
 
     Raises:
-        GyroDriftFilterError: The node and replay would refuse the file.
+        GyroDriftFilterError: The node and replay would refuse it.
     """
-    largest = FIELDS['bias_initial'].high
+    default, largest = Parameters(), FIELDS['bias_initial'].high
     for axis, rate in zip(AXES, bias, strict=True):
         if abs(rate) > largest:
             raise GyroDriftFilterError(
                 f'the bias about {axis} is {rate:.4g} rad/s, where {largest:g} is the most that is '
                 'taken: are the rates in deg/s?'
             )
-    return Parameters(
-        bias_initial=(bias[0], bias[1], bias[2]), bias_max=largest_bias(bias), **others
-    )
-
-
-def largest_bias(bias: Sequence[float]) -> float:
-    """Return `bias.max` in rad/s for a sensor with a bias (3,) in rad/s.
-
-    It is the default one if the bias lies within that, or what the bias may be at the next start.
-    """
-    default, largest = Parameters(), max(map(abs, bias))
-    if largest <= default.bias_max:
-        return default.bias_max
-    return min(largest + default.bias_turn_on_deviation, FIELDS['bias_max'].high)
+    values = {}
+    if (size := max(map(abs, bias))) > default.bias_max:
+        values['bias.max'] = min(size + default.bias_turn_on_deviation, FIELDS['bias_max'].high)
+    return values | {'bias.initial': tuple(bias)}
 
 
 def today() -> str:
