@@ -22,12 +22,7 @@ import numpy as np
 
 from gyro_drift_filter.bags.layout import BOOL_BYTES, OUTPUT_STATE, lay_out
 from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import (
-    Piece,
-    Recording,
-    is_cdr,
-    length_by_id,
-)
+from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr, length_by_id
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES

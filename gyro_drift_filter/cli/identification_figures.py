@@ -65,12 +65,7 @@ def draw(
         _recording(panel, axis, *_envelope(stamps, rates[index]), result)
 
     drawn: tuple[tuple[str, str, Callable[[Axes, AxisModel, int], None], str], ...] = (
-        (
-            'recording',
-            title,
-            recording,
-            'time (s)',
-        ),
+        ('recording', title, recording, 'time (s)'),
         ('allan', 'Overlapping Allan deviation', _allan, 'averaging time tau (s)'),
         ('autocorrelation', 'Autocorrelation at rest', _autocorrelation, 'lag (samples)'),
         (

@@ -21,12 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
-from gyro_drift_filter.cli.parameter_text import (
-    as_yaml,
-    bias_parameters,
-    parameter_text,
-    today,
-)
+from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Coefficient
@@ -97,10 +92,7 @@ def _overview(result: Identification) -> str:
         ('of kalman and sage_husa: phi', lambda a: f'{a.phi:.4f}'),
         ('  root of Q (deg/s)', lambda a: _root(a.noise.process_noise)),
         ('  root of R (deg/s)', lambda a: _root(a.noise.measurement_noise)),
-        (
-            'angle random walk (deg/sqrt(h))',
-            lambda a: _read(a.allan.angle_random_walk, 60.0),
-        ),
+        ('angle random walk (deg/sqrt(h))', lambda a: _read(a.allan.angle_random_walk, 60.0)),
         ('  read at tau (s)', lambda a: _taus(a.allan.angle_random_walk)),
         ('bias instability (deg/h)', lambda a: _read(a.allan.bias_instability, 3600.0)),
         ('  read at tau (s)', lambda a: _taus(a.allan.bias_instability)),

@@ -46,11 +46,7 @@ def judge_doubles(doubles: int, messages: int) -> list[Finding]:
 def judge_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Finding:
     """Say whether samples of rates and accelerations, three columns (n,) each, are repeated."""
     repeats = count_repeats(rates, accelerations)
-    found = {
-        'repeated': repeats.repeated,
-        'times': repeats.runs,
-        'by_chance': repeats.by_chance,
-    }
+    found = {'repeated': repeats.repeated, 'times': repeats.runs, 'by_chance': repeats.by_chance}
     if not repeats.are_repeats:
         return sound('repeats', 'no sample is repeated', found)
     return fault(

@@ -104,21 +104,8 @@ QUANTITIES = (
         math.degrees,
         both_ways=True,
     ),
-    Quantity(
-        'outliers',
-        '%',
-        ('outlier_share', 'messages'),
-        _share,
-        _percent,
-    ),
-    Quantity(
-        'gaps',
-        '%',
-        ('gaps', 'messages'),
-        _gaps,
-        _percent,
-        of_axes=False,
-    ),
+    Quantity('outliers', '%', ('outlier_share', 'messages'), _share, _percent),
+    Quantity('gaps', '%', ('gaps', 'messages'), _gaps, _percent, of_axes=False),
     # What is alive has noise: a share of the samples at rest that is all or nothing.
     Quantity(FROZEN, '%', ('noise', 'noise_samples'), _frozen, _percent),
 )

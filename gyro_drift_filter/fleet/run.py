@@ -20,14 +20,7 @@ from typing import Any
 from distributed import Client, Future, as_completed
 
 from gyro_drift_filter.fleet.bag_report import report_path
-from gyro_drift_filter.fleet.measuring import (
-    Job,
-    Result,
-    Row,
-    content_of,
-    measure,
-    written_path,
-)
+from gyro_drift_filter.fleet.measuring import Job, Result, Row, content_of, measure, written_path
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import Bag
 

@@ -34,13 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.series import (
-    LARGEST_PART,
-    Stretch,
-    Values,
-    block_means,
-    parts,
-)
+from gyro_drift_filter.identify.series import LARGEST_PART, Stretch, Values, block_means, parts
 
 Floats = NDArray[np.float64]
 

@@ -357,11 +357,7 @@ INPUT_RULES = (
         lambda span: span.now.frame_changes > span.before.frame_changes,
         _frame_text,
     ),
-    Rule(
-        'not reported',
-        _is_not_reported,
-        _not_reported_text,
-    ),
+    Rule('not reported', _is_not_reported, _not_reported_text),
     Rule(
         'degrees',
         lambda span: 2 * increase(span, 'beyond_range') > span.samples,
@@ -454,11 +450,7 @@ INPUT_RULES = (
         'anew and nothing is filtered: are the stamps in another unit, do the clocks of two '
         'drivers mix, or does the sensor measure more slowly than gap_limit allows?',
     ),
-    Rule(
-        'restarted',
-        lambda span: increase(span, 'restarts') > 0,
-        _restart_text,
-    ),
+    Rule('restarted', lambda span: increase(span, 'restarts') > 0, _restart_text),
     Rule(
         'backward',
         _stamps_go_backward,
@@ -485,9 +477,5 @@ INPUT_RULES = (
         'measurement, in seconds and nanoseconds, or set sample_rate',
     ),
     Rule('wrong rate', beyond(_rate_error, *_RATE_ERROR), _rate_text),
-    Rule(
-        'gaps',
-        beyond(_gaps_in_window, *_GAPS),
-        _gap_text,
-    ),
+    Rule('gaps', beyond(_gaps_in_window, *_GAPS), _gap_text),
 )

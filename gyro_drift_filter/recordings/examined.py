@@ -26,13 +26,7 @@ from gyro_drift_filter.bags.imu_arrays import usable
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.orientations import PLACES, orientation_of
-from gyro_drift_filter.bags.recording import (
-    BagError,
-    Piece,
-    Recording,
-    are_among,
-    is_cdr,
-)
+from gyro_drift_filter.bags.recording import BagError, Piece, Recording, are_among, is_cdr
 from gyro_drift_filter.bags.replay_run import NO_MESSAGES, TopicFilter, small_parts
 from gyro_drift_filter.bags.report_times import ReportTimes
 from gyro_drift_filter.bags.selection import Selection

@@ -25,12 +25,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput
-from gyro_drift_filter.bags.recording import (
-    BagError,
-    Piece,
-    Recording,
-    are_among,
-)
+from gyro_drift_filter.bags.recording import BagError, Piece, Recording, are_among
 from gyro_drift_filter.bags.replay_run import ReplayRun, small_parts, why_nothing
 from gyro_drift_filter.bags.selection import Selection
 from gyro_drift_filter.core import Filter, Parameters

@@ -26,11 +26,7 @@ from gyro_drift_filter.identify.series import Stored, append_rows, stored_column
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
-from gyro_drift_filter.report.sample_times import (
-    each_sample_seconds,
-    no_sample_times,
-    note_pace,
-)
+from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times, note_pace
 from gyro_drift_filter.report.verdict import RunWatch
 
 Floats = NDArray[np.float64]

@@ -28,11 +28,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from gyro_drift_filter.core import Parameters
-from gyro_drift_filter.core.parameters import (
-    DESCRIPTIONS,
-    OF_EVERY_NODE,
-    Description,
-)
+from gyro_drift_filter.core.parameters import DESCRIPTIONS, OF_EVERY_NODE, Description
 from gyro_drift_filter.errors import ParameterError
 from gyro_drift_filter.messages.parameter_sections import (
     NoSectionsError,

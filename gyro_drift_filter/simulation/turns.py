@@ -23,14 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.simulation.sensor import (
-    DEGREE,
-    Faults,
-    Motion,
-    Noise,
-    even_stamps,
-    measure,
-)
+from gyro_drift_filter.simulation.sensor import DEGREE, Faults, Motion, Noise, even_stamps, measure
 
 Floats = NDArray[np.float64]
 

@@ -301,11 +301,7 @@ def legged(random: np.random.Generator, seconds: float, sample_rate: float) -> D
     walks = np.clip(speed / 0.4, 0.0, 1.0)
     phase = 2.0 * np.pi * np.cumsum(1.6 + 0.4 * speed) / sample_rate
     cycle = walks[:, None] * np.column_stack(
-        [
-            3.0 * np.sin(0.5 * phase),
-            2.0 * np.sin(phase + 1.0),
-            1.5 * np.sin(0.5 * phase + 0.5),
-        ]
+        [3.0 * np.sin(0.5 * phase), 2.0 * np.sin(phase + 1.0), 1.5 * np.sin(0.5 * phase + 0.5)]
     )
     sway = walks[:, None] * smooth(random, len(time), sample_rate, 3.0)
     slopes = _slopes(random, speed, sample_rate, 15.0, np.array([3.0, 6.0]) * DEGREE)

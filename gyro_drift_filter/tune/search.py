@@ -155,11 +155,7 @@ def downhill(cost: Callable[[Floats], float], start: Floats, budget: int) -> Flo
         return value
 
     steps = np.where(start > 0.5, -_FIRST_STEP, _FIRST_STEP) * np.eye(len(start))
-    options = {
-        'initial_simplex': np.vstack([start, start + steps]),
-        'maxfev': budget,
-        **_ENOUGH,
-    }
+    options = {'initial_simplex': np.vstack([start, start + steps]), 'maxfev': budget, **_ENOUGH}
     bounds = [(0.0, 1.0)] * len(start)
     with suppress(TimeIsUpError):  # the best so far counts
         minimize(noted, start, method='Nelder-Mead', bounds=bounds, options=options)
