@@ -19,10 +19,9 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.errors import printable
@@ -63,8 +62,7 @@ def run(options: argparse.Namespace) -> int:
     from gyro_drift_filter.doctor.findings import is_sound
     from gyro_drift_filter.recordings.examined import read_recording
 
-    spare_linear_algebra()
-    compile_first()
+    prepare_kernels()
     with Progress(enabled=True) as progress:
         topic, examined = read_recording(options.bag, options.topic, when, progress)
     findings = examine(examined)

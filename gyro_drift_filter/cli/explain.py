@@ -20,7 +20,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import (
     add_hint_option,
@@ -28,7 +27,7 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
@@ -70,11 +69,10 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.recordings.flagged import read_flagged
 
-    spare_linear_algebra()
     start, end = between(options)
     check_targets({'--json': options.json})
     parameters = chosen_parameters(options)
-    compile_first()
+    prepare_kernels()
     # The whole recording, so that each sample meets the filter as it met it on the robot.
     topics = (options.topic,) if options.topic else ()
     selection = Selection(imu_topics=topics, hint=options.motion_hint)

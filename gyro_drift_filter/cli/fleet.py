@@ -21,7 +21,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.filter_options import (
     add_method_option,
     add_params_option,
@@ -30,7 +29,7 @@ from gyro_drift_filter.cli.filter_options import (
 from gyro_drift_filter.cli.fleet_report import ranking_text
 from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.printing import say, tell
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import check_targets, with_files
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
@@ -112,7 +111,6 @@ def run(options: argparse.Namespace) -> int | None:
         from gyro_drift_filter.fleet.results import Results
         from gyro_drift_filter.fleet.run import FleetRun
         from gyro_drift_filter.fleet.sources import find_bags
-    spare_linear_algebra()
     parameters = chosen_parameters(options)
     output: Path = options.output
     _check(options)
@@ -125,8 +123,7 @@ def run(options: argparse.Namespace) -> int | None:
     )
     if options.write:
         _check_apart(bags)
-    if not options.quiet:
-        compile_first()
+    prepare_kernels(quiet=options.quiet)
     workers = options.workers or len(os.sched_getaffinity(0))
     cluster = (
         cluster_at(options.scheduler)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Self
 
-from gyro_drift_filter.accelerate.kernels import has_to_compile
+from gyro_drift_filter.accelerate.kernels import has_to_compile, spare_linear_algebra
 from gyro_drift_filter.cli.printing import is_terminal, tell
 from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -77,12 +77,14 @@ def _duration(seconds: float) -> str:
     return f'{whole // 3600} h {whole % 3600 // 60} min'
 
 
-def compile_first() -> None:
+def prepare_kernels(*, quiet: bool = False) -> None:
     """Compile all kernels, saying so, where that has not been done: it takes about a minute.
 
-    Where they can't be kept, a warning has been logged, and they are compiled as they are needed.
+    Where nothing is to be said, they are compiled as they are needed. So they are where they can't
+    be kept, of which a warning has been logged.
     """
-    if not has_to_compile():
+    spare_linear_algebra()
+    if quiet or not has_to_compile():
         return
     tell('compiling the filter for this machine: once, for about a minute')
     start = time.monotonic()

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import add_bag_argument
 from gyro_drift_filter.cli.filter_options import (
     add_hint_option,
@@ -29,7 +28,7 @@ from gyro_drift_filter.cli.filter_options import (
     chosen_parameters,
 )
 from gyro_drift_filter.cli.printing import in_colour, tell
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying, verdicts_of
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
@@ -98,15 +97,13 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.bags.replay_run import Watch
     from gyro_drift_filter.bags.selection import Selection
 
-    spare_linear_algebra()
     start, end = between(options)
     check_targets(
         {'--json': options.json},
         others={'-o': options.output, '--bias-memory': options.bias_memory},
     )
     parameters = chosen_parameters(options)
-    if not options.quiet:
-        compile_first()
+    prepare_kernels(quiet=options.quiet)
     progress = Progress(enabled=not options.quiet)
     # A verdict that nobody sees is not made, as its sums take time.
     is_shown = not options.quiet or options.json is not None

@@ -22,12 +22,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyro_drift_filter.accelerate.kernels import spare_linear_algebra
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.printing import in_colour
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import (
     add_json_option,
     check_no_pictures,
@@ -100,13 +99,11 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
 
-    spare_linear_algebra()
     parameters = chosen_parameters(options)
     methods = list(dict.fromkeys(options.methods or [parameters.method]))
     wanted = () if options.topic is None else (options.topic,)
     selection = Selection(imu_topics=wanted, start=start, end=end)
-    if not options.quiet:
-        compile_first()
+    prepare_kernels(quiet=options.quiet)
     recordings = []
     for bag, name in zip(options.bag, names, strict=True):
         all_parameters = [parameters.with_names({'method': method}) for method in methods]

@@ -26,7 +26,7 @@ from gyro_drift_filter.cli.filter_options import add_params_option, chosen_param
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_text import parameter_text, today
 from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.progress import Progress, compile_first
+from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
@@ -93,8 +93,7 @@ def run(options: argparse.Namespace) -> None:
     from gyro_drift_filter.recordings.samples import read_samples
 
     parameters = chosen_parameters(options)
-    if not options.quiet:
-        compile_first()
+    prepare_kernels(quiet=options.quiet)
     with Progress(enabled=not options.quiet) as progress:
         samples = read_samples(options.bag, options.topic, between(options), progress)
     for note in samples.notes():
