@@ -24,8 +24,6 @@ from gyro_drift_filter.fleet.measuring import Job, Result, Row, content_of, meas
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.sources import Bag
 
-Progress = Callable[[int, int], None]
-
 # Tasks that go to the scheduler in one message.
 _BATCH = 500
 
@@ -44,7 +42,7 @@ class FleetRun:
         self._passing: dict[str, list[Row]] = {}  # by address: rows that are not kept
         self.reused = self.measured = 0
 
-    def run(self, progress: Progress) -> None:
+    def run(self, progress: Callable[[int, int], None]) -> None:
         """Measure all bags but those whose content has been: it is hashed, or the store tells it.
 
         Args:
