@@ -30,7 +30,6 @@ from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.input_rules import WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
-from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
@@ -119,10 +118,14 @@ class RuleLog:
         if span is None:
             return []
         state = span.now.telemetry
-        refuted = refuted | _taken_back(state)
+        refuted = set(refuted)
+        if not state.gaps:
+            # It has taken them all back. A driver that lowers its rate seems to lose every
+            # second message for the first twenty.
+            refuted.add('gaps')
         # Whatever a bias may be, it scatters by no more than its limit: the body has turned.
         if (self.rates.deviation('no rest') > span.now.parameters.bias_max).any():
-            refuted |= {'no rest'}
+            refuted.add('no rest')
         if 'slow sensor' in self.applied:
             refuted |= {'always restarted', 'restarted', 'gaps'}
         found = [
@@ -165,14 +168,6 @@ class RuleLog:
             _of_times(name, span) or _advice(name, advice),
             {'seconds': entry.seconds, 'first_at': entry.first},
         )
-
-
-def _taken_back(state: Telemetry) -> set[str]:
-    """Return the rules whose counts the filter has taken back, as what followed has shown.
-
-    A driver that lowers its rate seems to lose every second message for the first twenty.
-    """
-    return set() if state.gaps else {'gaps'}
 
 
 # Where the advice to who runs the filter is none to who has a recording.
