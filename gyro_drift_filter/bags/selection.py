@@ -30,18 +30,18 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Selection:
-    """What of a recording is replayed; without a word all of it, and its only Imu topic.
+    """What of a recording is replayed; by default all of it, and its only Imu topic.
 
     Attributes:
         imu_topics: To be filtered, each by a filter of its own.
         all_imu: Whether all there are shall be, but for what an earlier run has written.
-        distinct_outputs: Whether of topics that would be filtered to one name each gets its whole
-            name, so that /imu/data_raw beside /imu/data gives /imu/data_raw_filtered; else they are
-            refused.
+        distinct_outputs: Whether topics that would be filtered to the same name keep their whole
+            names in those of their outputs: /imu/data_raw beside /imu/data then gives
+            /imu/data_raw_filtered. Else they are refused.
         output_topic: What the filtered topic is called, where only one is filtered.
         kept: Topics that are copied; None for all.
         start: In s of log time since the first message of the recording.
-        end: The same; messages at that time are the last.
+        end: Likewise; messages at that time are the last ones.
         hint: Topic by which the robot says whether it moves: Twist, TwistStamped or Odometry.
     """
 

@@ -43,8 +43,9 @@ class Quantity(NamedTuple):
         name: Of the change.
         unit: Of what is shown.
         columns: That it is made of.
-        value: Returns of these what is compared, and its own standard deviation; None for nothing.
-        shown: Returns of what is compared what is shown.
+        value: Makes of these the value that is compared, with the standard deviation that it has by
+            itself; None where there is nothing to compare.
+        shown: Makes of a value that is compared the one that is shown.
         both_ways: Whether it may get worse either way.
         of_axes: Whether each axis has its own.
     """

@@ -57,9 +57,9 @@ class McapWriter:
     """An MCAP file in chunks. Chunks are packed and written beside the caller's work.
 
     Attributes:
-        counts: Messages by channel that are in the file; complete after `flush`, as
-        first: the log time of the first of them in ns, and
-        last: of the last.
+        counts: Messages by channel that are in the file; complete after `flush`.
+        first: Log time in ns of the first message in the file; known after `flush`.
+        last: Log time in ns of the last message in the file; known after `flush`.
         numbers: (CHANNELS,) the number of each channel that was added, -1 for all others.
     """
 

@@ -39,7 +39,7 @@ class Span(NamedTuple):
         recent: Samples in the window.
         seconds: From its start to the present report.
         rate: Messages a second in the window, of any kind.
-        reported_rate: The same of those that report a rate, and that the filter so takes.
+        reported_rate: Messages a second in the window that report a rate, which the filter takes.
         not_reported_share: Share of the messages in the window that report no rate.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.

@@ -42,7 +42,7 @@ class StoredSamples:
         refused: Messages that were malformed or did not report an angular velocity.
         stamps: (n,) in ns.
         rates: Three columns (n,) in rad/s; NaN where the filter would not use them.
-        accelerations: Three columns (n,) in m/s^2; the same.
+        accelerations: Three columns (n,) in m/s^2; NaN likewise.
         beyond: Samples with a rate that is too large to be one.
         doubled: Messages that came once more, with the same stamp and rates, and are left out.
         clock: Where the time was taken from in place of stamps, in words; empty where stamps told.

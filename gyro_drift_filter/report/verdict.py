@@ -79,12 +79,12 @@ class Rests:
         count: Rests.
         seconds: All of them together.
         needed: For how long in whole s it had to stand still for the first one to be found.
-        least: The same before it is rounded up.
+        least: This time in s before it is rounded up.
         samples: At rest that the deviations are of: without the last second of each.
         raw_deviation: Standard deviation of the rates as they came, each rest about its own mean,
-            (3,) in rad/s; NaN where it is not known, as in
-        filtered_deviation: the same of the filtered rates.
-        ratio: Of the two, (3,).
+            (3,) in rad/s; NaN where it is not known.
+        filtered_deviation: Standard deviation of the filtered rates, likewise.
+        ratio: The filtered one over the raw one, (3,).
     """
 
     count: int
@@ -126,7 +126,7 @@ class Heading:
 
     Attributes:
         raw: With the raw rates: the mean of the bias about the vertical, as gravity shows it.
-        left: Standard deviation of what is left with the filtered ones, and of `raw`, by the
+        left: Standard deviation of the drift with the filtered rates, and of `raw`, by the
             filter's own account of its bias.
         before: Turn in rad by the bias that was still in before it was known.
         turned: Sum of all turns about any axis in rad; errors of scale are a share of it.
@@ -148,12 +148,12 @@ class FlaggedOutliers:
         looked_for: Whether the parameters have the filter look for outliers.
         axes: How many on each axis (3,).
         at_rest: Samples with an outlier on some axis while at rest.
-        in_motion: The same in motion.
-        first: Log time since the first message in s of the first one; None where there is none, or
-            log times stand, like
-        last: of the last one.
-        busiest: Begin of the ten seconds with most of them.
-        in_busiest: How many there are.
+        in_motion: Samples with an outlier on some axis while in motion.
+        first: When the first one came, in s of log time since the first message; None where none
+            was flagged, or where log times stand.
+        last: When the last one came, likewise.
+        busiest: When the ten seconds with most of them began, likewise.
+        in_busiest: How many came in these ten seconds.
     """
 
     looked_for: bool

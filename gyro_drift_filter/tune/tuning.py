@@ -55,9 +55,9 @@ class Gain:
     Attributes:
         mean: Over stretches.
         deviation: Standard error of that, by the scatter between stretches.
-        chance: How likely a mean as large is where each stretch may as well be worse as better
-            by what it gains: the share of all choices of signs. The gains are far from normal, as
-            a rest gains little, and a stretch with a blow in it much.
+        chance: How likely a mean as large is by chance, if each stretch may as well lose what it
+            gains: the share of all choices of signs that give one. The gains are far from normal,
+            as a rest gains little, and a stretch with a blow in it much.
     """
 
     mean: float
