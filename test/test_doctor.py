@@ -337,6 +337,22 @@ def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
     assert ' 0 gaps, 0 samples missing' in stamps.text
 
 
+@pytest.mark.slow
+def test_one_missing_sample_is_no_fault_and_told_as_one(found):
+    simulation = handled()
+    kept = np.arange(len(simulation.stamps)) != len(simulation.stamps) // 2
+    findings = found(
+        replace(
+            simulation,
+            stamps=simulation.stamps[kept],
+            angular_velocity=simulation.angular_velocity[kept],
+            linear_acceleration=simulation.linear_acceleration[kept],
+        )
+    )
+    (stamps,) = (finding for finding in findings if finding.name == 'stamps')
+    assert ' 1 gap, 1 sample missing, 0 stamps backward' in stamps.text
+
+
 def test_a_pause_is_no_wrong_rate(found):
     """A recording that was stopped for half a minute, and went on."""
     simulation = handled()

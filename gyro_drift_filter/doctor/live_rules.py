@@ -289,8 +289,8 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             },
             sound(
                 'stamps',
-                f'{_rate(span)}, {state.gaps} gaps, {state.missing_samples} samples '
-                f'missing, {state.backward_stamps} stamps backward',
+                f'{_rate(span)}, {_figures("gaps", span)}, '
+                f'{counted(state.backward_stamps, "stamp")} backward',
             ),
         ),
     ]
