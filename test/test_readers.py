@@ -40,10 +40,11 @@ from gyro_drift_filter.mcap.reader import read_layout
 from gyro_drift_filter.mcap.records import MESSAGE, PREFIX
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.recordings.examined import read_recording
+from gyro_drift_filter.recordings.samples import read_samples
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import mixed, read, write, write_mcap
 from support.chunks import EACH_CHANNEL
-from support.messages import START, STORE, TEMPERATURE, TEXT, doubles_of, fault_of
+from support.messages import NOT_REPORTED, START, STORE, TEMPERATURE, TEXT, doubles_of, fault_of
 
 WHOLE = 0.0, np.inf  # s
 
@@ -423,3 +424,14 @@ def test_arrays_are_those_of_the_good_messages(tmp_path, monkeypatch, random):
         np.testing.assert_array_equal(arrays.angular_velocity, wanted[:, 13:16])
         np.testing.assert_array_equal(arrays.linear_acceleration, wanted[:, 25:28])
         assert (np.diff(arrays.stamps) > 0).all()
+
+
+def test_a_message_that_is_left_out_is_told(tmp_path):
+    """In all commands that read samples alone."""
+    times = [START + 10_000_000 * k for k in range(10)]
+    rows = [(time, imu_message(time, (0, 0, 0), (0, 0, 9.8))) for time in times]
+    rows[4] = times[4], imu_message(times[4], (0, 0, 0), (0, 0, 9.8), covariance=NOT_REPORTED)
+    bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): rows})
+    samples = read_samples(bag, None, WHOLE, lambda done, total: None)
+    assert len(samples.stamps) == 9
+    assert samples.notes() == ['1 message left out, as damaged or without an angular velocity']

@@ -31,7 +31,6 @@ from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:
     from gyro_drift_filter.identify.identification import Identification
-    from gyro_drift_filter.recordings.samples import StoredSamples
 
 
 def add_parser(subcommands: Any) -> None:
@@ -120,8 +119,10 @@ def run(options: argparse.Namespace) -> None:
         samples = read_samples(
             options.bag, options.topic, between(options), progress, options.sample_rate
         )
-    for note in _notes(samples, options.sample_rate):
+    for note in samples.notes():
         tell(f'note: {note}')
+    if options.sample_rate is not None and not samples.clock:
+        tell('note: --sample-rate is not used, as the messages have stamps')
     result = identify(
         samples.stamps,
         samples.rates,
@@ -166,14 +167,3 @@ def _warnings(result: 'Identification') -> list[str]:
                 'file raises that, and without the file this bias is not subtracted'
             )
     return warnings
-
-
-def _notes(samples: 'StoredSamples', sample_rate: float | None) -> list[str]:
-    notes = samples.notes()
-    if sample_rate is not None and not samples.clock:
-        notes.append('--sample-rate is not used, as the messages have stamps')
-    if samples.refused:
-        notes.append(
-            f'{samples.refused} messages left out, which are damaged or report no angular velocity'
-        )
-    return notes

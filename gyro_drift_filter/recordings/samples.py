@@ -72,6 +72,9 @@ class StoredSamples:
                 f'{counted(self.doubled, "message")} left out that came once more, with the same '
                 'stamp and rates: is the topic published twice, or recorded twice?'
             )
+        if self.refused:
+            left_out = counted(self.refused, 'message')
+            notes.append(f'{left_out} left out, as damaged or without an angular velocity')
         return notes
 
 
