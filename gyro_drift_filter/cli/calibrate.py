@@ -16,7 +16,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.packages import needing
@@ -36,14 +36,12 @@ INCOMPLETE = 3
 _OF_CALIBRATIONS = ('command', 'bags', 'output')
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'calibrate',
-        help='find scale and misalignment of a gyroscope that was turned by hand',
-        description='Find the rests of recordings in which the sensor was laid down on its sides '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Find the rests of recordings in which the sensor was laid down on its sides '
         'by hand, and the matrix by which its rates carry gravity from rest to rest; write a '
-        'parameter file that the node and replay read. docs/calibration.md says how to record.',
+        'parameter file that the node and replay read. docs/calibration.md says how to record.'
     )
     command.add_argument(
         'bags',
@@ -78,7 +76,7 @@ def add_parser(subcommands: Any) -> None:
         help='orientation from elsewhere in the same bag: a pose, transform, quaternion, odometry '
         'or the orientation of an Imu; its rotation to the sensor and its delay are found',
     )
-    command.set_defaults(run=run, parser=command)
+    command.set_defaults(parser=command)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -24,34 +24,42 @@ from gyro_drift_filter.cli.printing import take_any_name, tell
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.version import package_version
 
-# Modules of this package.
-_SUBCOMMANDS = (
-    'replay',
-    'report',
-    'identify',
-    'calibrate',
-    'tune',
-    'doctor',
-    'explain',
-    'fleet',
-    'fleet-report',
-    'simulate',
-    'compile',
-)
+# Modules of this package, and what each is for. They are loaded only where they are needed.
+_SUBCOMMANDS = {
+    'replay': 'filter a recorded bag',
+    'report': 'draw what the filter does to a recording, with a verdict',
+    'identify': 'find the noise model of a gyroscope from a motionless recording',
+    'calibrate': 'find scale and misalignment of a gyroscope that was turned by hand',
+    'tune': 'find the settings worth changing for a robot, from a recording of it',
+    'doctor': 'tell whether a recording can be trusted',
+    'explain': 'say why samples were flagged as outliers',
+    'fleet': 'measure many bags of many robots, and tell whose gyroscope gets worse',
+    'fleet-report': 'draw which gyroscopes of a fleet get worse',
+    'simulate': 'make a bag with known truth',
+    'compile': 'compile ahead of the first start',
+}
 # Of several files some may stand already: each is written whole, or not at all.
 _LEFT_OUT = ': what was not complete is not written'
 
 
-def parser(subcommand: str = '') -> argparse.ArgumentParser:
-    """Return the parser of the whole command, or of one subcommand: others are not loaded then."""
+def parser(loaded: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of the whole command.
+
+    Args:
+        loaded: The subcommand that is loaded, and has its arguments; None for all of them.
+    """
     command = argparse.ArgumentParser(
         prog='gyro_drift',
         description='Take the noise and the outliers out of a recorded gyroscope.',
     )
     command.add_argument('--version', action='version', version=package_version())
     subcommands = command.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for name in (subcommand,) if subcommand in _SUBCOMMANDS else _SUBCOMMANDS:
-        import_module(f'{__package__}.{name.replace("-", "_")}').add_parser(subcommands)
+    for name, purpose in _SUBCOMMANDS.items():
+        subcommand = subcommands.add_parser(name, help=purpose)
+        if loaded in (None, name):
+            module = import_module(f'{__package__}.{name.replace("-", "_")}')
+            module.add_arguments(subcommand)
+            subcommand.set_defaults(run=module.run)
     return command
 
 
@@ -67,7 +75,8 @@ def run(arguments: Sequence[str]) -> int:
     # By force: each run has its own stderr, as in the tests.
     logging.basicConfig(format='%(levelname)s: %(message)s', force=True)
     take_any_name()
-    options = parser(arguments[0] if arguments else '').parse_args(arguments)
+    named = next((word for word in arguments if word in _SUBCOMMANDS), '')
+    options = parser(named).parse_args(arguments)
     name = f'gyro_drift {options.command}'
     try:
         with signals.raising():

@@ -16,7 +16,6 @@
 
 import argparse
 import time
-from typing import Any
 
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
 from gyro_drift_filter.cli.printing import say, tell
@@ -24,15 +23,12 @@ from gyro_drift_filter.cli.progress import compile_kernels
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'compile',
-        help='compile ahead of the first start',
-        description='Compile all kernels and keep them in ~/.cache/gyro_drift_filter, so that the '
-        'first start of the node does not have to. Needed once after an installation.',
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Compile all kernels and keep them in ~/.cache/gyro_drift_filter, so that the '
+        'first start of the node does not have to. Needed once after an installation.'
     )
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

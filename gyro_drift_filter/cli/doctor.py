@@ -17,7 +17,7 @@
 import argparse
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
@@ -36,20 +36,17 @@ _WIDTH = 100
 _HEADS = {'sound': 'ok', 'fault': 'FAULT', 'unknown': '?'}
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'doctor',
-        help='tell whether a recording can be trusted',
-        description='Send a recording through the filter, look at units, axes, stamps, counts, '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Send a recording through the filter, look at units, axes, stamps, counts, '
         'noise and covariances, and print a line for each with what to do. The exit status is 0 '
-        'if the recording is sound, and 3 if it has faults.',
+        'if the recording is sound, and 3 if it has faults.'
     )
     add_bag_argument(command)
     add_topic_option(command)
     add_json_option(command, 'all lines')
     add_time_options(command)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

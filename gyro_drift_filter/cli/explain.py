@@ -43,15 +43,13 @@ _MOST_LISTED = 200
 _HEAD = '       s axis samples     rate innovation  threshold least_jump deviations'
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'explain',
-        help='say why samples were flagged as outliers',
-        description='Send a recording through the filter and list the samples that it flagged, '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Send a recording through the filter and list the samples that it flagged, '
         'of several in a row the first one: when, on which axis, by how much they missed their '
         'prediction, the limits that this was held against, why it was too much, and what the next '
-        'sample showed.',
+        'sample showed.'
     )
     add_bag_argument(command)
     add_topic_option(command)
@@ -60,7 +58,6 @@ def add_parser(subcommands: Any) -> None:
     add_hint_option(command)
     add_json_option(command, 'all lines')
     add_time_options(command)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -19,7 +19,7 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.filter_options import (
     add_method_option,
@@ -44,14 +44,12 @@ _LARGEST_MEMORY = 1e6  # GB: a million, beyond any machine
 _TOLD = 10
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'fleet',
-        help='measure many bags of many robots, and tell whose gyroscope gets worse',
-        description='Send every bag under folders, patterns and addresses of stores through the '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Send every bag under folders, patterns and addresses of stores through the '
         'filter, examine and judge it, and write one table of all: a row for each bag, Imu topic '
-        'and axis. A bag that fails is a row with its error.',
+        'and axis. A bag that fails is a row with its error.'
     )
     command.add_argument(
         'source',
@@ -96,7 +94,6 @@ def add_parser(subcommands: Any) -> None:
         help='of each of these processes, which is restarted if it needs more; default %(default)g',
     )
     command.add_argument('--quiet', action='store_true', help='no progress, no summary')
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int | None:

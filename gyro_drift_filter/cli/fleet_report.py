@@ -32,19 +32,16 @@ if TYPE_CHECKING:
     from gyro_drift_filter.fleet.health import Sensor
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'fleet-report',
-        help='draw which gyroscopes of a fleet get worse',
-        description='Rank the sensors of a fleet by how much they have changed for the worse, and '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Rank the sensors of a fleet by how much they have changed for the worse, and '
         'write one page with their histories. It holds all that it needs: nothing is loaded from '
-        'a network.',
+        'a network.'
     )
     command.add_argument('fleet', type=Path, help='folder that `gyro_drift fleet` has made')
     command.add_argument('-o', '--output', type=Path, required=True, help='HTML file to be made')
     add_json_option(command, 'sensors and changes')
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -18,7 +18,7 @@ import argparse
 import math
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.packages import needing
@@ -33,13 +33,11 @@ if TYPE_CHECKING:
     from gyro_drift_filter.identify.identification import Identification
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'identify',
-        help='find the noise model of a gyroscope from a motionless recording',
-        description='Find the motionless spans of a recording, identify bias and noise of each '
-        'axis, and write a parameter file that the node and replay read.',
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Find the motionless spans of a recording, identify bias and noise of each '
+        'axis, and write a parameter file that the node and replay read.'
     )
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
@@ -76,7 +74,6 @@ def add_parser(subcommands: Any) -> None:
         help='how to find Q and R of kalman and sage_husa: likelihood takes the likeliest ones for '
         'the model of these filters, paper does what the paper does (default %(default)s)',
     )
-    command.set_defaults(run=run)
 
 
 def _rate(text: str) -> float:

@@ -18,7 +18,7 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.bag_options import add_bag_argument
 from gyro_drift_filter.cli.filter_options import (
@@ -41,13 +41,11 @@ if TYPE_CHECKING:
     from gyro_drift_filter.report.verdict import RunWatch, Verdict
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'replay',
-        help='filter a recorded bag',
-        description='Filter the Imu topic of a bag, exactly as the live node would, and write a '
-        "new bag with the input's topics and the filtered one beside them.",
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Filter the Imu topic of a bag, exactly as the live node would, and write a '
+        "new bag with the input's topics and the filtered one beside them."
     )
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
@@ -88,7 +86,6 @@ def add_parser(subcommands: Any) -> None:
     command.add_argument(
         '--quiet', action='store_true', help='no progress and no verdict, but warnings'
     )
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -20,7 +20,7 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gyro_drift_filter.cli.bag_options import BAG, add_topic_option, distinct_paths
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
@@ -45,14 +45,12 @@ if TYPE_CHECKING:
     from gyro_drift_filter.report.page import DrawnRecording
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'report',
-        help='draw what the filter does to a recording, with a verdict',
-        description='Filter the Imu topic of one or several bags, as replay does, and write one '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Filter the Imu topic of one or several bags, as replay does, and write one '
         'page with the verdict and figures to zoom in. It holds all that it needs: nothing is '
-        'loaded from a network.',
+        'loaded from a network.'
     )
     command.add_argument(
         'bag',
@@ -76,7 +74,6 @@ def add_parser(subcommands: Any) -> None:
         '--png', type=Path, metavar='FOLDER', help='write the figures as PNG files, too'
     )
     command.add_argument('--quiet', action='store_true', help='no progress, no verdict')
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

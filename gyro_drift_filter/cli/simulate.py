@@ -16,7 +16,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -25,15 +24,13 @@ from gyro_drift_filter.simulation.experiments import SimulationSettings, simulat
 _FEWEST_SAMPLES = 10
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
     default = SimulationSettings()
-    command = subcommands.add_parser(
-        'simulate',
-        help='make a bag with known truth',
-        description="Simulate the paper's experiments: a motionless part, then a sinusoid with "
+    command.description = (
+        "Simulate the paper's experiments: a motionless part, then a sinusoid with "
         'isolated outliers and runs of them. The truth goes into a numpy archive beside the bag: '
-        'the rates without noise and outliers, but with the bias.',
+        'the rates without noise and outliers, but with the bias.'
     )
     command.add_argument('-o', '--output', type=Path, required=True, help='folder to be made')
     command.add_argument(
@@ -57,7 +54,6 @@ def add_parser(subcommands: Any) -> None:
         default=default.dynamic_seconds,
         help='length of the part with the sinusoid in s, default %(default)s',
     )
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -40,14 +40,12 @@ if TYPE_CHECKING:
     from gyro_drift_filter.tune.tuning import Tuning
 
 
-def add_parser(subcommands: Any) -> None:
-    """Add the subcommand to the parser of `gyro_drift`."""
-    command = subcommands.add_parser(
-        'tune',
-        help='find the settings worth changing for a robot, from a recording of it',
-        description='Search for the parameters with which the filter predicts a recording best, '
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add description and arguments to the parser of the subcommand."""
+    command.description = (
+        'Search for the parameters with which the filter predicts a recording best, '
         'judge them on stretches held back, and write a parameter file that the node and replay '
-        'read. Where the default is as good, it is kept.',
+        'read. Where the default is as good, it is kept.'
     )
     add_bag_argument(command)
     command.add_argument('-o', '--output', type=Path, required=True, help='parameter file to write')
@@ -76,7 +74,6 @@ def add_parser(subcommands: Any) -> None:
         '--seed', type=int, default=0, help='of the random numbers, default %(default)s'
     )
     command.add_argument('--quiet', action='store_true', help='no progress, no table')
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
