@@ -37,7 +37,7 @@ from gyro_drift_filter.accelerate import ahead
 from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli import command, printing, progress
 from gyro_drift_filter.cli.main import main
-from gyro_drift_filter.cli.result_files import as_plain
+from gyro_drift_filter.cli.result_files import as_plain, saying
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
@@ -320,6 +320,14 @@ def test_results_that_the_disk_does_not_take_are_said(arguments, tmp_path, monke
     assert 'full can not be written: No space left' in printed.err
     assert len(printed.out.splitlines()) > 2
     assert printed.out.endswith('\n\nwrote out\n') == ('out' in arguments)
+
+
+def test_programs_get_the_results_where_another_file_can_not_be_written(tmp_path, capsys):
+    path = tmp_path / 'results.json'
+    with pytest.raises(OSError, match='disk'), saying('text', path, {'bias': 0.1}):
+        raise OSError('the disk is full')
+    assert json.loads(path.read_text()) == {'bias': 0.1}
+    assert capsys.readouterr().out == f'text\n\nwrote {path}\n'
 
 
 def test_every_record_has_names_in_the_results_for_programs():
