@@ -137,6 +137,16 @@ def test_a_slow_sensor_is_recorded_all_the_time(random):
     assert log.judged_seconds == pytest.approx(100.0, abs=10.0)
 
 
+@pytest.mark.parametrize('apart', [0.0, 0.03])
+def test_two_sensors_that_take_turns_are_not_sound(apart, tmp_path, random):
+    """The filter learns the mean of both, and makes both quieter."""
+    rates, accelerations = at_rest(random, 60)
+    rates[1::2, 0] += apart
+    verdict = of_samples(tmp_path, rates, accelerations)
+    text = ' '.join(as_text(verdict).split())
+    assert ('two sensors or drivers take turns on the topic' in text) == (apart > 0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(('hertz', 'is_told'), [(0.3, False), (5.0, True)])
 def test_a_robot_that_turns_on_a_smooth_floor_is_no_stand_without_a_rest(

@@ -14,13 +14,17 @@
 
 """Whether two sensors take turns on one topic."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
+
+Floats = NDArray[np.float64]
 
 # Every other sample, in stretches of so many, beside the mean of its neighbours: of two sensors,
 # each with its own bias, it is off to one side and to the other in turn. Of one that vibrates near
@@ -31,6 +35,45 @@ _STRETCH = 200
 _DEVIATIONS, _SHARE = 8.0, 0.5
 
 
+class TakenTurns:
+    """Sees rates in the order in which they were logged, and whether two sensors take turns."""
+
+    def __init__(self) -> None:
+        """Start before the first sample."""
+        self._waiting: Floats = np.empty((0, 3))  # for the rest of a stretch
+        self._apart = self._stretches = 0
+
+    def take(self, rates: Floats) -> None:
+        """See the next rates (n, 3) in rad/s."""
+        usable = np.where(np.abs(rates) <= LARGEST_RATE, rates, np.nan)
+        rates = np.concatenate([self._waiting, usable])
+        end = len(rates) // _STRETCH * _STRETCH
+        stretches = rates[:end].reshape(-1, _STRETCH, 3)
+        self._stretches += len(stretches)
+        self._apart += int(_take_turns(stretches).sum())
+        self._waiting = rates[end:]
+
+    @property
+    def share(self) -> float:
+        """Of the stretches, in how many every other sample has another bias."""
+        return self._apart / self._stretches if self._stretches else 0.0
+
+    def faults(self) -> list[Finding]:
+        """Return a line where two sensors take turns."""
+        if self.share <= _SHARE:
+            return []
+        return [
+            fault(
+                'publishers',
+                'two sensors or drivers take turns on the topic: every other sample has another '
+                'bias',
+                'remap one of them; see who publishes with `ros2 topic info -v`. If one does, it '
+                'is a vibration at exactly half the sample rate',
+                {'share_apart': self.share},
+            )
+        ]
+
+
 def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     """Say whether rates, three columns (n,), are of one sensor.
 
@@ -38,22 +81,12 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
         rates: In rad/s, in the order in which they were logged.
         connections: Publishers that the recording names for the topic.
     """
-    apart = total = 0
-    for first in range(0, len(rates[0]), LARGEST_PART // _STRETCH * _STRETCH):
-        part = slice(first, first + LARGEST_PART // _STRETCH * _STRETCH)
-        values = stacked(rates, part)
-        values = values[: len(values) // _STRETCH * _STRETCH].reshape(-1, _STRETCH, 3)
-        total += len(values)
-        apart += int(_take_turns(values).sum())
-    share = apart / total if total else 0.0
-    found: dict[str, Any] = {'connections': connections, 'share_apart': share}
-    if share > _SHARE:
-        return fault(
-            'publishers',
-            'two sensors or drivers take turns on the topic: every other sample has another bias',
-            'remap one of them; see who publishes with `ros2 topic info -v`',
-            found,
-        )
+    turns = TakenTurns()
+    for first in range(0, len(rates[0]), LARGEST_PART):
+        turns.take(stacked(rates, slice(first, first + LARGEST_PART)))
+    found: dict[str, Any] = {'connections': connections, 'share_apart': turns.share}
+    for finding in turns.faults():
+        return replace(finding, values=found)
     if connections > 1:
         return fault(
             'publishers',
@@ -64,7 +97,7 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     return sound('publishers', 'one publisher', found)
 
 
-def _take_turns(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _take_turns(values: Floats) -> NDArray[np.bool_]:
     """Return for stretches (s, n, 3) whether their samples are off to both sides in turn."""
     off = values[:, 1:-1] - 0.5 * (values[:, :-2] + values[:, 2:])
     off[:, ::2] *= -1.0

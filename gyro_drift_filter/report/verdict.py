@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
+from gyro_drift_filter.doctor.publishers import TakenTurns
 from gyro_drift_filter.messages.imu import are_filtered
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
@@ -267,6 +268,7 @@ class RunWatch:
         self._given = False
         self._sums = no_sums()
         self._rules = RuleLog()
+        self._turns = TakenTurns()
         # Samples, not seconds: a gap without messages is no time of which anything is said.
         self._reported = self._lagging = 0
         self._held_back = HeldBack()
@@ -282,6 +284,7 @@ class RunWatch:
         add_run(imus, np.ascontiguousarray(log_times, np.int64), self._matrix, self._sums)
         self._held_back.take(imus, self.period)
         self._rules.take(imus, log_times)
+        self._turns.take(imus['sample']['angular_velocity'])
 
     @property
     def is_by_log(self) -> bool:
@@ -382,7 +385,7 @@ class RunWatch:
             refuted.add('contradicts gravity')
         truncation_refuted = is_truncation_refuted(self._filter)
         found = self._rules.findings(refuted, truncation_refuted=truncation_refuted)
-        return [finding for finding in found if finding.is_fault]
+        return [finding for finding in found if finding.is_fault] + self._turns.faults()
 
     def _bias(self, total: Any, summary: Summary) -> Bias:
         filter_ = self._filter
