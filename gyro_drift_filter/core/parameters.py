@@ -193,7 +193,7 @@ class Parameters:
         0.0,
         'sample_rate',
         'Rate of the gyroscope, and the rate that the values of model.* belong to. 0 learns it '
-        'from the stamps.',
+        'from the stamps; less than 1 Hz counts as 1 Hz.',
         unit='Hz',
         low=0.0,
         high=10_000.0,

@@ -441,7 +441,8 @@ INPUT_RULES = (
         'slow sensor',
         _is_slower_than_gap_limit,
         'samples come as far apart as gap_limit allows, or farther, so that the filter starts anew '
-        'at each that is a bit late: raise gap_limit to three sample periods or more',
+        'at each that is a bit late: raise gap_limit to three sample periods or more, and have a '
+        'sensor publish at 1 Hz at least',
     ),
     Rule(
         'always restarted',
