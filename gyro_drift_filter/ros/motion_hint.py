@@ -32,6 +32,7 @@ _CLASSES = {'twist': Twist, 'twist_stamped': TwistStamped, 'odometry': Odometry}
 assert set(_CLASSES) == set(HINT_TYPES)
 # By then the executor has let go of a subscription that was destroyed in one of its callbacks.
 _PAUSE_SECONDS = 0.1
+_TOPIC = 'motion_hint'
 # Publishers are known some seconds after a node has started.
 _DISCOVERY_SECONDS = 5.0
 
@@ -78,7 +79,7 @@ class MotionHint:
         if (self._steady.now() - self._since).nanoseconds < _DISCOVERY_SECONDS * 1e9:
             return None
         topic, wanted = self._subscription.topic_name, HINT_TYPES[self._kind]
-        publishers = self._node.get_publishers_info_by_topic(topic)
+        publishers = self._node.get_publishers_info_by_topic(_TOPIC)  # rclpy remaps it
         if any(other.topic_type == wanted for other in publishers):
             return None
         head = f'motion_hint is {self._kind}, but'
@@ -96,7 +97,7 @@ class MotionHint:
         if self._kind != 'none':
             self._since = self._steady.now()
             self._subscription = self._node.create_subscription(
-                _CLASSES[self._kind], 'motion_hint', self._receive, qos_profile_sensor_data
+                _CLASSES[self._kind], _TOPIC, self._receive, qos_profile_sensor_data
             )
 
     def _receive(self, message: Any) -> None:
