@@ -19,6 +19,7 @@ import time
 import numpy as np
 from rclpy.node import Node
 
+from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.imu import frame_of
 from gyro_drift_filter.messages.memory_file import (
     MemoryFileError,
@@ -78,6 +79,12 @@ class NodeBiasMemory:
         hours = max(found.age, 0.0) / 3600.0  # a clock may have been set back
         ago = f'{hours:.1f} h' if hours >= 1.0 else f'{60.0 * hours:.0f} min'
         log.info(f'bias of {ago} ago, {degrees} deg/s, from {path}')
+
+    def configure(self, parameters: Parameters) -> None:
+        """Give the filter new parameters; another `bias.initial` replaces what was recalled."""
+        if parameters.bias_initial != self._filter.parameters.bias_initial:
+            self._before, self._saved_segments = None, 0
+        self._filter.configure(parameters)
 
     def save_if_due(self) -> None:
         """Save what was learned, if this is the first rest, or the last time is long enough ago."""

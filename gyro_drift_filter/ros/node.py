@@ -201,7 +201,7 @@ class GyroDriftFilterNode(Node):
         )
 
     def _configure(self, parameters: Parameters) -> None:
-        self._cold_start.call(self._messages.filter.configure, parameters, is_command=True)
+        self._cold_start.call(self._memory.configure, parameters, is_command=True)
         self._hint.listen(parameters.motion_hint)
 
     def _receive(self, data: bytes) -> None:
