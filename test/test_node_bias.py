@@ -24,7 +24,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import Temperature
+from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -130,6 +130,23 @@ def test_the_bias_of_another_frame_is_not_kept_as_that_of_this_one(home, random)
         live.play([message for _, message in other])
     assert file_of(NODE, FRAME).read_text() == before
     assert len(list(file_of(NODE, FRAME).parent.iterdir())) == 1
+
+
+def test_what_a_second_publisher_may_have_shown_is_not_kept(home, random):
+    """As of a recording that is played beside the driver."""
+    path = file_of(NODE, FRAME)
+    with LiveNode(home=home) as live:
+        live.play(serialized(*at_rest(random, 10, TRUTH)))
+        live.wait(path.exists, 'the file of the bias')
+        before = path.read_text()
+        second = live.node.create_publisher(Imu, 'imu/data_raw', 10)
+        diagnostics(live, lambda s: '2 publishers on' in s[INPUT].message)
+        live.play(serialized(*at_rest(random, 30, -TRUTH), start=10))
+        diagnostics(live, lambda s: INPUT in s)
+        live.node.destroy_publisher(second)
+        diagnostics(live, lambda s: '2 publishers on' not in s[INPUT].message)
+    assert path.read_text() == before
+    assert live.log.count('the input has had several publishers') == 1
 
 
 def test_without_memory_nothing_is_kept(home, random):

@@ -87,3 +87,45 @@ def test_the_first_rest_after_a_bias_was_set_is_saved_at_once(path, random):
     run.take(*at_rest(random, 10, -TRUTH), start=10)
     run.memory.save_if_due()
     assert kept(path).bias == pytest.approx(-TRUTH, abs=0.03 * DEGREE)
+
+
+@pytest.mark.slow
+def test_what_several_publishers_have_shown_is_not_kept_before_a_rest_of_one(path, random, caplog):
+    run = Run()
+    run.memory.note_publishers(1)
+    run.take(*at_rest(random, 10, TRUTH), start=0)
+    run.memory.save()
+    before = path.read_text()
+    run.memory.note_publishers(2)
+    run.take(*at_rest(random, 30, -TRUTH), start=10)
+    run.memory.save()
+    run.memory.note_publishers(1)
+    run.memory.save()
+    assert path.read_text() == before
+    why = 'the bias will not be remembered: the input has '
+    assert caplog.messages == [
+        f'{why}several publishers, which may be several sensors: remap one',
+        f'{why}had several publishers, and there was no rest since it has one',
+    ]
+    run.take(*at_rest(random, 60, TRUTH), start=40)
+    run.memory.note_publishers(1)
+    run.memory.save()
+    assert path.read_text() != before
+    assert kept(path).bias == pytest.approx(TRUTH, abs=0.03 * DEGREE)
+
+
+def test_a_segment_that_is_partly_of_two_publishers_does_not_make_the_bias_that_of_one(
+    path, random
+):
+    run = Run()
+    run.memory.note_publishers(2)
+    run.take(*at_rest(random, 10, TRUTH), start=0)
+    run.memory.note_publishers(1)
+    run.memory.configure(WITH_INITIAL)
+    run.take(*at_rest(random, 3, TRUTH), start=10)
+    assert run.messages.filter.state['bias']['segments'] > 0
+    run.memory.save()
+    assert not path.exists()
+    run.take(*at_rest(random, 10, TRUTH), start=13)
+    run.memory.save()
+    assert kept(path).bias == pytest.approx(TRUTH, abs=0.03 * DEGREE)

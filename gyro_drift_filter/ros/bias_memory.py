@@ -33,6 +33,9 @@ from gyro_drift_filter.messages.message_filter import MessageFilter
 
 # Seldom, to spare the memory card: the first rest of a run, and then this often, in s.
 _SAVE_SECONDS = 60.0
+# Segments of rest that show a sensor's bias after messages of another one were among its own: the
+# first two may overlap, and hold some of these.
+_OWN_SEGMENTS = 3
 
 
 class NodeBiasMemory:
@@ -50,9 +53,10 @@ class NodeBiasMemory:
         self._frame = ''
         self._before: RememberedBias | None = None
         self._saved: RememberedBias | None = None
-        self._saved_segments = 0
+        self._saved_segments = self._needed_segments = 0
+        self._is_mixed = False
         self._saved_at = time.monotonic()
-        self._warned = False
+        self._told: set[str] = set()
 
     def recall(self, data: bytes) -> None:
         """Take the bias of the last run, before a serialized Imu goes through the filter."""
@@ -84,7 +88,14 @@ class NodeBiasMemory:
         """Give the filter new parameters; another `bias.initial` replaces what was recalled."""
         if parameters.bias_initial != self._filter.parameters.bias_initial:
             self._before, self._saved_segments = None, 0
+            self._needed_segments = min(self._needed_segments, _OWN_SEGMENTS)
         self._filter.configure(parameters)
+
+    def note_publishers(self, count: int) -> None:
+        """Note how many publishers the input has; several may be several sensors."""
+        if self._is_mixed:  # until now, as far as is known
+            self._needed_segments = self._filter.state['bias']['segments'] + _OWN_SEGMENTS
+        self._is_mixed = count > 1
 
     def save_if_due(self) -> None:
         """Save what was learned, if this is the first rest, or the last time is long enough ago."""
@@ -99,7 +110,12 @@ class NodeBiasMemory:
         learned = RememberedBias.of(self._filter, self._before)
         if learned in (None, self._saved):
             return
-        if why := why_not_kept(learned, self._messages.report(), self._frame):
+        why = why_not_kept(learned, self._messages.report(), self._frame)
+        if self._is_mixed:
+            why = 'the input has several publishers, which may be several sensors: remap one'
+        elif self._filter.state['bias']['segments'] < self._needed_segments:
+            why = 'the input has had several publishers, and there was no rest since it has one'
+        if why:
             self._warn(why)
             return
         self._saved_segments = int(self._filter.state['bias']['segments'])
@@ -112,7 +128,7 @@ class NodeBiasMemory:
             self._warn(f'{error}; set bias.memory to false if that is intended')
 
     def _warn(self, why: str) -> None:
-        """Tell once why the bias is not saved."""
-        if not self._warned:
+        """Tell once of each reason why the bias is not saved."""
+        if why not in self._told:
             self._node.get_logger().warning(f'the bias will not be remembered: {why}')
-        self._warned = True
+        self._told.add(why)

@@ -263,6 +263,7 @@ class GyroDriftFilterNode(Node):
         super().destroy_node()
 
     def _report(self) -> None:
+        self._memory.note_publishers(self._input.get_publisher_count())
         self._memory.save_if_due()
         self._messages.reception['lost'] = self._losses.total
         now = self._steady.now()
