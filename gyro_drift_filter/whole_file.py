@@ -14,6 +14,8 @@
 
 """Files that are there whole or not at all, whatever ends the run, a power cut included."""
 
+import fcntl
+import glob
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -34,10 +36,15 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            yield unfinished
-            # Else the new name may be on the disk before the content, which a power cut then loses.
-            _put_on_disk(unfinished)
-            unfinished.replace(path)
+            with unfinished.open('wb') as lock:
+                # It tells that the process writes. On a disk without locks nobody asks for it, and
+                # who removes the file before it is locked costs nothing, as it is empty.
+                with suppress(OSError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                yield unfinished
+                # Else a power cut may leave the new name without the content.
+                _put_on_disk(unfinished)
+                unfinished.replace(path)
             with suppress(OSError):  # not every file system does this with folders
                 _put_on_disk(path.parent)
         finally:
@@ -45,6 +52,17 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         why = error.strerror or reason(error)
         raise GyroDriftFilterError(f'{path} can not be written: {why}') from error
+
+
+def remove_abandoned(path: Path) -> None:
+    """Remove what killed processes have left of a file that they were writing.
+
+    Each lock tells whether its process still writes, as for `bags/unfinished.py`.
+    """
+    for left in path.parent.glob(f'.{glob.escape(path.name)}.[0-9]*.incomplete'):
+        with suppress(OSError), left.open('rb+') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            left.unlink()
 
 
 def _put_on_disk(path: Path) -> None:

@@ -59,6 +59,13 @@ def test_what_is_remembered_is_recalled(path):
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
+def test_what_a_kill_has_left_beside_it_is_removed(path):
+    remember(path, NODE, FRAME, REMEMBERED)
+    path.with_name(f'.{path.name}.12.incomplete').write_text('{')
+    remember(path, NODE, FRAME, REMEMBERED)
+    assert list(path.parent.iterdir()) == [path]
+
+
 def test_a_file_from_before_there_were_provisional_ones_is_of_a_rest(path):
     remember(path, NODE, FRAME, dataclasses.replace(REMEMBERED, provisional=True))
     assert recall(path, NODE, FRAME, 0.1).provisional

@@ -16,12 +16,14 @@
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from gyro_drift_filter.errors import GyroDriftFilterError
-from gyro_drift_filter.whole_file import draw_whole, whole_file, write_whole
+from gyro_drift_filter.whole_file import draw_whole, remove_abandoned, whole_file, write_whole
 
 
 @pytest.fixture
@@ -82,6 +84,45 @@ def test_an_interrupt_leaves_the_old_file(path):
         write_a_part()
     assert path.read_text() == 'old'
     assert list(path.parent.iterdir()) == [path]
+
+
+# Begins a file, says so, and works on without end.
+WORK = """
+import sys, time
+from pathlib import Path
+from gyro_drift_filter.whole_file import whole_file
+
+with whole_file(Path(sys.argv[1])) as unfinished:
+    unfinished.write_text('ne')
+    print('begun', flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.slow
+def test_what_a_killed_process_has_left_is_removed_and_nothing_of_one_that_runs(path):
+    with subprocess.Popen(
+        [sys.executable, '-c', WORK, path], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == 'begun\n'
+        remove_abandoned(path)
+        write_whole(path, 'new')
+        (left,) = set(path.parent.iterdir()) - {path}
+        process.kill()
+    assert left.read_text() == 'ne'
+    remove_abandoned(path)
+    assert list(path.parent.iterdir()) == [path]
+    assert path.read_text() == 'new'
+
+
+def test_only_what_was_to_become_this_file_is_removed(path):
+    names = '.file.more.incomplete', '.other.12.incomplete', '.file.12', 'file.12.incomplete'
+    others = [path.with_name(name) for name in names]
+    for other in others:
+        other.touch()
+    path.with_name('.file.12.incomplete').touch()
+    remove_abandoned(path)
+    assert sorted(path.parent.iterdir()) == sorted([path, *others])
 
 
 class Figure:

@@ -36,7 +36,7 @@ from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.bias.shift import BiasShift
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
 from gyro_drift_filter.messages.telemetry import MessageReport
-from gyro_drift_filter.whole_file import write_whole
+from gyro_drift_filter.whole_file import remove_abandoned, write_whole
 
 FORMAT = 2
 # The standard deviation of the bias from one power-up to the next, in rad/s: 0.5 deg/s.
@@ -248,8 +248,9 @@ def remember(
         'time': time.time() if now is None else now,
     }
     try:
+        remove_abandoned(path)
         write_whole(path, json.dumps(content, indent=1) + '\n')
-    except GyroDriftFilterError as error:
+    except (GyroDriftFilterError, OSError) as error:
         raise MemoryFileError(str(error)) from error
 
 
