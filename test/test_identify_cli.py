@@ -32,6 +32,7 @@ from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.cli import identification_report
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.identify.identification import DeadAxis
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
@@ -73,6 +74,7 @@ def test_the_rests_of_a_day_are_no_screenful():
         seconds=870.0,
         timing=SimpleNamespace(period=0.01, uneven=0.0, breaks=[]),
         quiet=SimpleNamespace(spans=spans, accelerometer=True, missing=0, other_rates=()),
+        axes=3 * [DeadAxis(0.0)],
     )
     line = identification_report._head(result).splitlines()[0]
     assert line.startswith('rest: 870.0 s in 87 spans, by gyroscope and accelerometer: 0.0 to 10.0')

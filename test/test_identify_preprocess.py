@@ -149,3 +149,32 @@ def test_the_bias_of_a_real_sensor(real):
     spans = find_quiet(learn_timing(stamps), rates, accelerations).spans
     biases = [without_gaps(rates[:, axis], spans).bias for axis in range(3)]
     np.testing.assert_allclose(np.degrees(biases), [0.401, -0.388, -0.276], atol=0.01)
+
+
+@pytest.mark.slow
+def test_the_bias_is_that_of_the_longest_rest_and_its_error_covers_the_others(random):
+    """The mean of a day whose bias moves is that of no time, and was given as known."""
+    values = 0.01 + 1e-4 * TIME + noise(random)
+    spans = [Span(0, 2000), Span(6000, 12000), Span(N - 2000, N)]
+    result = without_gaps(values, spans)
+    middles, lengths = np.array([10.0, 90.0, N * PERIOD - 10.0]), [2000, 6000, 2000]
+    np.testing.assert_allclose(result.bias, 0.01 + 1e-4 * 90.0, atol=1e-4)
+    moves = np.sqrt(np.average((1e-4 * (middles - 90.0)) ** 2, weights=lengths))
+    np.testing.assert_allclose(result.bias_deviation, moves, rtol=0.05)
+    alone = without_gaps(values, [spans[1]])
+    assert alone.bias == result.bias
+    assert alone.bias_deviation < 0.1 * moves
+
+
+@pytest.mark.slow
+def test_rests_of_one_bias_show_it_together():
+    """What the errors of their means explain is no move of the bias."""
+    spans = [Span(k, k + 1000) for k in range(0, N, 2000)] + [Span(N - 900, N)]
+    ratios, moves = [], 0
+    for seed in range(100):
+        values = noise(np.random.default_rng(seed))
+        result = without_gaps(values, spans)
+        moves += result.bias_moves
+        ratios.append(result.bias_deviation * np.sqrt(sum(map(len, spans))) / NOISE)
+    assert moves <= 2
+    assert 0.9 < np.median(ratios) < 1.5

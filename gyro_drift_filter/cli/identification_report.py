@@ -53,10 +53,7 @@ def _alive(result: Identification) -> list[tuple[str, AxisModel]]:
 
 def _head(result: Identification) -> str:
     timing, quiet = result.timing, result.quiet
-    listed = [
-        f'{begin:.1f} to {begin + len(span) * timing.period:.1f} s'
-        for begin, span in zip(result.begins, quiet.spans, strict=True)
-    ]
+    listed = _times(result)
     spans = ', '.join(listed[:_SPANS])
     if len(listed) > _SPANS:
         spans += f' and {len(listed) - _SPANS} more'
@@ -70,6 +67,8 @@ def _head(result: Identification) -> str:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
     if cuts := len(timing.breaks):
         lines[-1] += f'; cut at {counted(cuts, "gap")}'
+    if _bias_moves(result):
+        lines.insert(1, f'bias: {_of_bias(result)}')
     if others := quiet.other_rates:
         seconds = sum(len(other.span) for other in others) * timing.period
         lines.insert(
@@ -78,6 +77,28 @@ def _head(result: Identification) -> str:
     if quiet.missing:
         lines.append(f'missing: {quiet.missing} samples are not finite')
     return '\n'.join(lines)
+
+
+def _times(result: Identification) -> list[str]:
+    """Return the times of the rests in s from the first sample."""
+    return [
+        f'{begin:.1f} to {begin + len(span) * result.timing.period:.1f} s'
+        for begin, span in zip(result.begins, result.quiet.spans, strict=True)
+    ]
+
+
+def _bias_moves(result: Identification) -> list[str]:
+    """Return the names of the axes whose bias differs from rest to rest."""
+    return [name for name, axis in _alive(result) if axis.preprocessed.bias_moves]
+
+
+def _of_bias(result: Identification) -> str:
+    """Return what the bias is the mean of."""
+    moving, spans = _bias_moves(result), result.quiet.spans
+    if not moving:
+        return 'the mean over all rests'
+    longest = _times(result)[spans.index(max(spans, key=len))]
+    return f'the mean of the longest rest, {longest}, as it moves about {named_axes(moving)}'
 
 
 def _overview(result: Identification) -> str:
@@ -227,7 +248,8 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
         'sample_rate': ['Hz'],
         'bias.max': ['Larger than the default, as the bias is, rad/s'],
         'bias.initial': [
-            'At that time, rad/s. It holds until the first rest; standard error:',
+            f'{_of_bias(result).capitalize()}, rad/s.',
+            'It holds until the first rest; standard error, with moves from rest to rest:',
             as_yaml(bias_deviation),
         ],
         'model.phi': ['AR(1) coefficient of the drift'],

@@ -161,7 +161,7 @@ def check_zero_mean(residuals: Sequence[Values]) -> Check:
         f'the mean of span {where + 1} of {len(residuals)} is the farthest from zero, by '
         f'{worst:.2f} of its standard deviations (limit {MEAN_LIMIT:g})',
         'the bias differs from one motionless span to another by more than the noise '
-        'explains, so the bias written is an average that no span has.',
+        'explains, so the bias written is not that of each span.',
         passed=passed,
     )
 
@@ -224,7 +224,7 @@ _STATIONARITY = {
     (False, False): (
         'a random walk',
         'the noise has no constant level that an AR(1) drift could return to, so its coefficient '
-        'comes out near 1 and the bias is valid only for this moment.',
+        'comes out near 1 and the bias is valid only for the time of its rest.',
     ),
 }
 

@@ -249,7 +249,7 @@ def _about_other_rates(quiet: Quiet, period: float) -> list[str]:
     """Return in words which quiet stretches are no rest of this bias, and why."""
     out = []
     for turns_not, why in (
-        (True, 'gravity stood, so the bias has moved; bias.initial is that of the longest rest'),
+        (True, 'gravity stood, so the bias has moved; bias.initial is that of the other rests'),
         (False, 'a slow turn, or the bias has moved'),
     ):
         others = [other for other in quiet.other_rates if other.turns_not == turns_not]

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
@@ -58,6 +59,8 @@ MATERIAL = 6.0
 # Numbers of blocks from which the deviation of a mean is estimated; the largest estimate counts.
 MEAN_BLOCKS = (12, 24, 48, 96, 192)
 LEAST_SAMPLES = 64
+# Means of one bias differ by so much as seldom as this.
+BY_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -67,14 +70,15 @@ class Preprocessed:
     Attributes:
         residuals: Per span (n,) in rad/s; evenly spaced, of mean zero over all spans.
         cleaned: Per span (n,) in rad/s: without outliers, with bias and trend still in.
-        bias: Mean rate in rad/s.
-        bias_deviation: Standard deviation of `bias` as the mean of this recording, in rad/s;
-            `identify` adds by how much the bias moved to rests that are left out for that. From one
+        bias: Mean rate in rad/s, over all spans or, if the bias moves, over the longest one.
+        bias_moves: Whether the bias differs from span to span.
+        bias_deviation: Standard deviation of `bias` in rad/s, with its moves from span to span;
+            `identify` adds by how much it moved to rests that are left out for that. From one
             power-up to the next a bias differs by more.
         trend_order: 0 to 2; 0 is none.
         trend: Coefficients of (t - t0) in rad/s^2, then of (t - t0)^2 in rad/s^3; `trend_order` of
-            them. The trend is bias + sum of c_i ((t - t0)^i - mean of that), so that `bias` stays
-            the mean.
+            them. Taken out are the mean over all spans and the sum of c_i ((t - t0)^i - mean of
+            that).
         trend_centre: t0 in s, on the time axis of `begins`.
         outliers: Number of samples replaced as outliers.
         missing: Number of samples replaced as not finite.
@@ -84,6 +88,7 @@ class Preprocessed:
     residuals: tuple[Stored, ...] = field(metadata={'in_json': False})
     cleaned: tuple[Stored, ...] = field(metadata={'in_json': False})
     bias: float
+    bias_moves: bool
     bias_deviation: float
     trend_order: int
     trend: tuple[float, ...]
@@ -119,24 +124,26 @@ def preprocess(
         raise IdentificationError('more than half of the samples of a span at rest are not finite')
     cleaned, outliers = replace_outliers(raw, period)
     ramps = [Ramp(begin, period, len(span)) for begin, span in zip(begins, spans, strict=True)]
-    centre, bias = mean_of(ramps), mean_of(cleaned)
+    centre, level = mean_of(ramps), mean_of(cleaned)
     trend = _fit_trend(
-        block_means(ramps, TREND_BLOCKS) - centre, block_means(cleaned, TREND_BLOCKS) - bias
+        block_means(ramps, TREND_BLOCKS) - centre, block_means(cleaned, TREND_BLOCKS) - level
     )
     means = [_power_mean(ramps, centre, i) for i in range(1, len(trend) + 1)]
     residuals = []
     for ramp, piece in zip(ramps, cleaned, strict=True):
         residuals.append(Stored())
         for time, values in zip(parts(ramp), parts(piece), strict=True):
-            left = values - bias
+            left = values - level
             for i, (coefficient, mean) in enumerate(zip(trend, means, strict=True), 1):
                 left -= coefficient * ((time - centre) ** i - mean)
             residuals[-1].append(left)
+    bias, bias_deviation, bias_moves = _bias(cleaned, residuals, len(trend))
     return Preprocessed(
         residuals=tuple(residuals),
         cleaned=tuple(cleaned),
         bias=bias,
-        bias_deviation=mean_deviation(residuals, len(trend)),
+        bias_deviation=bias_deviation,
+        bias_moves=bias_moves,
         trend_order=len(trend),
         trend=trend,
         trend_centre=centre,
@@ -172,6 +179,36 @@ def replace_outliers(pieces: Sequence[Values], period: float) -> tuple[list[Stor
     return cleaned, count
 
 
+def _bias(
+    cleaned: Sequence[Values], residuals: Sequence[Values], fitted: int
+) -> tuple[float, float, bool]:
+    """Return the bias, its deviation as one of any of the spans, and whether it moves.
+
+    It moves where the means of the spans differ by more than their errors (Cochran's Q test). Over
+    hours it does, and then no time has that of the mean of a day: it is that of the longest span,
+    and by how much the others differ from it counts. Else it is the mean over all spans.
+    """
+    lengths = np.array(list(map(len, cleaned)))
+    longest = int(lengths.argmax())
+    means = np.array([mean_of([piece]) for piece in cleaned])
+    variances = np.array([mean_deviation([piece], fitted) ** 2 for piece in residuals])
+    if not _differ(means, variances):
+        return mean_of(cleaned), mean_deviation(residuals, fitted), False
+    explained = variances + variances[longest]
+    explained[longest] = 0.0
+    moves = float((lengths * ((means - means[longest]) ** 2 - explained)).sum() / lengths.sum())
+    return float(means[longest]), float(np.sqrt(variances[longest] + max(moves, 0.0))), True
+
+
+def _differ(means: Floats, variances: Floats) -> bool:
+    """Return whether values differ by more than their variances explain."""
+    if len(means) < 2:
+        return False
+    weights = 1.0 / np.maximum(variances, np.finfo(float).tiny)
+    distances = means - np.average(means, weights=weights)
+    return bool(chi2.sf((weights * distances**2).sum(), len(means) - 1) < BY_CHANCE)
+
+
 def mean_deviation(spans: Sequence[Values], fitted: int = 0) -> float:
     """Return the standard deviation of the mean of correlated values.
 
@@ -179,17 +216,18 @@ def mean_deviation(spans: Sequence[Values], fitted: int = 0) -> float:
     their number is right where a block is longer than the correlation. Of all numbers of blocks the
     largest estimate is taken: it is some percent too large for white noise and follows a bias that
     wanders over minutes. Bias instability has no true mean at all, so it is a lower bound then.
+    Too few values for blocks count as uncorrelated.
 
     Args:
         spans: (n,) each.
         fitted: Number of trend coefficients that were fitted to them.
     """
-    estimates = [0.0]
-    for blocks in MEAN_BLOCKS:
-        if sum(map(len, spans)) >= 4 * blocks:
-            means = block_means(spans, blocks)
-            variance = float(((means - means.mean()) ** 2).sum()) / (blocks - 1 - fitted)
-            estimates.append(np.sqrt(variance / blocks))
+    count = sum(map(len, spans))
+    estimates = []
+    for blocks in [some for some in MEAN_BLOCKS if 4 * some <= count] or [count]:
+        means = block_means(spans, blocks)
+        squares = float(((means - means.mean()) ** 2).sum())
+        estimates.append(np.sqrt(squares / max(blocks - 1 - fitted, 1) / blocks))
     return float(max(estimates))
 
 
