@@ -29,7 +29,8 @@ from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.examination import examine
-from gyro_drift_filter.doctor.findings import Finding, FindingVerdict
+from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault
+from gyro_drift_filter.doctor.live_rules import starts_anew
 from gyro_drift_filter.doctor.repeats import judge_repeats
 from gyro_drift_filter.doctor.rests import (
     judge_accelerometer,
@@ -316,6 +317,22 @@ def test_a_sensor_that_is_slower_than_gap_limit_allows_is_one_fault(period, foun
     }
     (finding,) = (finding for finding in findings if finding.name == 'slow sensor')
     assert finding.advice.startswith('raise gap_limit')
+
+
+@pytest.mark.slow
+def test_clocks_of_two_drivers_in_turns_are_no_lack_of_stillness(found):
+    """It stood still, and no rest could be found."""
+    simulation = handled(motions=1)
+    other = 3 * 10**9 * (np.arange(len(simulation.stamps)) % 2)
+    told = faults(found(replace(simulation, stamps=simulation.stamps + other)))
+    assert 'always restarted' in told
+    assert 'rests' not in told
+
+
+@pytest.mark.parametrize(('share', 'explains'), [(0.1, False), (0.9, True)])
+def test_clocks_that_mix_for_a_while_explain_no_missing_rest(share, explains):
+    values = {'seconds': 400.0 * share, 'first_at': 0.0, 'share': share}
+    assert starts_anew([fault('always restarted', '', '', values)]) == explains
 
 
 @pytest.mark.slow

@@ -382,6 +382,24 @@ def test_motion_in_degrees_is_not_said_to_be_outliers(tmp_path, random):
     assert 'flagged as outliers' in text
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('period', 'every_other'), [(2.0, 0.01), (0.01, 3.0)])
+def test_stamps_beyond_gap_limit_are_no_lack_of_stillness(period, every_other, tmp_path, random):
+    """It was told to stand still, which it did: a slow sensor, and the clocks of two drivers."""
+    rates, accelerations = at_rest(random, 12)
+    index = np.arange(len(rates))
+    stamps = START + (1e9 * (period * index + every_other * (index % 2))).astype(np.int64)
+    logged = START + (1e9 * period * index).astype(np.int64)
+    sent = imu_messages(stamps, rates, accelerations)
+    rows = [(time, data) for time, (_, data) in zip(logged.tolist(), sent, strict=True)]
+    source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): rows})
+    told = ' '.join(as_text(judged(source, tmp_path)).split())
+    why = 'the filter starts anew all the time, as stamps lie gap_limit or more apart'
+    assert told.startswith(f'This filter did nothing useful here: {why}, so there was no rest')
+    assert f'rest none: {why} bias' in told
+    assert 'still' not in told
+
+
 def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random):
     rates, accelerations = at_rest(random, 12, (0.0, 0.0, 1.0))
     verdict = of_samples(tmp_path, rates, accelerations)

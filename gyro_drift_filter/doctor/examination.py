@@ -27,7 +27,7 @@ from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.covariances import Stated, judge_covariances
 from gyro_drift_filter.doctor.evenness import judge_evenness
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault, sound, unknown
-from gyro_drift_filter.doctor.live_rules import RuleLog
+from gyro_drift_filter.doctor.live_rules import RuleLog, starts_anew
 from gyro_drift_filter.doctor.publishers import judge_publishers
 from gyro_drift_filter.doctor.reference import Reference, compare_turns, judge_reference
 from gyro_drift_filter.doctor.repeats import judge_doubles, judge_repeats
@@ -147,7 +147,9 @@ def examine(seen: Examined) -> list[Finding]:
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
-    findings.append(_judge_rests(state, rests, period))
+    of_rests = _judge_rests(state, rests, period)
+    if not (of_rests.is_fault and starts_anew(findings)):
+        findings.append(of_rests)
     if not state.segments and (noisy := judge_unrested_noise(seen.rates, seen.accelerations)):
         findings.append(noisy)
     return _sorted(findings)

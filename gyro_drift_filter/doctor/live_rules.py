@@ -46,6 +46,14 @@ _MISSING_SHARE = 1e-3
 _LONGEST_REPORT = 2.0
 
 
+def starts_anew(findings: Iterable[Finding]) -> bool:
+    """Tell whether the stamps let the filter find no rest, however long the sensor stands still."""
+    return any(
+        finding.name in ('slow sensor', 'always restarted') and finding.values['share'] > 0.5
+        for finding in findings
+    )
+
+
 def is_truncation_refuted(filter_: Filter) -> bool:
     """Return whether motion has shown that counts are not cut towards zero."""
     return float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
@@ -166,7 +174,11 @@ class RuleLog:
             name,
             f'{text} ({"; ".join(part for part in (figures, when) if part)})',
             _of_times(name, span) or _advice(name, advice),
-            {'seconds': entry.seconds, 'first_at': entry.first},
+            {
+                'seconds': entry.seconds,
+                'first_at': entry.first,
+                'share': entry.seconds / max(self.judged_seconds, entry.seconds, 1e-9),
+            },
         )
 
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.doctor.live_rules import starts_anew
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.input_rules import IN_DEGREES
 from gyro_drift_filter.phrases import by_axis, counted, time_to_stand, why_no_rest
@@ -165,7 +166,7 @@ def _why_useless(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     """Return the end of a sentence, and one that asks for a rest; empty where there was one."""
-    if verdict.rests.count or _is_beyond(verdict):
+    if verdict.rests.count or _is_beyond(verdict) or starts_anew(verdict.findings):
         return ''
     seconds = time_to_stand(verdict.rests.needed)
     return (
@@ -210,6 +211,8 @@ def _is_beyond(verdict: Verdict) -> bool:
 def _why_no_rest(verdict: Verdict) -> str:
     if _is_beyond(verdict):
         return 'while the sensor was steady, its rate was beyond bias.max'
+    if starts_anew(verdict.findings):
+        return 'the filter starts anew all the time, as stamps lie gap_limit or more apart'
     return why_no_rest(verdict.received * verdict.period, verdict.rests.least)
 
 
