@@ -16,6 +16,7 @@
 
 import json
 import re
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -425,6 +426,21 @@ def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
     for parameters, recommended in ((None, True), (found, False)):
         text = as_text(judged(source, tmp_path, parameters))
         assert ("'gyro_drift calibrate'" in text) == recommended
+
+
+def test_calibration_is_recommended_after_a_day_as_after_a_minute(tmp_path, random):
+    """What is left of the bias is another error after each rest, but counted as one of the day."""
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 24)
+    half = len(turn)
+    rates[half:] += turn
+    accelerations[half:] += push
+    verdict = of_samples(tmp_path, rates, accelerations)
+    rests = replace(verdict.rests, count=400)
+    for left, recommended in ((0.8, True), (8.0, False)):
+        of_all = left * 0.01 * verdict.heading.turned / verdict.sampled_seconds
+        day = replace(verdict, rests=rests, heading=replace(verdict.heading, left=of_all))
+        assert ("'gyro_drift calibrate'" in as_text(day)) == recommended
 
 
 def test_a_provisional_bias_is_that_of_this_recording_not_of_the_one_before(tmp_path, random):

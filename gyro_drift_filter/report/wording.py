@@ -306,7 +306,9 @@ def _about_heading(verdict: Verdict) -> str:
             'known'
         )
     scale = 0.0 if heading.calibrated else _SCALE * heading.turned
-    if scale > 5.0 * heading.left * verdict.sampled_seconds and scale > 10.0 * _VISIBLE:
+    # What is left is another error after each rest, so that it grows with their root only.
+    left = heading.left * verdict.sampled_seconds / max(verdict.rests.count, 1) ** 0.5
+    if scale > 5.0 * left and scale > 10.0 * _VISIBLE:
         text += (
             f'. It turned by {np.degrees(heading.turned):.0f} deg in all, so each percent that the '
             f"scale is off makes up to {np.degrees(scale):.0f} deg: 'gyro_drift calibrate'"
