@@ -16,6 +16,7 @@
 """`gyro_drift explain`: each flagged sample is listed once, with why and what came of it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -161,8 +162,21 @@ def test_a_long_list_ends_with_how_many_more_there_are():
     one = FlaggedSequence(0, 0, 0, 1, 1.0, 1.0, 0.01, 'far', 'back')
     text = page('drive', 500 * [one], 0, {})
     assert text.startswith('drive: 500 samples flagged in 500 sequences')
-    assert text.endswith('and 300 more sequences: --start shows later ones, --json writes all')
+    more = 'and 300 more sequences: --start and --end show those of a time, --json writes all'
+    assert text.endswith(more)
     assert text.count('-> back') == 200
+
+
+def test_of_too_many_sequences_the_farthest_are_listed():
+    """The first ones were, which of a day are those of its first hour."""
+    of_hours = [
+        FlaggedSequence(0, 3600 * 10**9 * k, k, 1, 1.0, 0.01 * k, 0.01, 'far', 'back')
+        for k in range(500)
+    ]
+    text = page('drive', of_hours, 0, {})
+    assert 'The first sample of the 200 sequences with most deviations, with rates' in text
+    listed = re.findall(r'^ *(\d+)\.000    x', text, re.MULTILINE)
+    assert [int(seconds) // 3600 for seconds in listed] == list(range(300, 500))
 
 
 def test_nothing_flagged_and_wrong_options(bag, tmp_path, capsys):

@@ -132,13 +132,31 @@ def page(
         lines += [f'{value!s:>8}  {name}' for name, value in named.items()]
     if not sequences:
         return '\n'.join(lines)
-    lines += ['', 'The first sample of each sequence, with rates in rad/s:', '', _HEAD]
-    for sequence in sequences[:_MOST_LISTED]:
+    listed = _farthest(sequences)
+    which = 'each sequence'
+    if len(listed) < len(sequences):
+        which = f'the {len(listed)} sequences with most deviations'
+    lines += ['', f'The first sample of {which}, with rates in rad/s:', '', _HEAD]
+    for sequence in listed:
         lines += _lines_of_sequence(sequence, start)
-    if len(sequences) > _MOST_LISTED:
-        more = counted(len(sequences) - _MOST_LISTED, 'more sequence')
-        lines += ['', f'and {more}: --start shows later ones, --json writes all']
+    if more := len(sequences) - len(listed):
+        of_time = '--start and --end show those of a time'
+        lines += ['', f'and {counted(more, "more sequence")}: {of_time}, --json writes all']
     return '\n'.join(lines)
+
+
+def _farthest(sequences: Sequence['FlaggedSequence']) -> list['FlaggedSequence']:
+    """Return those that are listed, in order: where they are too many, with most deviations."""
+    numbers = range(len(sequences))
+    farthest = sorted(numbers, key=lambda k: _deviations(sequences[k]) or 0.0, reverse=True)
+    return [sequences[k] for k in sorted(farthest[:_MOST_LISTED])]
+
+
+def _deviations(sequence: 'FlaggedSequence') -> float | None:
+    """Return by how many deviations a rate missed its prediction, None where it was no rate."""
+    if sequence.innovation == 0.0 or sequence.deviation <= 0.0:
+        return None
+    return abs(sequence.innovation) / sequence.deviation
 
 
 def _lines_of_unflagged(samples: 'UnflaggedSamples', start: int) -> list[str]:
@@ -157,10 +175,8 @@ def _lines_of_unflagged(samples: 'UnflaggedSamples', start: int) -> list[str]:
 def _lines_of_sequence(sequence: 'FlaggedSequence', start: int) -> list[str]:
     """Return three lines: the first sample below `_HEAD`, why it was flagged, what came of it."""
     seconds = 1e-9 * (sequence.log_time - start)
-    innovation = deviations = None
-    if sequence.innovation != 0.0 and sequence.deviation > 0.0:
-        innovation = sequence.innovation
-        deviations = abs(innovation) / sequence.deviation
+    deviations = _deviations(sequence)
+    innovation = None if deviations is None else sequence.innovation
     limits = sequence.innovation_threshold, sequence.least_jump
     return [
         f'{seconds:8.3f} {AXES[sequence.axis]:>4} {sequence.samples:7} {sequence.rate:8.3g} '
