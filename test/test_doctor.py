@@ -28,6 +28,7 @@ from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.doctor.clipping import is_clipped
+from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault
 from gyro_drift_filter.doctor.live_rules import starts_anew
@@ -613,6 +614,21 @@ def test_gravity_that_was_taken_off(found):
     random = np.random.default_rng(1)
     pushes = 0.03 * random.standard_normal(simulation.linear_acceleration.shape)
     assert 'gravity' in faults(found(replace(simulation, linear_acceleration=pushes)))
+
+
+def test_stamps_that_count_from_the_start_or_overflow_are_told_as_such():
+    """A distance of 1.76e+09 s told nobody what was wrong, and no NTP has set a clock to 1901."""
+    logged = START + 10_000_000 * np.arange(2000)
+    logged += np.random.default_rng(0).integers(0, 500_000, 2000)
+    since_start = judge_log_clock(5_000_000_000 + 10_000_000 * np.arange(2000), logged)
+    assert since_start.name == 'clock offset'
+    assert since_start.text == (
+        'stamps begin at 5 s: they count from the start of sensor or driver'
+    )
+    stamps = (2**31 - 10) * 10**9 + 10_000_000 * np.arange(2000)
+    late = judge_log_clock(np.where(stamps < 2**31 * 10**9, stamps, stamps - 2**32 * 10**9), logged)
+    assert late.name == 'clock steps'
+    assert late.advice.startswith('seconds of stamps have 32 bits and overflow in January 2038')
 
 
 @pytest.mark.slow

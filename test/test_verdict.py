@@ -109,7 +109,7 @@ def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, rand
     assert verdict.sampled_seconds == pytest.approx(60, abs=0.1)
     text = ' '.join(as_text(verdict).split())
     assert re.search(r'it stood still for 5\d of 60 s, in 2 rests', text)
-    assert re.search(r'gap_limit \(1 times; for [12] of 6[012] s, first at 30 s\)', text)
+    assert re.search(r'gap_limit \(1 time; for [12] of 6[012] s, first at 30 s\)', text)
 
 
 @pytest.mark.slow

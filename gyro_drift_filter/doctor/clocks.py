@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
-from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts, value_at
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,10 @@ _CLOCK_STEP = 0.1
 # Recorders log within a tenth of a second, busy ones in two. The future begins behind what clocks
 # of two machines are off by.
 _OFFSET, _AHEAD = 1.0, 0.005
+# Stamps before 1980 are no time of a recording.
+_EARLIEST = 3.2e8
+# Seconds of a stamp have 32 bits: behind the largest, in January 2038, comes the least.
+_OVERFLOW = 2.0**32
 # The clocks are compared in so many parts of the recording, each of so many samples at least.
 _BLOCKS = 100
 _LEAST_BLOCK = 20
@@ -62,11 +66,15 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     }
     step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
     if step > _CLOCK_STEP and step > 0.5 * float(np.ptp(offsets)):
+        advice = 'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
+        advice += 'recording'
+        if abs(step - _OVERFLOW) < _OFFSET:
+            advice = 'seconds of stamps have 32 bits and overflow in January 2038: set the clock '
+            advice += 'of the stamps right, or divide the recording there'
         return fault(
             'clock steps',
             f'the clock of the stamps jumps against the log times by {step:.3g} s at once',
-            'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
-            'recording',
+            advice,
             values | {'step_seconds': step},
         )
     if abs(drift) > _DRIFT + 3.0 * spread and abs(drift) * seconds > _DRIFT_SECONDS:
@@ -80,9 +88,13 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             values,
         )
     if abs(offset) > _OFFSET or offset < -_AHEAD:
+        text = f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times'
+        begin = 1e-9 * float(value_at(stamps, 0))
+        if 0.0 <= begin < _EARLIEST < offset:
+            text = f'stamps begin at {begin:.4g} s: they count from the start of sensor or driver'
         return fault(
             'clock offset',
-            f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times',
+            text,
             'the sensor has a clock of its own or stamps late: a fusion by stamps with other '
             'sensors will fail'
             if offset > 0

@@ -245,13 +245,13 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
     ),
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
     'wrong order': lambda span: f'{span.now.telemetry.backward_stamps} stamps go backward',
-    'restarted': lambda span: f'{span.now.telemetry.restarts} times',
+    'restarted': lambda span: counted(span.now.telemetry.restarts, 'time'),
     'not reported': lambda span: (
         f'{span.now.not_reported} of {span.now.received} messages, '
         f'{100.0 * span.now.not_reported / max(span.now.received, 1):.2g} %'
     ),
     'malformed': lambda span: counted(span.now.malformed, 'message'),
-    'changing frame': lambda span: f'{span.now.frame_changes} times',
+    'changing frame': lambda span: counted(span.now.frame_changes, 'time'),
 }
 
 
