@@ -413,6 +413,19 @@ def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random
     assert 'stood still' not in text
 
 
+def test_a_bias_that_moved_is_said_to_be_that_of_the_end(tmp_path, random):
+    """It was told as that of the recording; one that stands is."""
+    rates, accelerations = at_rest(random, 90)
+    still = of_samples(tmp_path, rates, accelerations)
+    assert not still.bias.moved.any()
+    assert 'deg/s, found at rest after' in ' '.join(as_text(still).split())
+    rates[:, 2] += np.linspace(0.0, 0.5 * DEGREE, len(rates))
+    moved = judged(bag(tmp_path / 'moved', rates, accelerations), tmp_path)
+    np.testing.assert_allclose(moved.bias.moved, [0.0, 0.0, 0.5 * DEGREE], rtol=0.2)
+    text = ' '.join(as_text(moved).split())
+    assert re.search(r'deg/s at the end, after moves of up to 0\.[45]\d? deg/s, found at', text)
+
+
 def test_calibration_is_recommended_until_there_is_one(tmp_path, random):
     turn, push = by_hand(random, 12)
     rates, accelerations = at_rest(random, 24)

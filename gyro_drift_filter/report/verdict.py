@@ -44,6 +44,8 @@ _FEWEST = 100
 _QUIETER = 0.9
 # A bias within so many deviations of 0 on all three axes is none that was found.
 SIGNIFICANT = 3.0
+# The least and largest of many values of one bias lie up to so many deviations apart.
+_RANGE = 6.0
 # A filter that does not fit its sensor for more than this share of the time lags.
 _LAGGING_SHARE = 0.1
 # What is flagged because of spikes is a small share; many of them are motion or a false model.
@@ -111,6 +113,8 @@ class Bias:
         taken_off: Whether it is taken off the rates.
         beyond_max: (3,) mean rates in rad/s where the sensor was as still as at rest, but at a rate
             beyond `bias.max`; NaN without such a time.
+        moved: (3,) in rad/s how far its values at rest lay apart; 0 where its deviation at the
+            first rest explains that.
     """
 
     source: BiasSource
@@ -119,6 +123,7 @@ class Bias:
     known_at: float | None
     taken_off: bool
     beyond_max: Floats
+    moved: Floats
 
 
 @dataclass(frozen=True)
@@ -275,6 +280,8 @@ class RunWatch:
         # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
         self._judged = 0
         self._variance = [0.0, 0.0, 0.0]
+        # At rest: the least and largest bias, and the deviation of the first one, (3,) in rad/s.
+        self._at_rest: tuple[Floats, Floats, Floats] | None = None
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
@@ -319,6 +326,10 @@ class RunWatch:
         if any(rule.name == 'large innovations' for rule in rules):
             self._lagging += span.samples
         state = span.now.telemetry
+        if state.at_rest and state.segments > 0:
+            bias, known = np.array(state.bias), np.array(state.bias_deviation)
+            least, largest, deviation = self._at_rest or (bias, bias, known)
+            self._at_rest = np.minimum(least, bias), np.maximum(largest, bias), deviation
         if state.bias_known or not self._sums[0]['known']:
             self._judged += span.samples
             deviations = zip(self._variance, state.bias_deviation, strict=True)
@@ -406,7 +417,15 @@ class RunWatch:
             _since_start(int(total['rested_at']), summary) if total['rests'] else None,
             filter_.parameters.bias_enabled,
             self._rules.rates.mean('beyond bias.max'),
+            self._moved(),
         )
+
+    def _moved(self) -> Floats:
+        """Return how far the bias moved between the rests, as in `Bias`."""
+        if self._at_rest is None:
+            return np.zeros(3)
+        least, largest, deviation = self._at_rest
+        return np.where(largest - least > _RANGE * deviation, largest - least, 0.0)
 
     def _heading(self, total: Any, bias: Bias) -> Heading:
         seconds = float(total['seconds'])

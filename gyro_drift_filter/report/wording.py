@@ -269,7 +269,10 @@ def _about_bias(bias: Bias, needed: int) -> str:
     if bias.source == BiasSource.REST:
         known = bias.known_at
         when = 'found at rest' if known is None else f'found at rest after {known:.1f} s'
-    return f'{rates} deg/s, {when}; at the end known to {sure} deg/s{left_in}'
+    if not bias.moved.any():
+        return f'{rates} deg/s, {when}; at the end known to {sure} deg/s{left_in}'
+    moves = f'after moves of up to {np.degrees(bias.moved.max()):.2g} deg/s'
+    return f'{rates} deg/s at the end, {moves}, {when}; known to {sure} deg/s{left_in}'
 
 
 def _has_shown_too_much(bias: Bias) -> bool:
