@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel
 from gyro_drift_filter.core.rest.noise import deviation_of_values
 from gyro_drift_filter.core.rest.records import Rest
+from gyro_drift_filter.core.sample import is_usable
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core.sensor_checks import SensorChecks
@@ -130,7 +131,7 @@ def _may_be_end(ends: RangeEnd, axis: int, rate: float, resolution: float) -> bo
 def _note_steps(checks: 'SensorChecks', axis: int, rate: float, change: float) -> None:
     """Note a rate beside those before it, and by how much it has changed."""
     ends = checks['range_end']
-    if 0.0 < abs(change) < np.inf:
+    if change != 0.0 and is_usable(change):
         ends['last_change'][axis] = change
     if abs(rate) > CLIPPED_RATE:
         _note_passed(checks, axis, rate)  # by the steps before this one

@@ -335,7 +335,7 @@ def _note_change(checks: SensorChecks, axis: int, rate: float) -> float:
             checks['comes_alive'] = True
         else:
             change = rate
-    if abs(change) < np.inf:
+    if is_usable(change):
         checks['resolution'][axis] = smallest_change(checks['resolution'][axis], abs(change))
     return change
 
