@@ -17,7 +17,7 @@
 `calibrate/` finds both. What `~/calibrate` finds is the bias (`commands.py`).
 """
 
-from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, Result, Sample, SampleStatus
 from gyro_drift_filter.core.settings import Settings
 
@@ -44,7 +44,7 @@ def subtract_acceleration(sample: Sample, last: PerAxis, settings: Settings) -> 
         )
 
 
-@kernel
+@inlined_kernel
 def apply_calibration(settings: Settings, result: Result) -> None:
     """Turn the rate into M rate, and its covariance, which is diagonal so far, into M C M'."""
     rate, variance = result['angular_velocity'], result['angular_velocity_variance']

@@ -17,7 +17,7 @@
 That is the rates that `bias/in_motion.py` follows, and how the body may have turned unmeasured.
 """
 
-from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core import methods
 from gyro_drift_filter.core.bias.contradiction import note_contradiction
 from gyro_drift_filter.core.bias.in_motion import (
@@ -45,7 +45,7 @@ from gyro_drift_filter.core.sensor_checks import (
 )
 
 
-@kernel
+@inlined_kernel
 def learn_in_motion(sample: Sample, missing: int, in_gap: int, filter_: FilterRecord) -> None:
     """Follow the bias in motion by the sample's rates, or the filtered ones of an outlier.
 

@@ -31,7 +31,7 @@ Tracking filters call this an out-of-sequence measurement. To process again what
 exact way; `robot_localization` does so where `smooth_lagged_data` is set.
 """
 
-from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core.clock.records import Clock
 from gyro_drift_filter.core.records import KEPT_SAMPLES, FilterRecord, History, State
 from gyro_drift_filter.core.sample import Sample
@@ -64,7 +64,7 @@ def is_overtaken(history: History, stamp: int) -> bool:
     return bool(stamp > history['state']['clock']['stamp'])
 
 
-@kernel
+@inlined_kernel
 def keep_sample(history: History, state: State, sample: Sample, gap_limit: float) -> None:
     """Keep what it takes to go back behind a sample, before it is taken in.
 
@@ -100,7 +100,7 @@ def insert_sample(history: History, sample: Sample) -> int:
     return int(place)
 
 
-@kernel
+@inlined_kernel
 def recall_result(filter_: FilterRecord) -> None:
     """Put the last sample's result back where that of an overtaken one stands in its place."""
     history = filter_['history']

@@ -30,7 +30,7 @@ time only: a coarse gyroscope at rest gives the same rates for long.
 from enum import IntEnum
 from typing import TypedDict
 
-from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core.sample import Sample, are_equal, is_zero
 from gyro_drift_filter.core.sensor_checks import SensorChecks, Stays
 
@@ -91,7 +91,7 @@ def message_period(polling: Polling, period: float) -> float:
     return float(period * polling['samples_per_message'])
 
 
-@kernel
+@inlined_kernel
 def note_message(polling: Polling, checks: SensorChecks, sample: Sample, number: int) -> Message:
     """Say what a message of this number is, before `checks` take it in."""
     rate = sample['angular_velocity']

@@ -25,7 +25,7 @@ import math
 from enum import IntEnum
 from typing import TypedDict
 
-from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, kernel, record
+from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
 from gyro_drift_filter.core.sample import is_zero
 
 # A change of one count is a vote for that count, and one that is smaller, or no whole number of
@@ -80,7 +80,7 @@ class Quantisation(TypedDict):
 QUANTISATION = record(Quantisation)
 
 
-@kernel
+@inlined_kernel
 def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
     """Take rates (3,) in rad/s in, and those before.
 

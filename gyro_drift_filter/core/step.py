@@ -191,7 +191,7 @@ def _repeat_result(result: Result) -> None:
         result['status'] = SampleStatus.REPEATED
 
 
-@kernel
+@inlined_kernel
 def _look_at_counts(sample: Sample, follows: bool, filter_: FilterRecord) -> bool:
     """Look at the counts of a sample; return whether half of one is to be added.
 
@@ -300,7 +300,7 @@ def _update_axis(rate: float, axis: int, filter_: FilterRecord) -> None:
     result['measurement_noise'][axis] = measurement_noise
 
 
-@kernel
+@inlined_kernel
 def _learn_bias(
     sample: Sample, elapsed: float, missing: int, in_gap: int, jumped: bool, filter_: FilterRecord
 ) -> None:
@@ -324,7 +324,7 @@ def _learn_bias(
         learn_in_motion(sample, missing, in_gap, filter_)
 
 
-@kernel
+@inlined_kernel
 def _subtract_bias(filter_: FilterRecord) -> None:
     """Subtract the bias from the result, and add its variance."""
     settings, state = filter_['settings'], filter_['state']
@@ -357,7 +357,7 @@ def _rounding_variance(filter_: FilterRecord, axis: int) -> float:
     return variance_of_rounding(state['quantisation'], axis, noise)
 
 
-@kernel
+@inlined_kernel
 def _widen_shift_by_rounding(filter_: FilterRecord) -> None:
     """Let the shift in motion vary by what the mean of a rest is off by its rounding.
 
@@ -372,7 +372,7 @@ def _widen_shift_by_rounding(filter_: FilterRecord) -> None:
             let_shift_vary(bias['motion'], axis, rounding)
 
 
-@kernel
+@inlined_kernel
 def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
     """Note by how much the body turns with a sample, if that is known."""
     state = filter_['state']
@@ -387,7 +387,7 @@ def _note_turn(missing: int, jumped: bool, filter_: FilterRecord) -> None:
     note_turn(checks, state['filtered'], bias['bias'], has_bias(bias), seconds, message)
 
 
-@kernel
+@inlined_kernel
 def _count_result(filter_: FilterRecord) -> None:
     state = filter_['state']
     counts, result = state['counts'], state['result']

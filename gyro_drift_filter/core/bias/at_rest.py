@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import PerAxis, kernel
+from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.bias.acceptance import accept_segment, may_be_bias
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.motion_state import widen_both
@@ -168,7 +168,7 @@ def _forget_stillness(state: Bias) -> None:
     interrupt_slow_turn(state['turn'])
 
 
-@kernel
+@inlined_kernel
 def track_bias(
     filter_: 'FilterRecord', sample: Sample, trusted: bool, missing: int, elapsed: float
 ) -> None:

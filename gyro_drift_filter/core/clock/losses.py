@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.accelerate import inlined_kernel, kernel
 from gyro_drift_filter.core.clock.delays import REGULAR
 from gyro_drift_filter.core.clock.records import Clock
 
@@ -65,7 +65,7 @@ def _is_between_bursts(clock: Clock, elapsed: float) -> bool:
     return bool(abs(elapsed - clock['burst_step']) <= EQUALLY_LONG * clock['burst_step'])
 
 
-@kernel
+@inlined_kernel
 def possibly_missing(clock: Clock, elapsed: float, period: float) -> int:
     """Return how many samples may be missing before one for which `advance_clock` found none.
 
