@@ -100,7 +100,7 @@ class ColdStart:
         self.waiting = deque()
         self._keeping = True
         node.get_logger().warning(
-            'first start: compiling the filter, for one to three minutes. Messages are kept until '
+            'first start: compiling the filter, for one to four minutes. Messages are kept until '
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
