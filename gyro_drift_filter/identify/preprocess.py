@@ -137,7 +137,7 @@ def preprocess(
             for i, (coefficient, mean) in enumerate(zip(trend, means, strict=True), 1):
                 left -= coefficient * ((time - centre) ** i - mean)
             residuals[-1].append(left)
-    bias, bias_deviation, bias_moves = _bias(cleaned, residuals, len(trend))
+    bias, bias_deviation, bias_moves = _bias(level, cleaned, residuals, len(trend))
     return Preprocessed(
         residuals=tuple(residuals),
         cleaned=tuple(cleaned),
@@ -180,20 +180,20 @@ def replace_outliers(pieces: Sequence[Values], period: float) -> tuple[list[Stor
 
 
 def _bias(
-    cleaned: Sequence[Values], residuals: Sequence[Values], fitted: int
+    level: float, cleaned: Sequence[Values], residuals: Sequence[Values], fitted: int
 ) -> tuple[float, float, bool]:
     """Return the bias, its deviation as one of any of the spans, and whether it moves.
 
     It moves where the means of the spans differ by more than their errors (Cochran's Q test). Over
     hours it does, and then no time has that of the mean of a day: it is that of the longest span,
-    and by how much the others differ from it counts. Else it is the mean over all spans.
+    and by how much the others differ from it counts. Else it is `level`, the mean over all spans.
     """
     lengths = np.array(list(map(len, cleaned)))
     longest = int(lengths.argmax())
     means = np.array([mean_of([piece]) for piece in cleaned])
     variances = np.array([mean_deviation([piece], fitted) ** 2 for piece in residuals])
     if not _differ(means, variances):
-        return mean_of(cleaned), mean_deviation(residuals, fitted), False
+        return level, mean_deviation(residuals, fitted), False
     explained = variances + variances[longest]
     explained[longest] = 0.0
     moves = float((lengths * ((means - means[longest]) ** 2 - explained)).sum() / lengths.sum())
