@@ -85,8 +85,8 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     for first in range(0, len(rates[0]), LARGEST_PART):
         turns.take(stacked(rates, slice(first, first + LARGEST_PART)))
     found: dict[str, Any] = {'connections': connections, 'share_apart': turns.share}
-    for finding in turns.faults():
-        return replace(finding, values=found)
+    if faults := turns.faults():
+        return replace(faults[0], values=found)
     if connections > 1:
         return fault(
             'publishers',
