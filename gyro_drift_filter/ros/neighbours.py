@@ -24,9 +24,9 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
-# As the node makes them. rclpy remaps the topic that it is asked about: the name of a publisher or
-# subscription is remapped already, and may be that from which another topic is remapped.
-INPUT_TOPIC, OUTPUT_TOPIC = 'imu/data_raw', 'imu/data_filtered'
+# rclpy remaps the topic that it is asked about. The name of a publisher or subscription is remapped
+# already, and may be that from which another topic is remapped.
+_INPUT, _OUTPUT = 'imu/data_raw', 'imu/data_filtered'
 # What rmw says of an endpoint that was discovered before its node.
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
@@ -43,7 +43,7 @@ class Neighbours:
         """Return what is wrong with the connections, by the names of the other nodes."""
         node, topic, output = self._node, self._input.topic_name, self._output.topic_name
         publishers = self._publishers()
-        requested = self._own(node.get_subscriptions_info_by_topic(INPUT_TOPIC))
+        requested = self._own(node.get_subscriptions_info_by_topic(_INPUT))
         for other in publishers:
             reason = _mismatch(other, requested)
             if reason:
@@ -67,7 +67,7 @@ class Neighbours:
                 f'another node is called {own}, too: what is asked of one may be answered by the '
                 'other; start one with -r __node:=NAME or in a namespace'
             )
-        outputs = node.get_publishers_info_by_topic(OUTPUT_TOPIC)
+        outputs = node.get_publishers_info_by_topic(_OUTPUT)
         for other in outputs:
             if other.topic_type == IMU_TYPE and node_name(other) != own:
                 return (
@@ -75,7 +75,7 @@ class Neighbours:
                     'the output of one'
                 )
         offered = self._own(outputs)
-        for other in node.get_subscriptions_info_by_topic(OUTPUT_TOPIC):
+        for other in node.get_subscriptions_info_by_topic(_OUTPUT):
             reason = _mismatch(offered, other)
             if reason:
                 return f'{node_name(other)} gets nothing of {output}: {reason}'
@@ -105,7 +105,7 @@ class Neighbours:
         return next((endpoint for endpoint in endpoints if node_name(endpoint) == name), None)
 
     def _publishers(self) -> list[TopicEndpointInfo]:
-        return self._node.get_publishers_info_by_topic(INPUT_TOPIC)
+        return self._node.get_publishers_info_by_topic(_INPUT)
 
 
 def topics_of(node: Node, type_: str, left_out: Collection[str]) -> list[str]:

@@ -56,7 +56,7 @@ from gyro_drift_filter.ros.bias_memory import NodeBiasMemory
 from gyro_drift_filter.ros.cold_start import ColdStart
 from gyro_drift_filter.ros.losses import Losses
 from gyro_drift_filter.ros.motion_hint import MotionHint
-from gyro_drift_filter.ros.neighbours import INPUT_TOPIC, OUTPUT_TOPIC, Neighbours
+from gyro_drift_filter.ros.neighbours import Neighbours
 from gyro_drift_filter.ros.parameters import LiveParameters
 
 _REPORT_SECONDS = 1.0
@@ -131,9 +131,9 @@ class GyroDriftFilterNode(Node):
         self._reported = self._steady.now()
 
         overridable = QoSOverridingOptions.with_default_policies(callback=_check_depth)
-        with _reporting_qos(OUTPUT_TOPIC):
+        with _reporting_qos('imu/data_filtered'):
             self._output = self.create_publisher(
-                Imu, OUTPUT_TOPIC, _OUTPUT_QOS, qos_overriding_options=overridable
+                Imu, 'imu/data_filtered', _OUTPUT_QOS, qos_overriding_options=overridable
             )
         self._listened: dict[str, Publisher] = {}
         self._sample_outputs = {name: self._create_sample_output(name) for name in SAMPLE_TOPICS}
@@ -145,10 +145,10 @@ class GyroDriftFilterNode(Node):
         self.create_timer(_REPORT_SECONDS, self._report, clock=self._steady)
         self._until_count = _COUNT_EVERY  # messages
         self._losses = Losses(self._receive, lambda: int(self._messages.reception['received']))
-        with _reporting_qos(INPUT_TOPIC):
+        with _reporting_qos('imu/data_raw'):
             self._input = self.create_subscription(
                 Imu,
-                INPUT_TOPIC,
+                'imu/data_raw',
                 self._receive,
                 _INPUT_QOS,
                 raw=True,
@@ -171,13 +171,13 @@ class GyroDriftFilterNode(Node):
     def _refuse_shared_topics(self) -> None:
         own = (*(f'~/{name}' for name in SAMPLE_TOPICS), '~/at_rest')
         known: dict[str, str] = {}
-        for name in (INPUT_TOPIC, OUTPUT_TOPIC, *_BESIDE, *own):
+        for name in ('imu/data_raw', 'imu/data_filtered', *_BESIDE, *own):
             topic = self.resolve_topic_name(name)
             if topic not in known:
                 known[topic] = name
                 continue
             both = f'{known[topic]} and {name}'
-            if name == OUTPUT_TOPIC:
+            if name == 'imu/data_filtered':
                 raise GyroDriftFilterError(
                     f'input and output are both {topic}: the filter would filter its own output; '
                     f'remap one of {both}'
