@@ -63,7 +63,6 @@ class FakeNode:
 @pytest.fixture
 def node(monkeypatch):
     monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: True)
-    monkeypatch.setattr(cold_start, 'is_extension_missing', lambda: False)
     return FakeNode()
 
 
@@ -162,8 +161,8 @@ def test_a_warm_start_takes_at_once(node, monkeypatch):
     assert node.timers == node.log == []
 
 
-def test_what_is_kept_does_not_wait_for_the_extension_module(node, tmp_path, monkeypatch):
-    """The compiler goes on when all kernels are in the cache, for the starts to come."""
+def test_what_is_kept_does_not_wait_for_an_own_compiler(node, tmp_path, monkeypatch):
+    """Another process may have compiled all kernels before, and the own compiler goes on."""
     executable(tmp_path, monkeypatch, 'exec sleep 60')
     start, taken = ColdStart(node), []
     start.call(taken.append, 1)
@@ -172,21 +171,6 @@ def test_what_is_kept_does_not_wait_for_the_extension_module(node, tmp_path, mon
     monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
     node.turn(lambda: start.waiting is None)
     assert taken == [1]
-    start.stop()
-
-
-def test_where_the_extension_module_alone_is_missing_it_is_built_beside(
-    node, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(cold_start, 'is_cache_cold', lambda: False)
-    monkeypatch.setattr(cold_start, 'is_extension_missing', lambda: True)
-    executable(tmp_path, monkeypatch, f'echo "$@" > {tmp_path}/called')
-    start, taken = ColdStart(node), []
-    start.call(taken.append, 1)
-    assert taken == [1]
-    node.turn(lambda: not node.timers)
-    assert (tmp_path / 'called').read_text().strip().endswith('gyro_drift_filter.cli.main compile')
-    assert node.log == []
     start.stop()
 
 

@@ -22,6 +22,8 @@ import ast
 import os
 import re
 import shutil
+import signal
+import subprocess
 import sys
 import time
 
@@ -36,6 +38,7 @@ from support.processes import run_command
 pytestmark = pytest.mark.slow
 
 COMPILE = 'import sys; from gyro_drift_filter.cli.compile import run; run(None)'
+NO_COMPILER = {'PATH': '', 'CC': '/no/compiler', 'CXX': '/no/compiler'}
 
 
 def run(code, cwd=None, **environment):
@@ -60,7 +63,7 @@ def compiled(tmp_path_factory):
         shutil.copytree(
             cache.folder(),
             folder / 'gyro_drift_filter' / cache.folder().name,
-            ignore=shutil.ignore_patterns(cache.NO_EXTENSION, 'build_*', '*.tmp.*'),
+            ignore=shutil.ignore_patterns('build_*', '*.tmp.*'),
         )
     environment = {'XDG_CACHE_HOME': str(folder), 'NUMBA_CACHE_DIR': ''}
     done = run("from gyro_drift_filter.cli.main import main; main(['compile'])", **environment)
@@ -180,15 +183,15 @@ def test_the_installed_numba_is_one_that_has_been_tested():
 
 # --- a small package
 
-# What kernels give and where they come from; whether they and the extension module are missing.
+# What kernels give and where they come from; whether they were missing.
 WAY = """
 import sys
 from gyro_drift_filter.accelerate import kernels
 from gyro_drift_filter.core.outer import counted, twice
-missing = kernels.is_cache_cold(), kernels.is_extension_missing()
+missing = kernels.is_cache_cold()
 way = 'extension' if kernels.is_extension() else 'numba' if kernels.is_compiled() else 'plain'
 assert counted(b'abc') == 294
-print(twice(2.0), way, *missing)
+print(twice(2.0), way, missing)
 """
 INNER = """
 from gyro_drift_filter.accelerate import kernel
@@ -215,10 +218,8 @@ def counted(text):
 """
 
 
-@pytest.fixture(scope='module')
-def built(tmp_path_factory):
-    """Make the small package, with its kernels compiled."""
-    root = tmp_path_factory.mktemp('small')
+def compiled_small(root, **environment):
+    """Make the small package, with its kernels compiled; return its folder and what was told."""
     package, small = PACKAGE, root / 'gyro_drift_filter'
     shutil.copytree(package / 'accelerate', small / 'accelerate')
     for name in ('', 'core/', 'cli/'):
@@ -235,9 +236,19 @@ def built(tmp_path_factory):
     (small / 'core' / 'inner.py').write_text(INNER)
     (small / 'core' / 'outer.py').write_text(OUTER)
     (small / 'core' / 'text.py').write_text('TEXT = 1')
-    done = run(COMPILE, root, **environment_of(root))
+    done = run(COMPILE, root, **environment_of(root) | environment)
     assert done.returncode == 0, done.stderr
     return root, done.stderr
+
+
+@pytest.fixture(scope='module')
+def with_extension(tmp_path_factory):
+    return compiled_small(tmp_path_factory.mktemp('extension'))
+
+
+@pytest.fixture(scope='module')
+def without_extension(tmp_path_factory):
+    return compiled_small(tmp_path_factory.mktemp('cache'), **NO_COMPILER)
 
 
 def environment_of(root):
@@ -267,34 +278,32 @@ class Small:
 
 
 @pytest.fixture
-def small(built, tmp_path):
-    """Copy the small package without an extension module."""
-    copied = Small(built[0], tmp_path)
-    copied.extension.unlink(missing_ok=True)
-    return copied
+def small(without_extension, tmp_path):
+    """Copy the small package with numba's cache."""
+    return Small(without_extension[0], tmp_path)
 
 
 @pytest.fixture
-def extended(built, tmp_path):
-    """Copy the small package with one."""
-    if 'no extension module' in built[1]:
-        pytest.skip(f'no C++ compiler here: {built[1]}')
-    return Small(built[0], tmp_path)
+def extended(with_extension, tmp_path):
+    """Copy the small package with an extension module."""
+    if 'no extension module' in with_extension[1]:
+        pytest.skip(f'no C++ compiler here: {with_extension[1]}')
+    return Small(with_extension[0], tmp_path)
 
 
 def test_a_process_with_the_extension_module_does_not_load_numba(extended):
     code = f'{WAY}\nassert not {{"numba", "llvmlite"}} & set(sys.modules)'
-    assert extended.output(code) == '6.0 extension False False'
+    assert extended.output(code) == '6.0 extension False'
     assert extended.output(COMPILE) == 'compiled already'
-    assert extended.output(WAY, NUMBA_DISABLE_JIT='1') == '6.0 plain False False'
+    assert extended.output(WAY, NUMBA_DISABLE_JIT='1') == '6.0 plain False'
     without = f'import sys; sys.modules["numba"] = None\n{WAY}'
     extended.extension.unlink()
-    assert extended.output(without) == '6.0 plain False False'
+    assert extended.output(without) == '6.0 plain False'
 
 
 def test_the_extension_module_is_found_where_nothing_can_be_written(extended):
     code = f'import os; os.access = lambda *_: False\n{WAY}'
-    assert extended.output(code) == '6.0 extension False False'
+    assert extended.output(code) == '6.0 extension False'
 
 
 def test_a_damaged_extension_module_is_passed_over_and_built_anew(extended, monkeypatch):
@@ -304,9 +313,71 @@ def test_a_damaged_extension_module_is_passed_over_and_built_anew(extended, monk
     for damaged in (b'', b'nothing of the kind', whole[:-1], whole[:3000]):
         extended.extension.write_bytes(damaged)
         assert not cache.is_extension_whole()
-    assert extended.output(WAY) == '6.0 numba False True'
+    assert extended.output(WAY) == '6.0 numba True'
     extended.output(COMPILE)
-    assert extended.output(WAY) == '6.0 extension False False'
+    assert extended.output(WAY) == '6.0 extension False'
+    assert not list(extended.kept.glob('build_*'))
+
+
+def test_a_process_that_waits_for_the_kernels_takes_the_extension_module(extended):
+    """Else it would compile them once more, by numba."""
+    code = f"""
+from gyro_drift_filter.accelerate import kernels
+from gyro_drift_filter.core.outer import counted, sum_of, twice
+assert kernels.is_cache_cold()
+import subprocess, sys
+subprocess.run([sys.executable, '-c', {COMPILE!r}], check=True, stdout=subprocess.DEVNULL)
+assert not kernels.is_cache_cold()
+print(twice(2.0), twice(3.0), counted(b"abc"), twice.signatures, sum_of.signatures)
+"""
+    extended.extension.unlink()
+    assert extended.output(code) == '6.0 8.0 294 [] []'
+
+
+def test_an_extension_module_that_can_not_be_loaded_is_told(extended):
+    """As on a disk from which nothing may be executed: numba's cache is filled instead."""
+    refuse = 'from gyro_drift_filter.accelerate import cache; cache.load_extension = lambda: None\n'
+    extended.extension.unlink()
+    done = extended.run(refuse + COMPILE)
+    assert done.returncode == 0, done.stderr
+    (told,) = [line for line in done.stderr.splitlines() if not line.startswith('compiled: ')]
+    assert told.startswith(f'no extension module: {extended.kept} can not hold one; without, ')
+    extended.extension.unlink()
+    assert extended.output(WAY) == '6.0 numba False'
+
+
+@pytest.mark.parametrize(
+    'lost',
+    [
+        'os.dup2(os.open("/dev/full", os.O_WRONLY), 2)',
+        'os.dup2(os.pipe()[1], 2); os.closerange(3, 10)',
+        'os.close(1)',
+        'os.close(2)',
+    ],
+    ids=['stderr full', 'nobody reads stderr', 'stdout closed', 'stderr closed'],
+)
+def test_the_extension_module_is_kept_where_nothing_can_be_told(lost, extended):
+    extended.extension.unlink()
+    often = 'from gyro_drift_filter.cli import progress; progress._LINE_SECONDS = 0.05'
+    done = extended.run(f'import os; {lost}\n{often}\n{COMPILE}')
+    assert done.returncode == 0
+    assert extended.output(WAY) == '6.0 extension False'
+    assert not list(extended.kept.glob('build_*'))
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing_of_a_build(number, extended):
+    extended.extension.unlink()
+    command = sys.executable, '-c', COMPILE
+    environment = os.environ | extended.environment
+    with subprocess.Popen(command, env=environment, cwd=extended.root) as process:
+        end = time.monotonic() + 60
+        while not list(extended.kept.glob('build_*')):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        time.sleep(0.2)
+        process.send_signal(number)
+    assert process.returncode == 128 + number
     assert not list(extended.kept.glob('build_*'))
 
 
@@ -316,7 +387,7 @@ def test_a_damaged_file_of_a_kernel_is_made_anew(small):
     for path, size in zip(files, (0, 100), strict=True):
         path.write_bytes(path.read_bytes()[:size])
     done = small.run(WAY)
-    assert (done.stdout, done.stderr) == ('6.0 numba False True\n', '')
+    assert (done.stdout, done.stderr) == ('6.0 numba False\n', '')
     assert min(path.stat().st_size for path in files) > 100
 
 
@@ -328,7 +399,7 @@ def test_a_numba_without_what_saves_compiling_does_as_well(small):
         'numba_internals._inner_compiler = lambda: None\n'
     )
     shutil.rmtree(small.kept)
-    assert small.output(change + WAY) == '6.0 numba True True'
+    assert small.output(change + WAY) == '6.0 numba True'
 
 
 @pytest.mark.parametrize(('llvm', 'joins'), [(14, False), (22, True)])
@@ -347,12 +418,13 @@ def test_numbas_setting_is_as_it_was_behind_the_kernels(llvm, joins, monkeypatch
 @pytest.mark.parametrize('lacking', ['compiler', 'headers', 'setuptools', 'pycc'])
 def test_without_a_compiler_numba_is_loaded(lacking, small, tmp_path):
     """Nor without what it needs; the reason is told in one line, and no start tries again."""
+    shutil.rmtree(small.kept)
     wrapper = tmp_path / 'compiler'
     wrapper.write_text('#!/bin/sh\necho "Python.h: error: no such file" >&2; exit 1\n')
     wrapper.chmod(0o755)
     environment, code = {'TMPDIR': str(tmp_path)}, COMPILE
     if lacking == 'compiler':
-        environment |= {'PATH': '', 'CC': '/no/compiler', 'CXX': '/no/compiler'}
+        environment |= NO_COMPILER
     elif lacking == 'headers':
         environment |= {'CC': str(wrapper), 'CXX': str(wrapper)}
     else:
@@ -363,9 +435,7 @@ def test_without_a_compiler_numba_is_loaded(lacking, small, tmp_path):
     assert 'no extension module: it needs a C++ compiler' in done.stderr
     told = [line for line in done.stderr.splitlines() if not line.startswith('compiled: ')]
     assert len(told) == 1
-    assert (small.kept / cache.NO_EXTENSION).exists()
-    if lacking == 'compiler':
-        assert small.output(WAY) == '6.0 numba False False'
+    assert small.output(WAY) == '6.0 numba False'
     assert not list(tmp_path.rglob('*pycc*'))
     assert not list(tmp_path.rglob('build_*'))
 
@@ -374,13 +444,13 @@ def test_an_edit_of_a_callee_in_another_file_is_seen(small):
     """Numba's own cache keeps a caller's old code when only the callee's file changes."""
     inner = small.root / 'gyro_drift_filter' / 'core' / 'inner.py'
     inner.write_text(INNER.replace('STEP = 1.0', 'STEP = 2.0'))
-    assert small.output(WAY) == '8.0 numba True True'
+    assert small.output(WAY) == '8.0 numba True'
     assert len(list(small.kept.parent.iterdir())) == 2
 
 
 def test_an_edit_of_a_file_without_kernels_compiles_nothing(small):
     (small.root / 'gyro_drift_filter' / 'core' / 'text.py').write_text('TEXT = 2')
-    assert small.output(WAY) == '6.0 numba False True'
+    assert small.output(WAY) == '6.0 numba False'
     assert list(small.kept.parent.iterdir()) == [small.kept]
 
 
@@ -424,11 +494,11 @@ def test_old_caches_are_removed_when_a_new_one_is_complete(small):
         os.utime(folder, (now + 1000 - age, now + 1000 - age))
     (root / ('0' * 15 + 'f')).touch()
     code = 'from gyro_drift_filter.accelerate.ahead import compile_all; compile_all()'
-    assert small.output(code) == ''
+    assert small.output(code, **NO_COMPILER) == ''
     left = set(root.iterdir())
     assert left > {*folders[:3], *others, root / ('0' * 15 + 'f')}
     assert not left & {*folders[3:], small.kept}
-    assert small.output(WAY) == '8.0 numba False True'
+    assert small.output(WAY) == '8.0 numba False'
 
 
 # --- where nothing can be kept
@@ -439,7 +509,7 @@ ONE_WARNING = r'kernels can not be kept in .*: .+; each start compiles them anew
 def without_cache(small, limit='', **environment):
     """Run with a cold cache that can't be used; the kernels have to work, with one warning."""
     done = small.run(limit + WAY, **environment)
-    assert re.fullmatch(r'6.0 numba (False False|True True)\n', done.stdout), done.stderr
+    assert re.fullmatch(r'6.0 numba (False|True)\n', done.stdout), done.stderr
     assert re.fullmatch(ONE_WARNING, done.stderr), done.stderr
 
 

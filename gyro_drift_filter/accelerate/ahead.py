@@ -12,73 +12,102 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Compile all kernels ahead: into numba's cache, and into an extension module.
+"""Compile all kernels ahead: into an extension module or, without a C++ compiler, numba's cache.
 
-The extension module needs a C++ compiler. The registry of entry kernels says what is compiled.
+The registry of entry kernels says what is compiled.
 """
 
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, suppress
 from importlib import import_module
 from pathlib import Path
 
 from gyro_drift_filter.accelerate import cache, numba_internals
-from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, complete_note
+from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, complete_note, use_extension
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
 
 
-def compile_all() -> None:
+def compile_all() -> str:
     """Compile every kernel that Python calls, and keep it.
 
+    Returns:
+        Why there is no extension module, so that each start loads numba; empty where there is one.
+
     Raises:
-        GyroDriftFilterError: It can't be kept.
+        GyroDriftFilterError: Nothing can be kept.
     """
+    if why := cache.why_unusable():
+        raise GyroDriftFilterError(f'compiled kernels can not be kept: {why}')
     for name in cache.kernel_modules():
         import_module(name)
-    for entry in ENTRY_KERNELS.values():
-        numba_internals.compile_declared(entry.compiled, entry.types)
-        if why := cache.why_unusable():
-            raise GyroDriftFilterError(f'compiled kernels can not be kept: {why}')
-    cache.make_note(complete_note())
+    missing = _build_extension()
+    if missing:
+        _fill_cache()
     cache.remove_old()
+    return missing
 
 
-def build_extension() -> None:
-    """Build the extension module of the kernels, after `compile_all`.
-
-    Raises:
-        GyroDriftFilterError: There is no C++ compiler, no Python header, or the like. That is
-            noted, so that no start of the node tries it again.
-    """
+def _build_extension() -> str:
+    """Build the extension module, and return why it can not be used, empty where it can."""
     kernels = {name: (entry.function, entry.types) for name, entry in ENTRY_KERNELS.items()}
-    with tempfile.TemporaryDirectory(prefix=cache.BUILD_PREFIX, dir=cache.folder()) as folder:
+    prefix = cache.build_prefix(os.getpid())
+    with tempfile.TemporaryDirectory(prefix=prefix, dir=cache.folder()) as folder:
         output = Path(folder, 'output')
         try:
             with _output_into(output):
                 built = numba_internals.build_extension(kernels, Path(folder))
             cache.keep_extension(built)
         except Exception as error:  # whatever compilers and linkers raise
-            cache.make_note(cache.NO_EXTENSION)
-            lines = output.read_text(errors='replace').splitlines()
+            lines = output.read_text(errors='replace').splitlines() if output.exists() else []
             first = next((line for line in lines if 'error' in line), reason(error))
-            raise GyroDriftFilterError(
+            return (
                 'no extension module: it needs a C++ compiler, the headers of Python and '
                 f'setuptools ({printable(first)})'
-            ) from error
+            )
+    return '' if use_extension() else f'no extension module: {cache.folder()} can not hold one'
+
+
+def _fill_cache() -> None:
+    """Compile every entry kernel into numba's cache."""
+    for entry in ENTRY_KERNELS.values():
+        numba_internals.compile_declared(entry.compiled, entry.types)
+        if why := cache.why_unusable():
+            raise GyroDriftFilterError(f'compiled kernels can not be kept: {why}')
+    cache.make_note(complete_note())
+
+
+def _open_if_closed(number: int) -> None:
+    """Have a descriptor that is closed lead nowhere: else a file would get its number."""
+    try:
+        os.fstat(number)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        if nowhere != number:
+            os.dup2(nowhere, number)
+            os.close(nowhere)
 
 
 @contextmanager
 def _output_into(path: Path) -> Iterator[None]:
-    """Have what compilers print, processes of their own, written to a file."""
+    """Have what compilers print, processes of their own, written to a file.
+
+    What this process tells of its progress is printed all the same.
+    """
+    for number in (1, 2):
+        _open_if_closed(number)
     kept = os.dup(1), os.dup(2)
     with path.open('wb') as file:
         for number in (1, 2):
             os.dup2(file.fileno(), number)
+    told = os.fdopen(kept[1], 'w', closefd=False)
     try:
-        yield
+        with redirect_stderr(told):
+            yield
     finally:
+        with suppress(OSError):  # where its reader has left
+            told.close()
         for number, descriptor in enumerate(kept, 1):
             os.dup2(descriptor, number)
             os.close(descriptor)

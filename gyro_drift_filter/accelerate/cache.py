@@ -19,9 +19,9 @@ old code of one that it calls from another file. Here the folder is named after 
 files that hold kernels, of those that they import, and after what the machine code depends on
 besides. It also works where the package is installed read-only, as by apt.
 
-In a folder are numba's own files, one for each kernel that Python calls; the extension module,
-with its checksum at the end; and empty files as notes, `complete_<version of numba>` and
-`no_extension`.
+In a folder is the extension module, with its checksum at the end. Where none could be built there
+are numba's own files instead, one for each kernel that Python calls, and an empty file as a note,
+`complete_<version of numba>`.
 Only `why_unusable` and what keeps something write to the disk.
 """
 
@@ -41,12 +41,10 @@ from types import ModuleType
 import numpy as np
 
 EXTENSION = 'gyro_drift_filter_kernels'
-NO_EXTENSION = 'no_extension'  # a note: it can't be built, so no start has to try it again
-BUILD_PREFIX = 'build_'
 
 _PACKAGE = Path(__file__).parent.parent
 # Plain text in front, as each start looks for it in all files.
-_KERNEL = re.compile(rb'\n@(?:entry_)?kernel\b')
+_KERNEL = re.compile(rb'\n@(?:entry_|inlined_)?kernel\b')
 _IMPORT = re.compile(rb'from (gyro_drift_filter[\w.]*) import (\([^)]*\)|.*)')
 _OTHERS_KEPT = 3  # other versions of the package, and the one before an update
 _BUILD_SECONDS = 3600.0  # a folder of a build that is older belongs to one that was killed
@@ -162,6 +160,19 @@ def make_note(note: str) -> None:
         (folder() / note).touch()
 
 
+def build_prefix(process: int | None = None) -> str:
+    """Return what names of folders for builds begin with, all or those of a process."""
+    return 'build_' if process is None else f'build_{process}_'
+
+
+def remove_own_builds() -> None:
+    """Remove what this process has begun to build, as it is to be ended."""
+    import shutil
+
+    for path in folder().glob(f'{build_prefix(os.getpid())}*'):
+        shutil.rmtree(path, ignore_errors=True)
+
+
 def remove_old() -> None:
     """Remove the folders of other versions but the newest, and what killed builds have left."""
     import shutil  # here, as it loads all kinds of compression, and hardly any process needs it
@@ -174,7 +185,7 @@ def remove_old() -> None:
         ]
         oldest = time.time() - _BUILD_SECONDS
         builds = [
-            path for path in folder().glob(f'{BUILD_PREFIX}*') if path.stat().st_mtime < oldest
+            path for path in folder().glob(f'{build_prefix()}*') if path.stat().st_mtime < oldest
         ]
         for path in [path for _, path in sorted(folders)[:-_OTHERS_KEPT]] + builds:
             shutil.rmtree(path, ignore_errors=True)

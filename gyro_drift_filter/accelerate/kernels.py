@@ -62,6 +62,17 @@ def is_extension() -> bool:
     return _extension is not None
 
 
+def use_extension() -> bool:
+    """Use the extension module if there is one by now; return whether there is.
+
+    Entry kernels that numba has compiled in this process stay as they are, with the same results.
+    """
+    global _extension
+    if _extension is None:
+        _extension = cache.load_extension()
+    return is_extension()
+
+
 def is_compiled() -> bool:
     """Tell whether kernels are compiled in this process."""
     return is_extension() or (numba is not None and not numba.config.DISABLE_JIT)
@@ -119,7 +130,7 @@ def entry_kernel(*types: Any) -> Callable[[Function], Function]:
         name = f'{function.__module__}.{function.__name__}'.replace('.', '_')
         compiled = getattr(_extension, name, None) or _compilable(function, inner=False)
         if not is_extension() and is_compiled():
-            numba_internals.declare(compiled, types)
+            numba_internals.declare(compiled, types, lambda: getattr(_extension, name, None))
         ENTRY_KERNELS[name] = EntryKernel(function, types, compiled)
         return compiled
 
@@ -128,23 +139,12 @@ def entry_kernel(*types: Any) -> Callable[[Function], Function]:
 
 def has_to_compile() -> bool:
     """Tell whether kernels have to be compiled first."""
-    return not is_extension() and is_compiled() and not cache.is_noted(complete_note())
+    return is_compiled() and not use_extension() and not cache.is_noted(complete_note())
 
 
 def is_cache_cold() -> bool:
     """Tell whether the kernels have to be compiled first, and can be kept then."""
     return has_to_compile() and not cache.why_unusable()
-
-
-def is_extension_missing() -> bool:
-    """Tell whether later processes would gain by an extension module, which can be kept."""
-    return (
-        not is_extension()
-        and is_compiled()
-        and not cache.is_noted(cache.NO_EXTENSION)
-        and not cache.is_extension_whole()
-        and not cache.why_unusable()
-    )
 
 
 def complete_note() -> str:

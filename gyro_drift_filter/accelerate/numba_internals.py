@@ -19,7 +19,8 @@ setup.py says which versions of numba have been tested. Where a later one lacks
 - the option `_nrt`: kernels count references to arrays, and are slower;
 - `no_cpython_wrapper` or `no_cfunc_wrapper`: compiling takes a fifth longer;
 - `NullCache`, `CompileResult` or `dumps`: nothing is kept, each start compiles, and that is logged;
-- `_compile_for_args`: a call with other types than the declared ones compiles another version;
+- `_compile_for_args`: a call with other types than the declared ones compiles another version, and
+  a process that has waited for the extension module compiles for itself;
 - `numba.pycc`, pending deprecation since 0.57 without a successor: no extension module is built, as
   without a C++ compiler;
 - what `_inner_compiler` takes of `numba.core`: compiling takes a quarter longer;
@@ -153,10 +154,16 @@ def _array(kind: Any, readonly: bool) -> Any:
     return numba.types.Array(element, dimensions, 'C', readonly=readonly)
 
 
-def declare(dispatcher: Any, types: tuple[Any, ...]) -> None:
-    """Have a kernel compiled for these types at its first call, and for no others."""
+def declare(dispatcher: Any, types: tuple[Any, ...], find_built: Callable[[], Any]) -> None:
+    """Have a kernel compiled for these types at its first call, and for no others.
+
+    `find_built` returns the function of an extension module that was built since the start of this
+    process, which is called instead, None where there is none.
+    """
 
     def compile_at_first_call(*arguments: Any) -> Any:
+        if (built := find_built()) is not None:
+            return built  # which is called now; the next call comes here again
         compile_declared(dispatcher, types)
         return dispatcher  # which is called once more
 
@@ -317,6 +324,7 @@ def build_extension(kernels: Mapping[str, tuple[Any, tuple[Any, ...]]], folder: 
     with (
         patch.object(compiler, 'Flags', functools.partial(_flags_of_kernels, compiler.Flags)),
         patch.object(tempfile, 'tempdir', str(folder)),
+        _LOCK,
         _joining_scalars(),
     ):
         library = CC(cache.EXTENSION)

@@ -18,7 +18,7 @@ import argparse
 import time
 
 from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
-from gyro_drift_filter.cli.printing import say, tell
+from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import compile_kernels
 from gyro_drift_filter.errors import GyroDriftFilterError
 
@@ -41,12 +41,6 @@ def run(options: argparse.Namespace) -> None:
     if is_extension():
         say('compiled already', after_files=False)
         return
-    from gyro_drift_filter.accelerate.ahead import build_extension
-
     start = time.monotonic()
     compile_kernels()
-    try:
-        build_extension()
-    except GyroDriftFilterError as error:
-        tell(f'{error}; without, each start loads numba')
     say(f'compiled in {time.monotonic() - start:.0f} s')

@@ -66,7 +66,7 @@ def take_any_name() -> None:
 def tell(text: str, end: str = '\n') -> None:
     """Print a remark on stderr, if that can be written."""
     if sys.stderr is not None:  # where it is closed
-        with suppress(OSError):
+        with suppress(OSError, ValueError):  # a ValueError where another thread has just closed it
             print(text, end=end, file=sys.stderr, flush=True)
 
 

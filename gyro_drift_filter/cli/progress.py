@@ -78,7 +78,7 @@ def _duration(seconds: float) -> str:
 
 
 def prepare_kernels(*, quiet: bool = False) -> None:
-    """Compile all kernels, saying so, where that has not been done: it takes about a minute.
+    """Compile all kernels, saying so, where that has not been done: it takes minutes.
 
     Where nothing is to be said, they are compiled as they are needed. So they are where they can't
     be kept, of which a warning has been logged.
@@ -86,7 +86,7 @@ def prepare_kernels(*, quiet: bool = False) -> None:
     spare_linear_algebra()
     if quiet or not has_to_compile():
         return
-    tell('compiling the filter for this machine: once, for about a minute')
+    tell('compiling the filter for this machine: once, for one to three minutes')
     start = time.monotonic()
     with suppress(GyroDriftFilterError):
         compile_kernels()
@@ -94,16 +94,19 @@ def prepare_kernels(*, quiet: bool = False) -> None:
 
 
 def compile_kernels() -> None:
-    """Compile all kernels, telling how far that is.
+    """Compile all kernels, telling how far that is, and whether later starts will be slower.
 
     Raises:
         GyroDriftFilterError: They can't be kept.
     """
+    from gyro_drift_filter.accelerate import cache
     from gyro_drift_filter.accelerate.ahead import compile_all
     from gyro_drift_filter.accelerate.numba_internals import share_compiled
 
-    with ending_at_once(), _telling(share_compiled):
-        compile_all()
+    with ending_at_once(cache.remove_own_builds), _telling(share_compiled):
+        missing = compile_all()
+    if missing:
+        tell(f'{missing}; without, each start loads numba')
 
 
 @contextmanager

@@ -35,11 +35,11 @@ class EndedBySignal(BaseException):
 
 
 @contextmanager
-def ending_at_once() -> Iterator[None]:
+def ending_at_once(clean: Callable[[], None]) -> Iterator[None]:
     """Have an interrupt, SIGTERM and SIGHUP end the process with one line and no exception.
 
-    For what calls back from compiled code, as LLVM does, where an exception is lost; there must be
-    nothing to be cleaned up.
+    For what calls back from compiled code, as LLVM does, where an exception is lost. `clean` is
+    called instead of what an exception would have cleaned up.
     """
 
     def end(number: int, _: FrameType | None) -> None:
@@ -47,6 +47,7 @@ def ending_at_once() -> Iterator[None]:
             'interrupted' if number == signal.SIGINT else f'ended by {signal.Signals(number).name}'
         )
         tell(f'gyro_drift: {why}, nothing written')
+        clean()
         os._exit(128 + number)
 
     with _handling((signal.SIGINT, *_SIGNALS), end):

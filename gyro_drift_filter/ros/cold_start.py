@@ -15,9 +15,7 @@
 """The first start after an installation: the kernels are compiled in a process of their own.
 
 That takes from half a minute to some minutes on a small board. The node is there meanwhile: it
-keeps what arrives, and takes it in its order as soon as the kernels are there. The process then
-builds the extension module for later starts; the node does not wait for that. Where only the module
-is missing, the process builds it alone.
+keeps what arrives, and takes it in its order as soon as the kernels are there.
 """
 
 import os
@@ -37,7 +35,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_extension_missing
+from gyro_drift_filter.accelerate.kernels import is_cache_cold
 from gyro_drift_filter.phrases import counted
 
 # A minute at 1 kHz, about 25 MB; beyond that the oldest messages go, and are counted.
@@ -80,8 +78,7 @@ class ColdStart:
         self._node = node
         self._compiler: subprocess.Popen[bytes] | None = None
         self._keeping = False
-        cold = is_cache_cold()
-        if not cold and not is_extension_missing():
+        if not is_cache_cold():
             return
         self._errors = _any_file()
         # -P, as a package in the working directory may not be the one that is running here. In a
@@ -95,12 +92,10 @@ class ColdStart:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, self._compiler.pid, _NICENESS)
         self._timer = self._repeat(_POLL_SECONDS, self._poll)
-        if not cold:
-            return
         self.waiting = deque()
         self._keeping = True
         node.get_logger().warning(
-            'first start: compiling the filter, for one to four minutes. Messages are kept until '
+            'first start: compiling the filter, for one to three minutes. Messages are kept until '
             "then. 'ros2 run gyro_drift_filter gyro_drift compile' does it ahead"
         )
 
