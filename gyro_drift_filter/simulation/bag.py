@@ -16,7 +16,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from struct import pack_into
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,8 @@ TOPIC = '/imu/data_raw'
 FRAME = 'imu_link'
 _NOT_REPORTED = np.array([-1.0] + 8 * [0.0])
 _UNKNOWN = np.zeros(9)
+# Messages that `imu_messages` holds in memory, a third of a megabyte.
+_AT_ONCE = 1000
 # Of a truth: between fewer, no rate can be interpolated.
 _FEWEST_SAMPLES = 2
 
@@ -75,7 +76,8 @@ def imu_messages(
 ) -> Iterator[tuple[int, bytes]]:
     """Yield the stamp of each sample in ns, and its message, as `imu_message` makes it.
 
-    One is serialized, into which the values of each sample are written: that is many times faster.
+    One is serialized, into whose copies the values are written for many samples at once: that is
+    many times faster.
 
     Args:
         stamps: (n,) in ns.
@@ -83,14 +85,22 @@ def imu_messages(
         accelerations: (n, 3), or (3,) for all, in m/s^2.
         options: Others of `imu_message`.
     """
-    message = bytearray(imu_message(0, np.zeros(3), np.zeros(3), **options))
+    message = np.frombuffer(imu_message(0, np.zeros(3), np.zeros(3), **options), np.uint8)
     doubles = len(message) - 8 * DOUBLES
-    forces = np.broadcast_to(accelerations, np.shape(rates))
-    for stamp, rate, force in zip(stamps.tolist(), rates, forces, strict=True):
-        pack_into('<iI', message, ENCAPSULATION, *divmod(stamp, 10**9))
-        pack_into('<3d', message, doubles + 8 * RATE, *rate)
-        pack_into('<3d', message, doubles + 8 * ACCELERATION, *force)
-        yield stamp, bytes(message)
+    times = np.stack(np.divmod(stamps, 10**9), axis=1).astype('<i4')
+    rates, forces = (np.broadcast_to(v, (len(stamps), 3)) for v in (rates, accelerations))
+    for first in range(0, len(stamps), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        copies = np.tile(message, (len(stamps[part]), 1))
+        for start, values in (
+            (ENCAPSULATION, times[part]),
+            (doubles + 8 * RATE, np.ascontiguousarray(rates[part], '<f8')),
+            (doubles + 8 * ACCELERATION, np.ascontiguousarray(forces[part], '<f8')),
+        ):
+            written = values.view(np.uint8)
+            copies[:, start : start + written.shape[1]] = written
+        for stamp, copy in zip(stamps[part].tolist(), copies, strict=True):
+            yield stamp, copy.tobytes()
 
 
 def truth_path(bag: Path) -> Path:

@@ -15,6 +15,7 @@
 """Simulated gyroscope data with truth: the two experiments of the paper's section 4."""
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,12 +121,9 @@ def autoregressive(
     driving = deviation * random.standard_normal((n, 3))
     if n:
         driving[0] /= np.sqrt(1.0 - phi * phi)
-    drift = np.empty((n, 3))
-    last = np.zeros(3)
-    for k in range(n):
-        last = phi * last + driving[k]
-        drift[k] = last
-    return drift
+    # As plain numbers: numpy would take ten times as long over three of them.
+    axes = [accumulate(axis, lambda last, value: phi * last + value) for axis in driving.T.tolist()]
+    return np.array([list(axis) for axis in axes]).T.copy()
 
 
 def _add_outliers(

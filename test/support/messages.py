@@ -122,14 +122,10 @@ def quiet(
     n: int, deviation: float, random: np.random.Generator, rate: float = 100.0
 ) -> list[bytes]:
     """Return messages of a sensor at rest."""
-    return [
-        imu_message(
-            10**18 + int(k * 1e9 / rate),
-            deviation * random.standard_normal(3),
-            [0, 0, 9.8] + 0.02 * random.standard_normal(3),
-        )
-        for k in range(n)
-    ]
+    noise = random.standard_normal((n, 2, 3))
+    stamps = 10**18 + (np.arange(n) * 1e9 / rate).astype(np.int64)
+    samples = imu_messages(stamps, deviation * noise[:, 0], [0, 0, 9.8] + 0.02 * noise[:, 1])
+    return [message for _, message in samples]
 
 
 def big_endian(data: bytes) -> bytes:
