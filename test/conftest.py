@@ -14,6 +14,7 @@
 
 """What the tests share: real recordings where they are there, and bags made on the spot."""
 
+import gc
 import os
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -78,6 +79,17 @@ class Module(pytest.Module):
     def collect(self):
         with skipping_what_is_not_installed(whole_file=True):
             return list(super().collect())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Look for no garbage among modules and kernels, of which there are many and which stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_pycollect_makemodule(module_path, parent):
