@@ -235,15 +235,14 @@ def _information(data: Spectrum, density: Density, parameters: Array) -> tuple[A
     """Return the inverse of the Fisher information (p, p), and the score (p,)."""
     value = density(parameters)
     slopes = []
-    for i, parameter in enumerate(parameters):
-        width = 1e-5 * max(abs(parameter), 1e-3)
-        ahead, behind = parameters.copy(), parameters.copy()
-        ahead[i] += width
-        behind[i] -= width
-        with np.errstate(invalid='ignore', divide='ignore'):
-            slope = (np.log(density(ahead)) - np.log(density(behind))) / (2.0 * width)
-        slopes.append(np.nan_to_num(slope))
-    jacobian = np.array(slopes)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        for i, parameter in enumerate(parameters):
+            width = 1e-5 * max(abs(parameter), 1e-3)
+            ahead, behind = parameters.copy(), parameters.copy()
+            ahead[i] += width
+            behind[i] -= width
+            slopes.append((np.log(density(ahead)) - np.log(density(behind))) / (2.0 * width))
+    jacobian = np.nan_to_num(slopes)
     information = (jacobian * data.weight) @ jacobian.T
     score = jacobian @ (data.weight * (data.power / value - 1.0))
     return np.linalg.pinv(information), np.asarray(score)
