@@ -42,10 +42,9 @@ from support.messages import (
     TEMPERATURE,
     TEXT,
     big_endian,
-    imu_fields,
+    stamped,
     text,
 )
-from support.messages import simulated as simulated_messages
 
 OTHER_QOS = Qos(
     QosHistory.KEEP_ALL,
@@ -65,7 +64,7 @@ Messages = list[tuple[int, bytes]]
 
 def simulated(n: int = 300) -> Messages:
     """Return (log time, data) of n Imu messages of both experiments of the paper."""
-    return [(imu_fields(data).stamp, data) for data in simulated_messages(n)]
+    return list(stamped(n))
 
 
 def write(

@@ -15,6 +15,7 @@
 """Serialized messages, made on the spot."""
 
 import struct
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,11 +104,16 @@ def even_stamps(n: int, rate: float = 100.0, start: int = START) -> NDArray[np.i
     return start + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
 
 
+@lru_cache(maxsize=8)
+def stamped(n: int) -> tuple[tuple[int, bytes], ...]:
+    """Return stamps in ns and Imu messages of both experiments of the paper, half at rest."""
+    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
+    return tuple(imu_messages(data.stamps, data.angular_velocity, data.linear_acceleration))
+
+
 def simulated(n: int = 600) -> list[bytes]:
     """Return n Imu messages of both experiments of the paper, half of them at rest."""
-    data = simulate(SimulationSettings(static_seconds=n / 200, dynamic_seconds=n / 200))
-    samples = imu_messages(data.stamps, data.angular_velocity, data.linear_acceleration)
-    return [message for _, message in samples]
+    return [message for _, message in stamped(n)]
 
 
 def serialized(

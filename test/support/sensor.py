@@ -15,6 +15,7 @@
 """A simulated sensor: at rest, and moved by hand."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +56,16 @@ def by_hand(
 
 def motion_below(hertz: float, random: np.random.Generator, n: int, rate: float) -> Array:
     """Return rates (n, 3) of random motion up to a frequency in Hz, of any size."""
-    sections = signal.butter(3, hertz, fs=rate, output='sos')
+    sections = low_pass(hertz, rate).copy()  # scipy takes no array that can't be written to
     return np.asarray(signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0))
+
+
+@cache
+def low_pass(hertz: float, rate: float) -> Array:
+    """Return the sections of a Butterworth filter, whose design takes longer than its use."""
+    sections: Array = signal.butter(3, hertz, fs=rate, output='sos')
+    sections.flags.writeable = False
+    return sections
 
 
 def turning_gravity(rates: Array, rate: float) -> Array:
