@@ -14,6 +14,9 @@ test coverage: WORKERS ?= 3
 # ROS traffic stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
+# Else each process of the tests, and of the workers, would compile all Python anew where it is set.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo check test ready lint compile bench quality coverage parameters commands poses docs clean
 
 demo: $(VENV)/.installed
