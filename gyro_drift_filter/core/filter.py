@@ -122,10 +122,11 @@ class Filter:
 
         What `core/rest/` knows of the noise is kept with it; a rest under way begins anew.
         """
-        bias = self.record['state']['bias'].copy()
-        self.record['state'] = np.zeros(1, STATE)
-        self.record['state']['bias'] = bias
-        self.record['history'] = np.zeros(1, HISTORY)
+        bias = self.record['state']['bias'].view(np.uint8)
+        kept = bias.copy()
+        for name in ('state', 'history'):
+            self.record[name].view(np.uint8)[:] = 0  # numpy assigns records field by field, in 2 ms
+        bias[:] = kept
         commands.start_state(self.record)
 
     def set_bias(
