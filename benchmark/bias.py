@@ -50,6 +50,8 @@ VIBRATION, PUSH = 0.01, 0.4  # rad/s, m/s^2
 HUM, HUM_RATES, HUM_FORCES = 37.3, (0.03, 0.015, 0.021), (0.18, 0.6, 0.24)  # Hz, rad/s, m/s^2
 SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
+ROLLS = ((0.2, 8.0), (0.3, 14.0), (1.0, 30.0))  # deg, s
+ROLLED, ROLL_NOISE = 600, 0.25  # s, of NOISE
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
 ROCKED, HINT_EVERY = 30, 0.5  # s
 SENSITIVITIES = (0.0, 0.05, 0.1, 0.2)  # deg/s per g
@@ -144,6 +146,24 @@ def to_and_fro(
     bias = _biases(rates, accelerations, rate)[:, 2] / DEGREE
     changed = np.abs(bias[begin:] - bias[begin - 1])
     return float(changed.max()), float(np.abs(np.cumsum(bias[begin:])).max() / rate)
+
+
+def rolled(random: np.random.Generator, size: float, period: float, rate: float) -> float:
+    """Return the angle that is lost by the bias, in deg, by a body that rolls to and fro by `size`.
+
+    That is in deg, within `period` s, as a boat does at its mooring, after a rest. Its sensor is
+    quieter than in the other trials.
+    """
+    rates, accelerations = at_rest(random, STILL + ROLLED, rate)
+    begin = round(STILL * rate)
+    time = np.arange(len(rates) - begin) / rate
+    angle = size * DEGREE * np.sin(2.0 * np.pi * time / period)
+    rates *= ROLL_NOISE
+    rates[begin:, 0] += np.gradient(angle, 1.0 / rate)
+    accelerations[begin:, 1] += GRAVITY * np.sin(angle)
+    accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
+    bias = _biases(rates, accelerations, rate)[begin:, 0]
+    return float(np.abs(np.cumsum(bias)).max() / rate) / DEGREE
 
 
 def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
@@ -381,6 +401,18 @@ def _swings(trials: Trials) -> str:
     )
 
 
+def _rolls(trials: Trials) -> str:
+    rows = [['deg', 'period (s)', 'lost (deg)']]
+    for size, period in ROLLS:
+        tell(f'rolling to and fro by {size:g} deg within {period:g} s ...')
+        rows.append([f'{size:g}', f'{period:g}', trials.lost(rolled, size, period)])
+    return _titled(
+        f'angle that is lost by the bias of a body that rolls for {ROLLED} s after {STILL} s of '
+        'rest,\nmedian and worst',
+        rows,
+    )
+
+
 def _jumps_at_rest(trials: Trials) -> str:
     rows = [['deg/s', 'median (s)', 'known in']]
     for size in JUMPS:
@@ -485,6 +517,7 @@ def _warm_ups_at_rest(trials: Trials) -> str:
 TABLES = (
     _slow_turns,
     _swings,
+    _rolls,
     _jumps_at_rest,
     _jumps_in_stands,
     _warm_ups_in_stands,

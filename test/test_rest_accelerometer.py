@@ -16,6 +16,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.core import Filter
@@ -75,6 +76,18 @@ def test_an_axis_of_the_accelerometer_that_is_wrong_now_and_then_hides_no_rest(
     rates, accelerations, ends = rests_in_poses(random, 16)
     results = run(Filter(), rates, with_spikes(random, accelerations, size, share, held))
     assert (results['at_rest'][ends] == 1.0).mean() > 0.85
+
+
+@pytest.mark.parametrize('noise', ['aliased', 'correlated'])
+def test_slow_noise_of_the_accelerometer_hides_few_rests(noise, random):
+    """The halves of a segment differ by more than their blocks say, and the body stands."""
+    rates, accelerations = at_rest(random, 300)
+    n = len(rates)
+    slow = 0.03 * np.sin(0.4 * np.pi * np.arange(n)[:, None] / 100 + random.uniform(0.0, 6.0, 3))
+    if noise == 'correlated':  # over 2 s
+        slow = signal.lfilter([1.0], [1.0, -0.995], 0.002 * random.standard_normal((n, 3)), axis=0)
+    results = run(Filter(), rates, accelerations + slow)
+    assert results['at_rest'].mean() > 0.5
 
 
 def test_what_stands_in_for_a_spike_of_the_accelerometer_is_its_last_value(random):

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmark.bias import to_and_fro
+from benchmark.bias import rolled, to_and_fro
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.swing import SWING, forget_swing, note_swing, variance_of_swing
@@ -305,6 +305,15 @@ def test_a_slow_swing_moves_the_bias_by_little(speed, period, random):
         assert moved < 0.4 * speed
         lost.append(angle)
     assert np.median(lost) < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('size', 'period'), [(0.2, 8.0), (0.3, 14.0), (1.0, 30.0)])
+def test_a_slow_roll_that_gravity_shows_is_no_bias(size, period, random):
+    """Where its rate is largest it passed for rest; half of them lost more than 20 deg."""
+    lost = [rolled(random, size, period, 100.0) for _ in range(5)]
+    assert np.median(lost) < 4.0
+    assert max(lost) < 8.0
 
 
 def test_a_rest_after_a_slow_swing_is_learned(random):

@@ -56,8 +56,10 @@ def learn_noise_from_segment(rest: Rest, length: int) -> None:
     """Learn the noise from a segment that holds together."""
     rest['learned'] = rest['learned'] + 1 if rest['known'] else 1
     share = _weight(rest)
+    ratio = _ratio_in_segment(rest, 3)
     if rest['learned'] == 1:
-        rest['variance_ratio'] = _first_ratio(rest)
+        rest['variance_ratio'], rest['acceleration_ratio'] = _ratio_in_segment(rest, 0), ratio
+    rest['acceleration_ratio'] += _weight_of_ratio(rest) * (ratio - rest['acceleration_ratio'])
     for i in range(SIGNALS):
         signal = rest['signals'][i]
         variance, scatter = _noise_of_segment(rest, signal, length)
@@ -90,10 +92,16 @@ def _noise_of_segment(rest: Rest, signal: Signal, length: int) -> tuple[float, f
 
 
 @kernel
-def _first_ratio(rest: Rest) -> float:
-    """Return the ratio of variances by the correlation on the axes of the gyroscope."""
+def _weight_of_ratio(rest: Rest) -> float:
+    """Return the weight of a ratio of variances that the last segment shows."""
+    return max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
+
+
+@kernel
+def _ratio_in_segment(rest: Rest, first: int) -> float:
+    """Return the ratio of variances by the correlation of three signals, from `first` on."""
     correlation = 0.0
-    for i in range(3):
+    for i in range(first, first + 3):
         correlation += correlation_of_means(rest['signals'][i]['segment'], rest['blocks']) / 3.0
     return ratio_by_correlation(correlation)
 
@@ -127,9 +135,8 @@ def learn_variance_ratio(rest: Rest) -> None:
         step = segment_mean(rest, i) - signal['before']
         spread = signal['scatter'] * (1.0 / rest['blocks'] + 1.0 / signal['before_blocks'])
         ratio += step * step / spread / 3.0
-    share = max(RATIO_LEARNING, 1.0 / (rest['learned'] + RATIO_PRIOR))
     change = min(ratio, LARGEST_RATIO_STEP) - rest['variance_ratio']
-    rest['variance_ratio'] = max(rest['variance_ratio'] + share * change, 1.0)
+    rest['variance_ratio'] = max(rest['variance_ratio'] + _weight_of_ratio(rest) * change, 1.0)
 
 
 @kernel

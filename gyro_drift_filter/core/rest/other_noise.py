@@ -192,6 +192,7 @@ def _is_of_a_machine(rest: Rest, other: Rest) -> bool:
 @kernel
 def _take_noise(rest: Rest, other: Rest) -> None:
     rest['variance_ratio'] = other['variance_ratio']
+    rest['acceleration_ratio'] = other['acceleration_ratio']
     rest['blocks_since_rest'] = 0
     rest['turned'] = math.inf  # what shakes the body may have moved the mean of its accelerometer
     for i in range(SIGNALS):

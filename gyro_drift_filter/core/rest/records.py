@@ -125,6 +125,7 @@ class Rest(TypedDict):
     learned: int  # segments that it was learned from
     # of the means of the gyroscope's segments, to what the scatter of their blocks says
     variance_ratio: float
+    acceleration_ratio: float  # the same of the accelerometer's, by how blocks follow each other
     blocks_since_rest: int
     # since the last segment that was accepted
     seconds_since_segment: float

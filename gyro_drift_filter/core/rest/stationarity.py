@@ -47,8 +47,12 @@ VARIANCE_DEVIATIONS = 10.0
 SCATTER_DEVIATIONS = 8.0
 # A mean lies with the others within so many deviations of the scatter of means.
 MEAN_DEVIATIONS = 5.0
-# Of the means of a segment's halves, which differ where a slow turn begins or ends.
+# Of the means of a segment's halves. Rates differ where a slow turn begins or ends, gravity while
+# one lasts that is not about the vertical.
 HALVES_DEVIATIONS = 4.0
+# Blocks of accelerations follow each other where their noise is slow, and where a roll was taken
+# for rest. So the ratio of variances counts up to that of noise behind a low-pass of 1 Hz.
+LARGEST_ACCELERATION_RATIO = 4.0
 # The means of a slow turn scatter more than white values say, and differ little from one to the
 # next.
 LARGEST_SMOOTH, LEAST_STEPS = 2.0, 0.16
@@ -149,8 +153,10 @@ def _obstacle_of_segment(rest: Rest, index: int, lengths: RestLengths) -> Obstac
         limit = 1.0 + SCATTER_DEVIATIONS * math.sqrt(2.0 / (rest['blocks'] - 1.0))
         if scatter_of_means(signal['segment'], rest['blocks']) > limit * scatter:
             return Obstacle.SCATTERS
-        half_scatter = scatter * rest['variance_ratio']
-        if index < 3 and _halves_differ(rest, signal, half_scatter, HALVES_DEVIATIONS):
+        ratio = rest['variance_ratio']
+        if index >= 3:
+            ratio = min(rest['acceleration_ratio'], LARGEST_ACCELERATION_RATIO)
+        if _halves_differ(rest, signal, ratio * scatter, HALVES_DEVIATIONS):
             return Obstacle.DRIFTS
     else:
         obstacle = _obstacle_of_first(rest, index, lengths)
