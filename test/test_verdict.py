@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.bags import replay_run
 from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.cli.main import main
@@ -212,6 +213,26 @@ def test_the_bias_counts_from_before_it_was_known(tmp_path, random):
     # A bias that is smaller than its deviation would else seem to grow by the filter.
     assert re.search(r'raw rates drift by 180 \+- .* the filtered ones by 0 \+- ', text)
     assert re.search(r'after a turn of \d\.\d deg while the bias was not known', text)
+
+
+@pytest.mark.slow
+def test_the_drift_is_judged_from_when_the_bias_was_known_however_a_bag_is_cut(
+    tmp_path, random, monkeypatch
+):
+    """Reports before the first rest counted unless that lay in the same part of the bag."""
+    rates, accelerations = at_rest(random, 40, (0.0, 0.0, 0.5 * DEGREE))
+    turn, push = by_hand(random, 20)
+    rates[:2000] += turn
+    accelerations[:2000] += push
+    source, left = bag(tmp_path / 'in', rates, accelerations), []
+    for part in (100_000, 700, 100):
+        monkeypatch.setattr(replay_run, '_PART', part)
+        verdict = judged(source, tmp_path)
+        left.append(verdict.heading.left)
+        assert verdict.bias.known_at > 20.0
+    assert left[0] < 0.05 * DEGREE
+    assert left == pytest.approx([left[0]] * 3, rel=1e-3)
+    assert 'the bias turns the heading by some 1.2 deg/min instead of 31' in headline(verdict)
 
 
 def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):

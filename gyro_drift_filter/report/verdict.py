@@ -133,7 +133,7 @@ class Heading:
     Attributes:
         raw: With the raw rates: the mean of the bias about the vertical, as gravity shows it.
         left: Standard deviation of the drift with the filtered rates, and of `raw`, by the
-            filter's own account of its bias.
+            filter's own account of its bias since it was known.
         before: Turn in rad by the bias that was still in before it was known.
         turned: Sum of all turns about any axis in rad; errors of scale are a share of it.
         calibrated: Whether a matrix takes these off.
@@ -277,9 +277,9 @@ class RunWatch:
         # Samples, not seconds: a gap without messages is no time of which anything is said.
         self._reported = self._lagging = 0
         self._held_back = HeldBack()
-        # Of the bias: samples, and the sum of its variance over them (3,) in (rad/s)^2.
-        self._judged = 0
-        self._variance = [0.0, 0.0, 0.0]
+        # Of the bias, while it is not known and while it is: samples, and the sum of its variance
+        # over them on each axis in (rad/s)^2.
+        self._variances = np.zeros((2, 4))
         # At rest: the least and largest bias, and the deviation of the first one, (3,) in rad/s.
         self._at_rest: tuple[Floats, Floats, Floats] | None = None
 
@@ -330,10 +330,8 @@ class RunWatch:
             bias, known = np.array(state.bias), np.array(state.bias_deviation)
             least, largest, deviation = self._at_rest or (bias, bias, known)
             self._at_rest = np.minimum(least, bias), np.maximum(largest, bias), deviation
-        if state.bias_known or not self._sums[0]['known']:
-            self._judged += span.samples
-            deviations = zip(self._variance, state.bias_deviation, strict=True)
-            self._variance = [total + span.samples * (now * now) for total, now in deviations]
+        squares = np.square([1.0, *state.bias_deviation])
+        self._variances[int(state.bias_known)] += span.samples * squares
 
     def verdict(self, summary: Summary) -> Verdict:
         """Return the verdict at the end of the run."""
@@ -442,8 +440,10 @@ class RunWatch:
                 before = float(total['up_before'] @ total['first_bias'] - total['taken_before'])
                 turn += before
         variance = np.square(bias.deviations)
-        if self._judged:
-            variance = np.array(self._variance) / self._judged
+        # What a bias that was not known yet has turned is `before`, unless none was ever known.
+        samples, *variances = self._variances[int(self._variances[1, 0] > 0.0)]
+        if samples > 0.0:
+            variance = np.array(variances) / samples
         left = float(np.sqrt(total['up_squares'] @ variance / seconds))
         return Heading(turn / seconds, left, before, float(total['turned']), calibrated)
 
