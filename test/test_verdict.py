@@ -139,6 +139,14 @@ def test_a_slow_sensor_is_recorded_all_the_time(random):
     assert log.judged_seconds == pytest.approx(100.0, abs=10.0)
 
 
+def test_a_clock_that_is_set_adds_no_time(tmp_path, random):
+    rates, accelerations = at_rest(random, 20, rate=20)
+    stamps = START + 50_000_000 * np.arange(len(rates))
+    stamps[200:] += 3600 * 10**9
+    text = ' '.join(as_text(of_samples(tmp_path, rates, accelerations, stamps)).split())
+    assert '(1 time; for 1 of 20 s, first at 10 s)' in text
+
+
 @pytest.mark.parametrize('apart', [0.0, 0.03])
 def test_two_sensors_that_take_turns_are_not_sound(apart, tmp_path, random):
     """The filter learns the mean of both, and makes both quieter."""

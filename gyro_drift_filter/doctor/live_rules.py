@@ -41,9 +41,10 @@ _RATED = {'beyond bias.max', 'no rest'}
 _SETTLING_SHARE = 0.1
 # As much as a scale factor that is off by so much, which is that of a good gyroscope.
 _MISSING_SHARE = 1e-3
-# Reports come each second while anything is recorded: in more time without messages, in s, nothing
-# was.
+# Reports come each second while anything is recorded: in one of more s there was a pause, or a
+# clock was set, and its messages are those of a second, or of a slow sensor.
 _LONGEST_REPORT = 2.0
+_USUAL_REPORT = 1.0
 
 
 def starts_anew(findings: Iterable[Finding]) -> bool:
@@ -94,7 +95,9 @@ class RuleLog:
 
     def judge(self, span: Span, rules: Iterable[Rule], seconds: float) -> None:
         """Take a report in: its span, the rules that apply, and the time since the one before."""
-        judged = min(seconds, max(self._recorded_seconds(span), _LONGEST_REPORT))
+        judged = seconds
+        if seconds > _LONGEST_REPORT:
+            judged = min(seconds, max(self._recorded_seconds(span), _USUAL_REPORT))
         for rule in rules:
             if rule.level == Level.OK or rule.name in _LEFT_OUT:
                 continue
