@@ -69,8 +69,9 @@ _GAPS = 2.5, 0.5
 
 
 def _stamps_go_backward(span: Span) -> bool:
-    backward = in_window(span, 'backward_stamps')
-    return span.recent >= LEAST_SAMPLES and backward > _BACKWARD_SHARE * span.recent
+    if span.recent < LEAST_SAMPLES:
+        return False
+    return in_window(span, 'backward_stamps') > _BACKWARD_SHARE * span.recent
 
 
 def _stamps_always_jump(span: Span) -> bool:
@@ -80,7 +81,7 @@ def _stamps_always_jump(span: Span) -> bool:
 def _is_slower_than_gap_limit(span: Span) -> bool:
     """Return whether it is the sensor that is slow where stamps jump, and no clock that is set."""
     state = span.now.telemetry
-    if not in_window(span, 'restarts') or state.restarts < _LEAST_STEPS:
+    if state.restarts < _LEAST_STEPS or not in_window(span, 'restarts'):
         return False
     limit, step = _LONG_STEP * span.now.parameters.gap_limit, 1e-9 * in_window(span, 'stamp')
     # Stamps that are farther apart than gap_limit tell the filter no period.
@@ -92,20 +93,21 @@ def _is_slower_than_gap_limit(span: Span) -> bool:
 def _stamps_are_zero(span: Span) -> bool:
     zero = in_window(span, 'zero_stamps')
     # The stamps of what was not measured anew are looked at only until the sensor's pace is known.
-    none = zero >= span.recent - in_window(span, 'not_measured')
-    return span.now.parameters.sample_rate == 0.0 and none and zero > 0
+    none = zero > 0 and zero >= span.recent - in_window(span, 'not_measured')
+    return span.now.parameters.sample_rate == 0.0 and none
 
 
 def _stamps_stand(span: Span) -> bool:
-    # A clock that was set, or no stamps at all, are told by other rules.
-    for name in ('zero_stamps', 'backward_stamps', 'restarts'):
-        if in_window(span, name) > 0:
-            return False
+    if span.recent < LEAST_SAMPLES:
+        return False
     again = in_window(span, 'not_measured') + in_window(span, 'duplicates')
     lasted = (span.recent - again) * span.now.telemetry.period
     stamped = 1e-9 * in_window(span, 'stamp')
-    judged = span.recent >= LEAST_SAMPLES and min(span.seconds, lasted) >= STALLED_SECONDS
-    return judged and stamped < LEAST_STAMPED_SHARE * lasted
+    judged = min(span.seconds, lasted) >= STALLED_SECONDS
+    # A clock that was set, or no stamps at all, are told by other rules.
+    others = 'zero_stamps', 'backward_stamps', 'restarts'
+    stand = judged and stamped < LEAST_STAMPED_SHARE * lasted
+    return stand and all(in_window(span, name) <= 0 for name in others)
 
 
 def _contradicts_gravity(span: Span) -> bool:
@@ -116,12 +118,11 @@ def _contradicts_gravity(span: Span) -> bool:
     is beyond `bias.max`.
     """
     state = span.now.telemetry
-    if state.segments_beyond_max > 0 and not state.bias_known:
+    left_in = state.segments_beyond_max > 0 and not state.bias_known
+    if not state.contradicts_gravity or left_in:
         return False
-    is_timed = span.now.parameters.sample_rate > 0.0 or not (
-        _stamps_are_zero(span) or _stamps_stand(span)
-    )
-    return state.contradicts_gravity and is_timed
+    is_given = span.now.parameters.sample_rate > 0.0
+    return is_given or not (_stamps_are_zero(span) or _stamps_stand(span))
 
 
 def _has_noise_in_degrees(span: Span) -> bool:
