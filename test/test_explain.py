@@ -17,6 +17,7 @@
 
 import json
 import re
+from functools import partial, partialmethod
 
 import numpy as np
 import pytest
@@ -115,6 +116,26 @@ def test_the_command_says_why_and_what_came_of_it(bag, tmp_path, capsys):
     limits = {name: Parameters().names()[name] for name in ('outlier.threshold', 'outlier.run')}
     assert result['parameters'] == limits
     assert 'named here:\n     7.0  outlier.threshold\n       3  outlier.run\n\n' in page
+
+
+@pytest.mark.slow
+def test_what_nobody_asks_for_is_not_made(bag, monkeypatch):
+    """Reports took most of the time on long recordings of a slow sensor."""
+    made, whole = [], {name: getattr(Health, name) for name in ('rules', 'statuses')}
+
+    def count(name, *arguments, **keywords):
+        made.append(name)
+        return whole[name](*arguments, **keywords)
+
+    for name in whole:
+        monkeypatch.setattr(Health, name, partialmethod(partial(count, name)))
+    # The summary at the end has a status.
+    assert main(['explain', str(bag)]) == 0
+    assert made == ['rules', 'statuses']
+    made.clear()
+    main(['doctor', str(bag)])
+    assert len(made) > 10
+    assert 'statuses' not in made
 
 
 def test_the_filter_sees_what_comes_before_the_start(bag, tmp_path):

@@ -14,7 +14,7 @@
 
 """What a replay writes: the topics of the recording, and those of the filter beside them."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -143,7 +143,7 @@ class Output:
         piece: Piece,
         imus: Any,
         reports: Any,
-        statuses: Sequence[Sequence[DiagnosticStatus]],
+        statuses: Iterable[Sequence[DiagnosticStatus]],
     ) -> None:
         """Write a piece of the recording, what the filter makes of it, and reports.
 

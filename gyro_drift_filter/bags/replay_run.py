@@ -17,7 +17,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import chain
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -103,6 +103,8 @@ class ReplayRun:
         watcher: Callable[[str, Filter], Watcher | None],
         hint: str | None = None,
         memory: Path | None = None,
+        *,
+        is_judged: bool = True,
     ) -> None:
         """Start.
 
@@ -114,12 +116,14 @@ class ReplayRun:
             watcher: As of a `Watch`.
             hint: The topic that hints at motion, if there is one.
             memory: File of the bias that the recording before has left, if there is one.
+            is_judged: Whether there are reports, of which each takes as long as many samples.
 
         Raises:
             BagError: The messages of an Imu topic are in no form that can be read.
         """
         self._output = output
         self._report_times = ReportTimes()
+        self._is_judged = is_judged
         self.filters = [
             TopicFilter(recording, parameters, topic, names, partial(watcher, topic), hint, memory)
             for topic, names in inputs.items()
@@ -146,6 +150,8 @@ class ReplayRun:
 
     def _filter(self, piece: Piece, reports: Any) -> None:
         """Filter the Imu messages of a piece, and write it with reports."""
+        if not self._is_judged:
+            reports = reports[:0]
         imus, statuses = [], []
         for index, filter_ in enumerate(self.filters):
             of_topic = read_imus(piece, filter_.is_imu)
@@ -157,7 +163,7 @@ class ReplayRun:
         if len(imus) > 1:
             all_imus = np.concatenate(imus)
             all_imus = all_imus[np.argsort(all_imus['row'])]
-        together = [list(chain(*of_report)) for of_report in zip(*statuses, strict=True)]
+        together = (list(chain(*of_report)) for of_report in zip(*statuses, strict=True))
         self._output.write(piece, all_imus, reports, together)
 
     def finish(self) -> list[Summary]:
@@ -244,15 +250,15 @@ class TopicFilter:
 
     def judge(
         self, message_reports: Sequence[MessageReport], reports: Any
-    ) -> list[list[DiagnosticStatus]]:
-        """Return what is to be said at each REPORT_TIME."""
-        statuses = []
+    ) -> Iterator[list[DiagnosticStatus]]:
+        """Judge each report; return what is to be said at it, worded where that is asked for."""
+        judged = []
         for report, seconds in zip(message_reports, reports['seconds'].tolist(), strict=True):
             span, of_input, of_filter = self._health.rules(report, seconds)
             if self._watcher is not None:
                 self._watcher.judge(span, of_input + of_filter, seconds)
-            statuses.append(self._health.statuses(span, of_input, of_filter))
-        return statuses
+            judged.append((span, of_input, of_filter))
+        return starmap(self._health.statuses, judged)
 
     def _listen(self, kind: str, data: bytes) -> None:
         """Tell the filter what another topic says, passing over what can't be read."""

@@ -46,7 +46,8 @@ def read_flagged(
 
     with open_bag(bag) as recording:
         inputs, hint = selection.inputs(recording), selection.hint_topic(recording)
-        run = ReplayRun(recording, NoOutput(1), parameters, inputs, watched, hint)
+        output = NoOutput(1)
+        run = ReplayRun(recording, output, parameters, inputs, watched, hint, is_judged=False)
         for piece in selection.pieces(recording, progress):
             run.take(piece)
         (summary,) = run.finish()

@@ -186,7 +186,7 @@ class FlaggedLog:
         return found
 
     def judge(self, span: Span, rules: Sequence[Rule], seconds: float) -> None:
-        """Pass over the reports."""
+        """Pass over the reports, of which there are none where a recording is explained."""
 
     def _add(self, axis: int, number: int, log_time: int, rate: float, result: Any) -> None:
         sequence = self._open[axis]
