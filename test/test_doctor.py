@@ -16,6 +16,7 @@
 
 import json
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault
 from gyro_drift_filter.doctor.live_rules import starts_anew
+from gyro_drift_filter.doctor.publishers import judge_publishers
 from gyro_drift_filter.doctor.repeats import judge_repeats
 from gyro_drift_filter.doctor.rests import (
     judge_accelerometer,
@@ -264,6 +266,24 @@ def test_repeats_count_from_the_second_sample_on(random):
     assert (found.values['repeated'], found.values['times']) == (40, 1)
     # There are three values without an accelerometer, and six with one.
     assert found.text.startswith('every value is that of the sample before in 40 samples')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'look',
+    [
+        pytest.param(lambda rates: judge_publishers(rates, 1), id='publishers'),
+        pytest.param(lambda rates: judge_repeats(rates, rates), id='repeats'),
+    ],
+)
+def test_many_samples_are_looked_at_in_parts_of_a_few_megabytes(look, random):
+    rates = tuple(random.standard_normal((3, 1 << 20)))
+    tracemalloc.start()
+    found = look(rates)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.verdict == 'sound'
+    assert peak < 60e6
 
 
 def test_a_driver_that_polls_repeats_samples(found):

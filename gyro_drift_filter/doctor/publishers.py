@@ -33,6 +33,8 @@ _STRETCH = 200
 # The difference has to be that many of its deviations, in that share of the stretches. Noise of any
 # spectrum gives it in none, sensors that take turns in all in which no message is lost.
 _DEVIATIONS, _SHARE = 8.0, 0.5
+# Samples that are looked at together: three columns of them are one part's worth.
+_TOGETHER = LARGEST_PART // 3
 
 
 class TakenTurns:
@@ -82,8 +84,8 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
         connections: Publishers that the recording names for the topic.
     """
     turns = TakenTurns()
-    for first in range(0, len(rates[0]), LARGEST_PART):
-        turns.take(stacked(rates, slice(first, first + LARGEST_PART)))
+    for first in range(0, len(rates[0]), _TOGETHER):
+        turns.take(stacked(rates, slice(first, first + _TOGETHER)))
     found: dict[str, Any] = {'connections': connections, 'share_apart': turns.share}
     if faults := turns.faults():
         return replace(faults[0], values=found)

@@ -23,6 +23,8 @@ from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 
 # Chance gives a count its root; beyond so many of them, and so many, it was not chance.
 _DEVIATIONS, _LEAST = 5.0, 5.0
+# Samples that are compared at once: six columns of them are one part's worth.
+_TOGETHER = LARGEST_PART // 6
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,9 @@ class Repeats:
 def count_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Repeats:
     """Count the repeated samples of rates and accelerations, three columns (n,) each."""
     n, repeated, runs, chance = len(rates[0]), 0, 0, 0
-    for first in range(0, n, LARGEST_PART):
+    for first in range(0, n, _TOGETHER):
         ahead = min(first, 2)
-        part = slice(first - ahead, first + LARGEST_PART)
+        part = slice(first - ahead, first + _TOGETHER)
         values = np.nan_to_num(stacked((*rates, *accelerations), part))
         same, before, between = np.zeros((3, len(values)), np.bool_)
         same[1:] = (values[1:] == values[:-1]).all(axis=1)
