@@ -145,6 +145,8 @@ def test_a_clock_that_is_set_adds_no_time(tmp_path, random):
     stamps[200:] += 3600 * 10**9
     text = ' '.join(as_text(of_samples(tmp_path, rates, accelerations, stamps)).split())
     assert '(1 time; for 1 of 20 s, first at 10 s)' in text
+    # It tells why the drift is told to be more uncertain than the bias at the end.
+    assert 'From there to the next rest the bias is uncertain' in text
 
 
 @pytest.mark.parametrize('apart', [0.0, 0.03])

@@ -190,7 +190,8 @@ _ADVICE = {
     'truncated': 'have the driver round. This filter finds it and undoes it (input.quantisation: '
     'auto); others turn by it',
     'gaps': 'look for what loses them: a slow disk, a full queue, a wireless link, best-effort QoS',
-    'restarted': 'is the recording made of several, or was a clock set?',
+    'restarted': 'is the recording made of several, or was a clock set? From there to the next '
+    'rest the bias is uncertain',
     'outliers': 'look at the rates for spikes: a bad cable, a shared bus, knocks. If motion '
     'was flagged, set method to adaptive, or raise outlier.acceleration if it is adaptive',
     'diverged': 'look at the rates for spikes: a bad cable, a shared bus, knocks',
