@@ -98,6 +98,12 @@ def _biases(
     return np.concatenate(biases)
 
 
+def _roll(accelerations: Array, angle: Array) -> None:
+    """Turn gravity by angles (n,) in rad about x, in accelerations (n, 3) of an upright body."""
+    accelerations[:, 1] += GRAVITY * np.sin(angle)
+    accelerations[:, 2] += GRAVITY * (np.cos(angle) - 1.0)
+
+
 def slow_turn(
     random: np.random.Generator, speed: float, rate: float, *, upright: bool, silent: bool
 ) -> tuple[float, float]:
@@ -111,9 +117,8 @@ def slow_turn(
     begin, axis = round(REST * rate), 2 if upright else 0
     rates[begin:, axis] += speed * DEGREE
     if not upright:
-        angle = speed * DEGREE / rate * np.arange(len(rates) - begin)
-        accelerations[begin:, 1] += GRAVITY * np.sin(angle)
-        accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
+        time = np.arange(len(rates) - begin) / rate
+        _roll(accelerations[begin:], speed * DEGREE * time)
     bias = _biases(rates, accelerations, rate, silent=silent)[:, axis]
     return float(bias[begin - 1]) / DEGREE, float(bias[-1]) / DEGREE
 
@@ -160,10 +165,8 @@ def rolled(random: np.random.Generator, size: float, period: float, rate: float)
     angle = size * DEGREE * np.sin(2.0 * np.pi * time / period)
     rates *= ROLL_NOISE
     rates[begin:, 0] += np.gradient(angle, 1.0 / rate)
-    accelerations[begin:, 1] += GRAVITY * np.sin(angle)
-    accelerations[begin:, 2] += GRAVITY * (np.cos(angle) - 1.0)
-    bias = _biases(rates, accelerations, rate)[begin:, 0]
-    return float(np.abs(np.cumsum(bias)).max() / rate) / DEGREE
+    _roll(accelerations[begin:], angle)
+    return _largest_angle(_biases(rates, accelerations, rate)[begin:, 0], rate)
 
 
 def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
