@@ -138,7 +138,7 @@ def entry_kernel(*types: Any) -> Callable[[Function], Function]:
 
 
 def has_to_compile() -> bool:
-    """Tell whether kernels have to be compiled first."""
+    """Tell whether kernels have to be compiled first; use the extension module if it is there."""
     return is_compiled() and not use_extension() and not cache.is_noted(complete_note())
 
 
