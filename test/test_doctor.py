@@ -651,6 +651,22 @@ def test_stamps_that_count_from_the_start_or_overflow_are_told_as_such():
     assert late.advice.startswith('seconds of stamps have 32 bits and overflow in January 2038')
 
 
+def test_a_recording_that_is_played_again_and_again_has_a_clock_that_steps_and_no_drift():
+    logged = 10**18 + 10_000_000 * np.arange(40_000)
+    looped = judge_log_clock(10**18 + 10_000_000 * (np.arange(40_000) % 8000), logged)
+    assert looped.name == 'clock steps'
+    assert looped.text.endswith('by 80 s at once, 4 times')
+    assert 'played again and again' in looped.advice
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_delays_that_wander_are_no_steps_of_a_clock(seed):
+    wander = np.cumsum(np.random.default_rng(seed).normal(0.0, 0.2, 100))
+    stamps = 10**18 + 10_000_000 * np.arange(40_000)
+    logged = stamps + np.repeat(1e9 * (wander - wander.min() + 0.01), 400).astype(np.int64)
+    assert judge_log_clock(stamps, logged).name != 'clock steps'
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('drift', 'offset', 'step', 'expected'),

@@ -29,6 +29,8 @@ Floats = NDArray[np.float64]
 # of a second; a clock that is set jumps by more than messages take.
 _DRIFT, _DRIFT_SECONDS = 2e-4, 0.01
 _CLOCK_STEP = 0.1
+# A step stands out by this factor from how offsets move otherwise: no delay that scatters does.
+_STANDS_OUT = 10.0
 # Recorders log within a tenth of a second, busy ones in two. The future begins behind what clocks
 # of two machines are off by.
 _OFFSET, _AHEAD = 1.0, 0.005
@@ -64,16 +66,21 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         'drift_ppm': 1e6 * drift,
         'drift_ppm_deviation': 1e6 * spread,
     }
+    steps = _steps(offsets)
     step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
-    if step > _CLOCK_STEP and step > 0.5 * float(np.ptp(offsets)):
+    if step > _CLOCK_STEP and max(step, abs(steps.sum())) > 0.5 * float(np.ptp(offsets)):
+        times = f', {len(steps)} times' if len(steps) > 1 else ''
         advice = 'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
         advice += 'recording'
         if abs(step - _OVERFLOW) < _OFFSET:
             advice = 'seconds of stamps have 32 bits and overflow in January 2038: set the clock '
             advice += 'of the stamps right, or divide the recording there'
+        elif times:
+            advice = 'is it of a recording that was played again and again, or of several? Else '
+            advice += 'a clock was set while recording (NTP, PTP)'
         return fault(
             'clock steps',
-            f'the clock of the stamps jumps against the log times by {step:.3g} s at once',
+            f'the clock of the stamps jumps against the log times by {step:.3g} s at once{times}',
             advice,
             values | {'step_seconds': step},
         )
@@ -123,6 +130,16 @@ def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:
         offsets[k] = (log[least] - stamp[least]) * 1e-9
         places[k] = (log[least] - begin) * 1e-9
     return offsets, places
+
+
+def _steps(offsets: Floats) -> Floats:
+    """Return the steps in s by which offsets (b,) jump, beside how they move otherwise."""
+    if len(offsets) < 2:
+        return np.zeros(0)
+    moves = np.diff(offsets)
+    moves -= np.median(moves)
+    usual = float(np.median(np.abs(moves)))
+    return np.asarray(moves[np.abs(moves) > max(_CLOCK_STEP, _STANDS_OUT * usual)])
 
 
 def _are_equal(stamps: Values, log_times: Values) -> bool:
