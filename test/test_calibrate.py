@@ -340,6 +340,19 @@ def test_other_faults_than_scale_are_no_calibration(change, message, random):
         calibrate([samples(turns, change)])
 
 
+@pytest.mark.slow
+def test_a_robot_that_drives_is_told_to_lay_the_sensor_down(random):
+    """Its motors shake the rates, so turns did not close; it was asked for a wrong sign."""
+    moving = np.arange(6000) % 1200 >= 200
+    rates, accelerations = 2e-3 * random.standard_normal((2, 6000, 3))
+    accelerations[:, 2] += 9.8
+    rates[moving] += 0.1 * random.standard_normal((moving.sum(), 3))
+    accelerations[moving] += 0.3 * random.standard_normal((moving.sum(), 3))
+    driven = Samples(even_stamps(6000, 50), rates, accelerations)
+    with pytest.raises(CalibrationError, match='on one side, as those of a robot'):
+        calibrate([driven])
+
+
 def burst(stamps, rates, accelerations):
     """Have the driver stamp five samples as they arrive together."""
     stamps[:] = stamps[np.minimum(np.arange(len(stamps)) // 5 * 5 + 4, len(stamps) - 1)]

@@ -145,7 +145,7 @@ def make_result(
     parts, unknowns = evidence.rests, solution.unknowns
     before, after = (_closures(evidence, x) for x in (_with_identity(unknowns), unknowns))
     matrix = unknowns[MATRIX].reshape(3, 3)
-    _check_matrix(matrix, after)
+    _check_matrix(matrix, after, _how_it_was_turned(evidence, unknowns))
     deviations = np.sqrt(np.diag(solution.covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
     warnings = what_is_wrong(sessions, parts)
@@ -215,7 +215,20 @@ def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) ->
     )
 
 
-def _check_matrix(matrix: Floats, after: Closures) -> None:
+def _how_it_was_turned(evidence: Evidence, unknowns: Floats) -> str:
+    """Return what to ask where no calibration fits."""
+    by_gravity = not (evidence.references or any(part.turns for part in evidence.rests))
+    if by_gravity and _sides(evidence.rests, unknowns) == 1:
+        return (
+            'All rests are on one side, as those of a robot that drives, so gravity tells nothing '
+            f'of the turns between them: lay the sensor down in {POSES}'
+        )
+    return (
+        'Has an axis a wrong sign, are axes swapped, or the stamps wrong? `gyro_drift doctor` tells'
+    )
+
+
+def _check_matrix(matrix: Floats, after: Closures, question: str) -> None:
     why = ''
     try:
         Parameters(calibration_matrix=tuple(matrix.ravel().tolist()))
@@ -224,10 +237,8 @@ def _check_matrix(matrix: Floats, after: Closures) -> None:
     if len(after.angles) and np.median(after.angles) > OPEN:
         why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
     if why:
-        raise CalibrationError(
-            f'no calibration fits the turns: {why}. Has an axis a wrong sign, are axes '
-            'swapped, or the stamps wrong? `gyro_drift doctor` tells'
-        )
+        end = '' if why.endswith('?') else '.'
+        raise CalibrationError(f'no calibration fits the turns: {why}{end} {question}')
 
 
 def _with_identity(unknowns: Floats) -> Floats:
