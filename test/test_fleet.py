@@ -347,6 +347,22 @@ def test_bags_are_found_and_have_a_robot(small, tmp_path):
             find_bags([source], pattern)
 
 
+def test_links_to_folders_are_followed_and_no_bag_is_found_twice(small, tmp_path):
+    """A folder of links to bags on other disks held no bag, and of a mixed one a part was lost."""
+    robots = tmp_path / 'robots'
+    robots.mkdir()
+    (robots / 'robot_00').symlink_to(small / 'robot_00')
+    (robots / 'robot_01').mkdir()
+    for bag in sorted((small / 'robot_01').iterdir()):
+        (robots / 'robot_01' / bag.name).symlink_to(bag)
+    (robots / 'robot_01' / 'latest').symlink_to('day_01')
+    (robots / 'up').symlink_to('..')
+    linked, direct = (find_bags([str(source)], None) for source in (robots, small))
+    assert [(bag.below, bag.robot, bag.sizes) for bag in linked] == [
+        (bag.below, bag.robot, bag.sizes) for bag in direct
+    ]
+
+
 def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
     out = str(tmp_path / 'out')
     for options, why in (

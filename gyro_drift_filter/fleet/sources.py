@@ -18,7 +18,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fsspec.core import url_to_fs
@@ -143,7 +143,7 @@ def _bags_in(
     """Yield the bags that a path `top` of a file system is or holds, named from `above` on."""
     named = files.info(top)
     is_bag = named['type'] == 'file' and shown(top).endswith(FILE_SUFFIXES)
-    details = {top: named} if is_bag else files.find(top, detail=True)
+    details = {top: named} if is_bag else _files_under(files, top)
     folders = {path.rpartition('/')[0] for path in details if path.endswith(f'/{_METADATA}')}
     bags: dict[str, dict[str, Any]] = {}
     for path, detail in details.items():
@@ -164,6 +164,27 @@ def _bags_in(
         below = path[len(above) :].strip('/') or PurePosixPath(name).name
         sizes = {place: int(detail['size']) for place, detail in sorted(of_bag.items())}
         yield Bag(name, robot, below, sizes, _checksum(of_bag, source), address)
+
+
+def _files_under(files: Any, top: str) -> dict[str, Any]:
+    """Return what a file system says of each file under a path, links to folders included.
+
+    A link is passed over that leads to what is found without it, or to what it stands in itself.
+    """
+    details: dict[str, Any] = {}
+    pending, known = [top], [Path(top).resolve()]
+    while pending:
+        for path, detail in files.find(pending.pop(), detail=True).items():
+            link = Path(path)
+            if not (detail.get('islink') and link.is_dir()):
+                details[path] = detail
+                continue
+            folder = link.resolve()
+            is_within = link.parent.resolve().is_relative_to(folder)
+            if not (is_within or any(folder.is_relative_to(other) for other in known)):
+                known.append(folder)
+                pending.append(path)
+    return details
 
 
 def _hidden(below: str) -> bool:
