@@ -325,7 +325,7 @@ def test_the_longest_stretch_is_told_where_none_is_long_enough(random):
 
 @pytest.mark.parametrize('n', [0, 1, 5, 16, 99])
 def test_few_samples_are_no_fault(n):
-    timing = Timing(PERIOD, np.zeros(0, np.int64), 0.0)
+    timing = Timing(PERIOD, np.zeros(0, np.int64), np.zeros(0), 0.0)
     quiet = find_quiet(timing, np.zeros((n, 3)), np.zeros((n, 3)))
     assert quiet.spans == ()
 

@@ -17,7 +17,9 @@
 import numpy as np
 import pytest
 
+from gyro_drift_filter.fleet.noise import identify_noise
 from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify.series import columns
 from gyro_drift_filter.identify.timing import learn_timing
 
 PERIOD_NS = 10_000_000
@@ -52,6 +54,29 @@ def test_gaps_and_jumps_back_cut_and_leave_the_period_alone():
     assert timing.breaks.tolist() == [1000, 3000]
     assert timing.period == pytest.approx(0.01, rel=1e-3)
     assert timing.uneven == 0.0
+
+
+def test_time_goes_on_where_stamps_jump_back():
+    """Rests behind a clock that was set were at -6959 s, and those of loops at the same time."""
+    stamps = even(6000)
+    stamps[1000:] += 700_000_000
+    stamps[3000:] -= 20_000_000_000
+    timing = learn_timing(stamps)
+    times = [timing.seconds_at(stamps, k) for k in (0, 999, 1000, 2999, 3000, 5999)]
+    assert times == pytest.approx([0.0, 9.99, 10.7, 30.69, 30.7, 60.69])
+
+
+@pytest.mark.slow
+def test_the_trend_of_a_bias_is_that_of_the_time_that_goes_on(random):
+    stamps = even(30_000)
+    rates = 1e-3 * random.standard_normal((30_000, 3)) + 2e-5 * np.arange(30_000)[:, None] / 100
+    forces = np.array([0.0, 0.0, 9.8]) + 0.02 * random.standard_normal((30_000, 3))
+    looped = even(10_000)[np.arange(30_000) % 10_000]
+    found = [identify_noise(s, columns(rates), columns(forces)) for s in (stamps, looped)]
+    for axes in zip(*found, strict=True):
+        plain, again = (axis.trend for axis in axes)
+        assert plain == pytest.approx(2e-5, rel=0.05)
+        assert again == pytest.approx(plain, rel=0.05)
 
 
 def test_a_slow_sensor_has_no_gaps():

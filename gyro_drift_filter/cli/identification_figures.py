@@ -27,8 +27,9 @@ from statsmodels.tsa.stattools import acf
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
-from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts, seconds_at
+from gyro_drift_filter.identify.series import LARGEST_PART, Stored, all_parts
 from gyro_drift_filter.identify.spectrum import spectrum
+from gyro_drift_filter.identify.timing import Timing
 from gyro_drift_filter.whole_file import draw_whole
 
 _RAW, _MODEL, _CHOSEN, _REST = '#8a94a6', '#d1722b', '#1f5fa8', '#2a8a57'
@@ -62,7 +63,7 @@ def draw(
     title = 'Static output (figure 1 of the paper)' if motionless else 'Recording, rests shaded'
 
     def recording(panel: Axes, axis: AxisModel, index: int) -> None:
-        _recording(panel, axis, *_envelope(stamps, rates[index]), result)
+        _recording(panel, axis, *_envelope(result.timing, stamps, rates[index]), result)
 
     drawn: tuple[tuple[str, str, Callable[[Axes, AxisModel, int], None], str], ...] = (
         ('recording', title, recording, 'time (s)'),
@@ -96,7 +97,9 @@ def draw(
     return written
 
 
-def _envelope(stamps: Stored, rate: Stored) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _envelope(
+    timing: Timing, stamps: Stored, rate: Stored
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times in s and rates in deg/s, the least and largest of `_DRAWN` parts."""
     size = max(1, len(stamps) // _DRAWN)
     times, values = [], []
@@ -104,7 +107,7 @@ def _envelope(stamps: Stored, rate: Stored) -> tuple[NDArray[np.float64], NDArra
         part = rate[k : k + size]
         some = part[np.isfinite(part)]
         if len(some):
-            times += 2 * [seconds_at(stamps, k)]
+            times += 2 * [timing.seconds_at(stamps, k)]
             values += [some.min(), some.max()]
     return np.array(times), np.degrees(values)
 

@@ -23,7 +23,7 @@ from gyro_drift_filter.identify.allan import Allan, allan_deviation
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
 from gyro_drift_filter.identify.quiet import SHORTEST_QUIET, find_quiet
-from gyro_drift_filter.identify.series import Values, seconds_at
+from gyro_drift_filter.identify.series import Values
 from gyro_drift_filter.identify.timing import learn_timing
 
 
@@ -53,7 +53,7 @@ def identify_noise(
         return nothing
     if sum(map(len, spans)) * timing.period < SHORTEST_QUIET:
         return nothing
-    begins = [seconds_at(stamps, span.first) for span in spans]
+    begins = [timing.seconds_at(stamps, span.first) for span in spans]
     ends = [begin + len(span) * timing.period for begin, span in zip(begins, spans, strict=True)]
     found: list[AxisNoise | None] = []
     for rate in rates:

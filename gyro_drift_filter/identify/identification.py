@@ -62,7 +62,6 @@ from gyro_drift_filter.identify.series import (
     columns,
     mean_square,
     parts,
-    seconds_at,
 )
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.identify.tones import Tone, find_tones
@@ -161,8 +160,8 @@ def identify(
     """
     timing, rates, accelerations = learn_timing(stamps), columns(rates), columns(accelerations)
     quiet = find_quiet(timing, rates, accelerations)
-    begins = tuple(seconds_at(stamps, span.first) for span in quiet.spans)
-    seconds = _require_rest(quiet, stamps, rates, timing.period)
+    begins = tuple(timing.seconds_at(stamps, span.first) for span in quiet.spans)
+    seconds = _require_rest(quiet, stamps, rates, timing)
     dead = [dead_value(rate) for rate in rates]
     if None not in dead:
         raise IdentificationError(
@@ -190,13 +189,14 @@ def identify(
 
 
 def _require_rest(
-    quiet: Quiet, stamps: NDArray[np.int64] | Stored, rates: Sequence[Values], period: float
+    quiet: Quiet, stamps: NDArray[np.int64] | Stored, rates: Sequence[Values], timing: Timing
 ) -> float:
     """Return the length of all rests in s.
 
     Raises:
         IdentificationError: It is too short; the text says which was the longest rest.
     """
+    period = timing.period
     seconds = sum(map(len, quiet.spans)) * period
     if seconds >= SHORTEST_QUIET:
         return seconds
@@ -217,7 +217,7 @@ def _require_rest(
         raise IdentificationError(
             f'no rest: even the quietest second of the recording moves; {needed}'
         )
-    begin = seconds_at(stamps, quiet.longest.first)
+    begin = timing.seconds_at(stamps, quiet.longest.first)
     longest = f'{rounded_down(len(quiet.longest) * period)} s, from {begin:.1f} s after the start'
     if not quiet.spans:
         raise IdentificationError(

@@ -185,11 +185,6 @@ def value_at(values: NDArray[Any] | Values, index: int) -> Any:
     return values[index : index + 1][0]
 
 
-def seconds_at(stamps: NDArray[np.int64] | Values, index: int) -> float:
-    """Return the time of a sample in s from the first one, by stamps (n,) in ns."""
-    return float(value_at(stamps, index) - value_at(stamps, 0)) * 1e-9
-
-
 def columns(values: Floats | tuple[Values, ...]) -> tuple[Values, ...]:
     """Return the columns of an array (n, 3), or what is given as columns."""
     return values if isinstance(values, tuple) else tuple(values.T)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, value_at
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,12 +46,19 @@ class Timing:
     Attributes:
         period: In s.
         breaks: (g,) index of each sample before which time is missing, or jumps back.
+        set_back: (g,) by how much it jumps back there, in s; 0 where it is missing.
         uneven: Share of the other steps that are off by more than half a period.
     """
 
     period: float
     breaks: Integers
+    set_back: Floats
     uneven: float
+
+    def seconds_at(self, stamps: Integers | Values, index: int) -> float:
+        """Return the time of a sample in s since the first; it goes on where stamps jump back."""
+        since = float(value_at(stamps, index) - value_at(stamps, 0)) * 1e-9
+        return since + float(self.set_back[self.breaks <= index].sum())
 
 
 def learn_timing(stamps: Integers | Values) -> Timing:
@@ -69,13 +76,15 @@ def learn_timing(stamps: Integers | Values) -> Timing:
     if not any(map(len, periods)):
         raise IdentificationError(_why_no_period(stamps))
     period = float(np.median(np.concatenate(periods)))
-    breaks, uneven, even = [np.zeros(0, np.int64)], 0, 0
+    breaks, set_back, uneven, even = [np.zeros(0, np.int64)], [np.zeros(0)], 0, 0
     for first, steps in _steps(stamps):
         jumps = _jumps(steps, period)
         breaks.append(first + 1 + np.flatnonzero(jumps))
+        set_back.append(np.where(steps < 0.0, period - steps, 0.0)[jumps])
         off = np.abs(steps[~jumps] - period) > UNEVEN * period
         uneven, even = uneven + int(off.sum()), even + len(off)
-    return Timing(period, np.concatenate(breaks), uneven / even if even else 0.0)
+    share = uneven / even if even else 0.0
+    return Timing(period, np.concatenate(breaks), np.concatenate(set_back), share)
 
 
 def _why_no_period(stamps: Integers | Values) -> str:
