@@ -20,7 +20,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
@@ -36,11 +36,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with unfinished.open('wb') as lock:
-                # It tells that the process writes. On a disk without locks nobody asks for it, and
-                # who removes the file before it is locked costs nothing, as it is empty.
-                with suppress(OSError):
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with _locked(unfinished):
                 yield unfinished
                 # Else a power cut may leave the new name without the content.
                 _put_on_disk(unfinished)
@@ -52,6 +48,21 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         why = error.strerror or reason(error)
         raise GyroDriftFilterError(f'{path} can not be written: {why}') from error
+
+
+def _locked(path: Path) -> BinaryIO:
+    """Return a file that is open, empty, and locked, which tells others that the process writes.
+
+    Who has looked before it was locked removes it, and lets go at once: then it is made anew. On a
+    disk without locks nobody removes it.
+    """
+    while True:
+        file = path.open('wb')
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if path.exists():
+            return file
+        file.close()
 
 
 def remove_abandoned(path: Path) -> None:

@@ -15,6 +15,7 @@
 """Files that are written whole: they are on the disk before they have their name."""
 
 import errno
+import fcntl
 import os
 import subprocess
 import sys
@@ -112,6 +113,23 @@ def test_what_a_killed_process_has_left_is_removed_and_nothing_of_one_that_runs(
     assert left.read_text() == 'ne'
     remove_abandoned(path)
     assert list(path.parent.iterdir()) == [path]
+    assert path.read_text() == 'new'
+
+
+def test_who_looks_before_the_lock_is_there_does_not_remove_what_is_written_then(path, monkeypatch):
+    """Of three nodes that kept a bias in one file at the same time some could not."""
+    flock, looked = fcntl.flock, []
+
+    def late(file, operation):
+        if not looked:
+            looked.extend(path.parent.glob('.file.*.incomplete'))
+            looked[0].unlink()
+        flock(file, operation)
+
+    monkeypatch.setattr(fcntl, 'flock', late)
+    with whole_file(path) as unfinished:
+        unfinished.write_text('new')
+        remove_abandoned(path)
     assert path.read_text() == 'new'
 
 
