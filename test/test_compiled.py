@@ -72,7 +72,20 @@ def compiled(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def results(compiled):
+def without_extension_module(compiled, pytestconfig):
+    """Folder with numba's own files alone, which pytest keeps for the next run of the tests."""
+    place = pytestconfig.cache.mkdir('kernels')
+    shutil.copytree(
+        compiled[0], place, ignore=shutil.ignore_patterns('*.so', '*.npz'), dirs_exist_ok=True
+    )
+    for of_kernels in list((place / 'gyro_drift_filter').iterdir()):
+        if of_kernels.name != cache.folder().name:
+            shutil.rmtree(of_kernels)
+    return place
+
+
+@pytest.fixture(scope='module')
+def results(compiled, without_extension_module):
     """Return a function of a way to what happens to an eventful recording, by it."""
     folder, complaint = compiled
     known = {}
@@ -82,10 +95,7 @@ def results(compiled):
             pytest.skip(f'no C++ compiler here: {complaint}')
         if way not in known:
             out = folder / f'{way}.npz'
-            # Where numba is asked for, a folder of notes and numba's own files alone.
-            place = folder if way == 'extension' else folder / 'no_extension'
-            if not place.exists():
-                shutil.copytree(folder, place, ignore=shutil.ignore_patterns('*.so', '*.npz'))
+            place = folder if way == 'extension' else without_extension_module
             code = f'from support.eventful import main; main({str(out)!r}, {way!r})'
             search_path = os.pathsep.join([str(TESTS), os.environ.get('PYTHONPATH', '')])
             environment = {'XDG_CACHE_HOME': str(place), 'NUMBA_CACHE_DIR': ''}
@@ -141,10 +151,12 @@ print(called, 'called')
 """
 
 
-def test_kernels_are_compiled_for_the_declared_types_alone(results, compiled, tmp_path):
+def test_kernels_are_compiled_for_the_declared_types_alone(
+    results, without_extension_module, tmp_path
+):
     """In a replay and in the node's way: nothing else is compiled, nor missing ahead of time."""
-    results('numba')  # makes the folder without the extension module
-    place = str(compiled[0] / 'no_extension')
+    results('numba')
+    place = str(without_extension_module)
     code = SIGNATURES.replace('sys.argv[1]', repr(str(tmp_path)))
     count, _ = output(code, XDG_CACHE_HOME=place, NUMBA_CACHE_DIR='').split('\n')[-1].split()
     assert int(count) >= 8
