@@ -109,6 +109,6 @@ def _piece(times: list[int], channels: list[int], contents: Iterable[bytes]) -> 
     rows = np.empty(len(times), ROW)
     rows['log_time'] = np.array(times, np.uint64).view(np.int64)
     rows['channel'] = channels
-    rows['size'] = [len(content) for content in contents]
-    rows['start'] = np.cumsum(rows['size']) - rows['size']
+    sizes = np.array([len(content) for content in contents], np.int64)
+    rows['size'], rows['start'] = sizes, np.cumsum(sizes) - sizes
     return Piece(np.frombuffer(b''.join(contents), np.uint8), rows)

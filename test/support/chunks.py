@@ -41,8 +41,8 @@ def read_messages(path: Path, layout: Layout, numbers: Any) -> Iterator[tuple[An
 def piece_of(messages: Sequence[bytes]) -> Piece:
     """Return a piece that consists of these messages, all of one channel."""
     rows = np.zeros(len(messages), ROW)
-    rows['size'] = [len(message) for message in messages]
-    rows['start'] = np.cumsum(rows['size']) - rows['size']
+    sizes = np.array([len(message) for message in messages], np.int64)
+    rows['size'], rows['start'] = sizes, np.cumsum(sizes) - sizes
     return Piece(np.frombuffer(bytearray().join(messages), np.uint8), rows)
 
 
