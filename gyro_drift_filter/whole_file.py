@@ -53,16 +53,15 @@ def whole_file(path: Path) -> Iterator[Path]:
 def _locked(path: Path) -> BinaryIO:
     """Return a file that is open, empty, and locked, which tells others that the process writes.
 
-    Who has looked before it was locked removes it, and lets go at once: then it is made anew. On a
-    disk without locks nobody removes it.
+    It gets its name when the lock is held, as in `bags/unfinished.py`: else who looks in between
+    removes it.
     """
-    while True:
-        file = path.open('wb')
-        with suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX)
-        if path.exists():
-            return file
-        file.close()
+    unheld = path.with_name(f'{path.name}.new')
+    file = unheld.open('wb')
+    with suppress(OSError):  # a disk without locks: nobody removes it then
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    unheld.rename(path)
+    return file
 
 
 def remove_abandoned(path: Path) -> None:
