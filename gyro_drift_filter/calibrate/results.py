@@ -145,7 +145,7 @@ def make_result(
     parts, unknowns = evidence.rests, solution.unknowns
     before, after = (_closures(evidence, x) for x in (_with_identity(unknowns), unknowns))
     matrix = unknowns[MATRIX].reshape(3, 3)
-    _check_matrix(matrix, after, _how_it_was_turned(evidence, unknowns))
+    _check_matrix(matrix, after, evidence, unknowns)
     deviations = np.sqrt(np.diag(solution.covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
     warnings = what_is_wrong(sessions, parts)
@@ -215,20 +215,7 @@ def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) ->
     )
 
 
-def _how_it_was_turned(evidence: Evidence, unknowns: Floats) -> str:
-    """Return what to ask where no calibration fits."""
-    by_gravity = not (evidence.references or any(part.turns for part in evidence.rests))
-    if by_gravity and _sides(evidence.rests, unknowns) == 1:
-        return (
-            'All rests are on one side, as those of a robot that drives, so gravity tells nothing '
-            f'of the turns between them: lay the sensor down in {POSES}'
-        )
-    return (
-        'Has an axis a wrong sign, are axes swapped, or the stamps wrong? `gyro_drift doctor` tells'
-    )
-
-
-def _check_matrix(matrix: Floats, after: Closures, question: str) -> None:
+def _check_matrix(matrix: Floats, after: Closures, evidence: Evidence, unknowns: Floats) -> None:
     why = ''
     try:
         Parameters(calibration_matrix=tuple(matrix.ravel().tolist()))
@@ -238,7 +225,21 @@ def _check_matrix(matrix: Floats, after: Closures, question: str) -> None:
         why = f'{np.degrees(np.median(after.angles)):.0f} deg are left of each'
     if why:
         end = '' if why.endswith('?') else '.'
-        raise CalibrationError(f'no calibration fits the turns: {why}{end} {question}')
+        advice = _advice(evidence, unknowns)
+        raise CalibrationError(f'no calibration fits the turns: {why}{end} {advice}')
+
+
+def _advice(evidence: Evidence, unknowns: Floats) -> str:
+    """Return what to ask or do where no calibration fits."""
+    by_gravity = not (evidence.references or any(part.turns for part in evidence.rests))
+    if by_gravity and _sides(evidence.rests, unknowns) == 1:
+        return (
+            'All rests are on one side, as those of a robot that drives, so gravity tells nothing '
+            f'of the turns between them: lay the sensor down in {POSES}'
+        )
+    return (
+        'Has an axis a wrong sign, are axes swapped, or the stamps wrong? `gyro_drift doctor` tells'
+    )
 
 
 def _with_identity(unknowns: Floats) -> Floats:
