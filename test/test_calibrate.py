@@ -21,10 +21,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.calibrate import turning
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import find_rests, make_track
-from gyro_drift_filter.calibrate.turning import Leg, rotations, turn, turn_alone
+from gyro_drift_filter.calibrate.turning import (
+    Leg,
+    integrals,
+    rotations,
+    step_vectors,
+    turn,
+    turn_alone,
+)
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
 from support.messages import even_stamps
 from support.paths import RECORDINGS, recorded
@@ -349,8 +357,10 @@ def test_a_robot_that_drives_is_told_to_lay_the_sensor_down(random):
     rates[moving] += 0.1 * random.standard_normal((moving.sum(), 3))
     accelerations[moving] += 0.3 * random.standard_normal((moving.sum(), 3))
     driven = Samples(even_stamps(6000, 50), rates, accelerations)
+    tried = []
     with pytest.raises(CalibrationError, match='on one side, as those of a robot'):
-        calibrate([driven])
+        calibrate([driven], progress=lambda done, total: tried.append(done))
+    assert len(tried) < 40  # 15 scales, and one round for a matrix that vanishes
 
 
 def burst(stamps, rates, accelerations):
@@ -391,7 +401,8 @@ def test_a_turn_and_what_it_depends_on(random):
     time = np.arange(301) * 0.01
     raw = np.column_stack([2 * np.sin(1.3 * time), 1.5 * np.cos(2 * time), 1 + np.sin(3 * time)])
     steps = np.full(300, 0.01)
-    leg = Leg(0, (0, 1), 0.0, 3.0, steps, raw, np.linspace(0.0, 1.0, 300), np.zeros(3))
+    share = np.linspace(0.0, 1.0, 300)
+    leg = Leg(0, (0, 1), 0.0, 3.0, steps, *integrals(raw, steps), share, np.zeros(3))
     matrix = np.eye(3) + 0.03 * random.standard_normal((3, 3))
     way, sensitivity = turn(leg, matrix)
     whole = Rotation.identity()
@@ -400,13 +411,32 @@ def test_a_turn_and_what_it_depends_on(random):
         whole = whole * Rotation.from_rotvec(0.01 * rate)
     np.testing.assert_allclose(way.rotation, whole.as_matrix(), atol=1e-4)
     np.testing.assert_allclose(turn_alone(leg, matrix).rotation, way.rotation, atol=1e-12)
-    before, _ = rotations(raw, steps, matrix)
+    before, _ = rotations(step_vectors(*integrals(raw, steps), matrix))
     np.testing.assert_allclose(np.linalg.norm(before, axis=1), 1.0)
     for entry in range(9):
         changed = matrix.copy()
         changed.ravel()[entry] += 1e-5
         step = Rotation.from_matrix(turn_alone(leg, changed).rotation @ way.rotation.T).as_rotvec()
         np.testing.assert_allclose(step / 1e-5, sensitivity.by_matrix[:, entry], atol=3e-4)
+
+
+def test_samples_faster_than_a_hand_moves_are_taken_together(random, monkeypatch):
+    """A recording of half an hour at 1000 Hz took many minutes, for nothing."""
+    _, turns = laid_down(random, [UP, about('x', 90)], rate=1000.0)
+    track = make_track(turns.stamps, turns.rates, turns.accelerations)
+    ends = find_rests(track).rests
+    legs = []
+    for seconds in (turning.STEP_SECONDS, 0.0):
+        monkeypatch.setattr(turning, 'STEP_SECONDS', seconds)
+        legs.append(turning.make_leg(track, 0, (0, 1), ends, 1e-4 * np.eye(3)))
+    together, single = legs
+    assert len(together.steps) < 0.11 * len(single.steps)
+    matrix = np.eye(3) + 0.03 * random.standard_normal((3, 3))
+    (way, by), (finest, by_finest) = (turn(leg, matrix) for leg in legs)
+    np.testing.assert_allclose(way.rotation, finest.rotation, atol=1e-8)
+    assert way.angle == pytest.approx(finest.angle, rel=1e-3)
+    np.testing.assert_allclose(by.by_matrix, by_finest.by_matrix, atol=1e-4)
+    np.testing.assert_allclose(by.by_biases, by_finest.by_biases, atol=1e-4)
 
 
 @pytest.mark.slow

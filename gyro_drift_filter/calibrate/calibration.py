@@ -18,7 +18,7 @@ Weighted least squares over all that the recordings say, with the figures of dat
 say nothing. What does not fit is trusted less, and told.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,12 +63,18 @@ class Samples:
     reference: Reference | None = None
 
 
-def calibrate(recordings: Sequence[Samples], *, turns: bool = False) -> Calibration:
+def calibrate(
+    recordings: Sequence[Samples],
+    *,
+    turns: bool = False,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Calibration:
     """Find the matrix of a gyroscope from recordings of it, each with its own bias.
 
     Args:
         recordings: One or more.
         turns: Whether full turns by hand led back to the same edge.
+        progress: Called with the number of matrices tried, and 0, as their total is not known.
 
     Raises:
         CalibrationError: They tell nothing of it; the text says what to do.
@@ -87,7 +93,7 @@ def calibrate(recordings: Sequence[Samples], *, turns: bool = False) -> Calibrat
             references.append(ReferenceOfOneRecording(number, track, reference, density))
     evidence = Evidence(rests, references, _up(sessions))
     _check(sessions, evidence, turns=turns)
-    return make_result(sessions, evidence, solve(evidence), sensitivity)
+    return make_result(sessions, evidence, solve(evidence, progress), sensitivity)
 
 
 def _up(sessions: Sequence[Session]) -> Floats | None:
@@ -117,7 +123,7 @@ def _check(sessions: Sequence[Session], evidence: Evidence, *, turns: bool) -> N
             f'the acceleration at rest is {np.median(sizes):.3g} where gravity is {GRAVITY:.3g} '
             'm/s^2: is it in another unit? `gyro_drift doctor` tells'
         )
-    rates = [np.linalg.norm(leg.raw, axis=1).max() for part in evidence.rests for leg in part.legs]
+    rates = [leg.fastest for part in evidence.rests for leg in part.legs]
     if rates and np.median(rates) > FASTEST:
         raise CalibrationError(
             f'the sensor turned at {np.median(rates):.0f} rad/s by its rates: are they in deg/s '

@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import Track
-from gyro_drift_filter.calibrate.turning import rotations
+from gyro_drift_filter.calibrate.turning import integrals, rotations, step_vectors
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, to_vectors
 
@@ -294,7 +294,7 @@ class ReferenceOfOneRecording:
         seconds = self._track.seconds[span.samples]
         raw = self._track.rates[span.samples] - span.bias
         steps = np.diff(seconds)
-        before, middle = rotations(raw, steps, matrix)
+        before, middle = rotations(step_vectors(*integrals(raw, steps), matrix))
         mean = 0.5 * (raw[1:] + raw[:-1])
         axes = Rotation.from_quat(middle).as_matrix()
         by_matrix = np.einsum('kai,kj,k->kaij', axes, mean, steps).reshape(-1, 3, 9)

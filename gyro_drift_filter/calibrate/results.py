@@ -274,7 +274,7 @@ def _unknown(
 ) -> list[str]:
     """Return in words what is not known well, by what would tell it."""
     legs = [leg for part in parts for leg in part.legs]
-    turned = sum((np.abs(leg.steps @ leg.raw[1:]) for leg in legs), np.zeros(3))
+    turned = sum((np.abs(leg.angles.sum(axis=0)) for leg in legs), np.zeros(3))
     left = [angle for part in parts for angle in part.closures(unknowns).angles]
     opened = float(np.median(left)) if left else 0.0
     entries: dict[str, list[str]] = {}

@@ -14,8 +14,9 @@
 
 """The likeliest unknowns of a calibration, and how far they are known."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,16 +87,25 @@ class Solution:
     mount: Mount | None
 
 
-def solve(evidence: Evidence) -> Solution:
+def solve(evidence: Evidence, progress: Callable[[int, int], None]) -> Solution:
     """Return the likeliest unknowns.
+
+    Args:
+        evidence: What they are to explain.
+        progress: Called with the number of matrices tried, and 0.
 
     Raises:
         CalibrationError: A reference does not turn as the sensor does.
     """
     unknowns, mount = start(), None
+    numbers = count(1)
+
+    def tried() -> None:
+        progress(next(numbers), 0)
+
     if evidence.has_turns:
-        _try_scales(evidence.rests, unknowns)
-        unknowns = _settle(Evidence(evidence.rests, (), None), unknowns, None)
+        _try_scales(evidence.rests, unknowns, tried)
+        unknowns = _settle(Evidence(evidence.rests, (), None), unknowns, None, tried)
     if evidence.references:
         guesses = [reference.guess(evidence.up) for reference in evidence.references]
         mount, unknowns[LATE] = Mount(guesses[0].rotation), guesses[0].late
@@ -104,24 +114,32 @@ def solve(evidence: Evidence) -> Solution:
             set_scale(unknowns, scale)
         for reference in evidence.references:
             reference.divide(mount, unknowns[LATE])
-        unknowns = _settle(evidence, unknowns, mount)
+        unknowns = _settle(evidence, unknowns, mount, tried)
     return Solution(unknowns, _covariance(evidence, unknowns), mount)
 
 
-def _try_scales(rests: Sequence[RestsOfOneRecording], unknowns: Floats) -> None:
+def _try_scales(
+    rests: Sequence[RestsOfOneRecording], unknowns: Floats, tried: Callable[[], None]
+) -> None:
     """Set the nominal scale by which most turns close best."""
     costs = []
-    count = TRIALS * FINER if any(part.turns for part in rests) else TRIALS
-    scales = np.geomspace(1.0 / LARGEST_SCALE, LARGEST_SCALE, count)
+    trials = TRIALS * FINER if any(part.turns for part in rests) else TRIALS
+    scales = np.geomspace(1.0 / LARGEST_SCALE, LARGEST_SCALE, trials)
     for scale in scales:
         set_scale(unknowns, scale)
         angles = np.concatenate([part.closures(unknowns).angles for part in rests])
         costs.append(np.median(angles) + PLAUSIBLE * abs(np.log(scale)))
+        tried()
     set_scale(unknowns, scales[int(np.argmin(costs))])
 
 
-def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats:
-    """Return the least squares; what does not fit is trusted less from round to round."""
+def _settle(
+    evidence: Evidence, unknowns: Floats, mount: Mount | None, tried: Callable[[], None]
+) -> Floats:
+    """Return the least squares; what does not fit is trusted less from round to round.
+
+    A matrix that vanishes along an axis, as nothing tells of turns about it, moves on for ever.
+    """
     step = np.inf
     for _ in range(ROUNDS):
         near = step < NEAR
@@ -129,7 +147,7 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
             mount.turn(unknowns)
             for reference in evidence.references:
                 reference.renew(unknowns, near=near)
-        residuals = _Residuals(evidence)
+        residuals = _Residuals(evidence, tried)
         found = least_squares(
             lambda x, both=residuals: both(x).values,
             unknowns,
@@ -141,18 +159,27 @@ def _settle(evidence: Evidence, unknowns: Floats, mount: Mount | None) -> Floats
         moved = np.abs(found - unknowns)
         step, unknowns = max(moved[MATRIX].max(), moved[TURNED].max(), moved[LATE]), found
         changed = evidence.has_turns and _trust_less(evidence.rests, unknowns)
-        if not changed and step < SETTLED and (near or mount is None):
+        if changed:
+            continue
+        settled = step < SETTLED and (near or mount is None)
+        if settled or (mount is None and _vanishes(unknowns)):
             break
     if mount is not None:
         mount.turn(unknowns)
     return np.asarray(unknowns)
 
 
+def _vanishes(unknowns: Floats) -> bool:
+    """Tell whether a matrix is smaller along some axis than that of any sensor."""
+    singular = np.linalg.svd(unknowns[MATRIX].reshape(3, 3), compute_uv=False)
+    return bool(singular.min() < 1.0 / LARGEST_SCALE)
+
+
 class _Residuals:
     """All residuals; of the last unknowns they are kept, as values and dependence are asked for."""
 
-    def __init__(self, evidence: Evidence) -> None:
-        self._evidence = evidence
+    def __init__(self, evidence: Evidence, tried: Callable[[], None]) -> None:
+        self._evidence, self._tried = evidence, tried
         self._last: tuple[bytes, Residuals] | None = None
 
     def __call__(self, unknowns: Floats) -> Residuals:
@@ -163,6 +190,7 @@ class _Residuals:
             found += [part.residuals(unknowns) for part in self._evidence.references]
             values, jacobians = zip(*found, strict=True)
             self._last = key, Residuals(np.concatenate(values), np.vstack(jacobians))
+            self._tried()
         return self._last[1]
 
 

@@ -19,6 +19,8 @@ With the rate M x, x = raw - bias, the rotation R from the first rest to the sec
     dR = [dphi] R,   dphi = sum R(t) dM x(t) dt
 
 in the axes of the first rest, so one pass over the samples gives the rotation and its derivatives.
+Many matrices are tried. So what does not depend on them is summed up once, over steps of several
+samples where these come faster than hands move.
 """
 
 from dataclasses import dataclass
@@ -32,6 +34,10 @@ from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 
 Floats = NDArray[np.float64]
 
+# s: in less a hand, which trembles at 10 Hz, turns the axis of its rate by too little to tell
+# a third term of the Magnus expansion.
+STEP_SECONDS = 0.01
+
 
 @dataclass(frozen=True)
 class Leg:
@@ -42,9 +48,10 @@ class Leg:
         rests: Indexes of the two rests among all.
         time: Of its start in s.
         seconds: Its length.
-        steps: (n,) times between samples in s.
-        raw: (n + 1, 3) rates less the bias that goes from that of one rest to that of the other,
-            in rad/s.
+        steps: (n,) lengths of its steps, of one or more samples each, in s.
+        angles: (n, 3) integral over each step of the raw rate less the bias, which goes from that
+            of one rest to that of the other, in rad.
+        coning: (n, 3) by how much the rotation is another one as the axis turns meanwhile, in rad.
         share: (n,) of the way from the one bias to the other.
         push: (3,) the acceleration beside one that goes straight from rest to rest, summed up, in
             m/s: what the dependence of the bias on it has done.
@@ -55,9 +62,15 @@ class Leg:
     time: float
     seconds: float
     steps: Floats
-    raw: Floats
+    angles: Floats
+    coning: Floats
     share: Floats
     push: Floats
+
+    @property
+    def fastest(self) -> float:
+        """The largest rate by the raw rates, in rad/s."""
+        return float((np.linalg.norm(self.angles, axis=1) / self.steps).max())
 
 
 @dataclass(frozen=True)
@@ -113,57 +126,72 @@ def make_leg(
         beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
     bias += beside @ sensitivity.T
     steps = np.diff(seconds)
+    angles, coning = integrals(track.rates[span] - bias, steps)
+    first = np.arange(0, len(steps), max(1, round(STEP_SECONDS / track.period)))
+    angles, coning = together(first, angles, coning)
+    middle = 0.5 * (share[1:] + share[:-1]) * steps
+    lengths = np.add.reduceat(steps, first)
     return Leg(
         track=number,
         rests=rests,
         time=float(seconds[0]),
         seconds=float(np.ptp(seconds)),
-        steps=steps,
-        raw=track.rates[span] - bias,
-        share=0.5 * (share[1:] + share[:-1]),
+        steps=lengths,
+        angles=angles,
+        coning=coning,
+        share=np.add.reduceat(middle, first) / lengths,
         push=steps @ beside[1:],
     )
 
 
-def step_vectors(rates: Floats, steps: Floats) -> Floats:
-    """Return the rotation vector (n, 3) of each step between rates (n + 1, 3) in rad/s.
+def integrals(rates: Floats, steps: Floats) -> tuple[Floats, Floats]:
+    """Return two terms (n, 3) of the rotation vector of each step between rates (n + 1, 3).
 
-    The rate is taken to go straight from sample to sample (Magnus expansion to its second term).
+    The rate in rad/s is taken to go straight from sample to sample (Magnus expansion to its second
+    term, by which the axis turns).
     """
-    vectors = 0.5 * steps[:, None] * (rates[1:] + rates[:-1])
-    return np.asarray(vectors + (steps**2 / 12.0)[:, None] * np.cross(rates[:-1], rates[1:]))
+    angles = 0.5 * steps[:, None] * (rates[1:] + rates[:-1])
+    return angles, (steps**2 / 12.0)[:, None] * np.cross(rates[:-1], rates[1:])
 
 
-def rotations(raw: Floats, steps: Floats, matrix: Floats) -> tuple[Floats, Floats]:
-    """Return the rotation since the start, before (n + 1, 4) and in the middle of (n, 4) steps.
+def together(first: NDArray[np.int64], angles: Floats, coning: Floats) -> tuple[Floats, Floats]:
+    """Return the two terms of steps that are taken together, from each `first` to the next."""
+    before = np.cumsum(angles, axis=0) - angles
+    sizes = np.diff(first, append=len(angles))
+    before -= np.repeat(before[first], sizes, axis=0)
+    coning = coning + 0.5 * np.cross(before, angles)
+    return np.add.reduceat(angles, first), np.add.reduceat(coning, first)
 
-    Args:
-        raw: (n + 1, 3) in rad/s, with the bias off.
-        steps: (n,) in s.
-        matrix: (3, 3).
-    """
-    vectors = step_vectors(raw @ matrix.T, steps)
+
+def step_vectors(angles: Floats, coning: Floats, matrix: Floats) -> Floats:
+    """Return the rotation vectors (n, 3) of steps with a matrix, from the two terms without."""
+    cofactors = np.cross(matrix[[1, 2, 0]], matrix[[2, 0, 1]])  # M a x M b = cofactors (a x b)
+    return np.asarray(angles @ matrix.T + coning @ cofactors.T)
+
+
+def rotations(vectors: Floats) -> tuple[Floats, Floats]:
+    """Return the rotation since the start, before (n + 1, 4) and in the middle of (n, 4) steps."""
     before = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], running_products(from_vectors(vectors))])
     return before, multiply(before[:-1], from_vectors(0.5 * vectors))
 
 
 def turn(leg: Leg, matrix: Floats) -> tuple[Turn, Derivatives]:
     """Return what a leg is with a matrix (3, 3), and how that depends on matrix and biases."""
-    before, middle = rotations(leg.raw, leg.steps, matrix)
-    mean = 0.5 * (leg.raw[1:] + leg.raw[:-1]) * leg.steps[:, None]
+    vectors = step_vectors(leg.angles, leg.coning, matrix)
+    before, middle = rotations(vectors)
     axes = Rotation.from_quat(middle).as_matrix()
     # Of the axis i of the turned sensor, times the raw rate j, in the axes of the start.
-    by_matrix = (axes.reshape(-1, 9).T @ mean).reshape(3, 9)
+    by_matrix = (axes.reshape(-1, 9).T @ leg.angles).reshape(3, 9)
     weighted = -leg.steps[:, None, None] * axes
     behind = np.tensordot(leg.share, weighted, 1) @ matrix
     whole = weighted.sum(axis=0) @ matrix
-    way = Turn(Rotation.from_quat(before[-1]).as_matrix(), _angle(mean @ matrix.T))
+    way = Turn(Rotation.from_quat(before[-1]).as_matrix(), _angle(vectors))
     return way, Derivatives(by_matrix, (whole - behind, behind))
 
 
 def turn_alone(leg: Leg, matrix: Floats) -> Turn:
     """Return what a leg is with a matrix (3, 3)."""
-    vectors = step_vectors(leg.raw @ matrix.T, leg.steps)
+    vectors = step_vectors(leg.angles, leg.coning, matrix)
     rotation = running_products(from_vectors(vectors))[-1]
     return Turn(Rotation.from_quat(rotation).as_matrix(), _angle(vectors))
 

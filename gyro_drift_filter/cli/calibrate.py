@@ -97,7 +97,8 @@ def run(options: argparse.Namespace) -> int:
         return 0
     distinct_paths(options.bags)  # a recording that counts twice would seem to be known better
     topics, recordings = zip(*[_read(bag, options) for bag in options.bags], strict=True)
-    result = calibrate(recordings, turns=options.turns)
+    with Progress(enabled=True, unit='matrices tried') as progress:
+        result = calibrate(recordings, turns=options.turns, progress=progress)
     warnings = (f'warning: {warning}' for warning in (*result.warnings, *result.unknown))
     with saying(report(result), options.json, result, warnings) as written:
         source = printable(', '.join(bag.absolute().name for bag in options.bags))
