@@ -66,6 +66,27 @@ def test_time_goes_on_where_stamps_jump_back():
     assert times == pytest.approx([0.0, 9.99, 10.7, 30.69, 30.7, 60.69])
 
 
+@pytest.mark.parametrize('before', [10**10, 9 * 10**17])
+def test_time_goes_on_where_stamps_jump_and_log_times_do_not(before):
+    """Rests behind a clock that was set at boot, 1970 to today, were at 1790000231 s."""
+    log_times = even(6000)
+    log_times[1000:] += 700_000_000
+    stamps = log_times.copy()
+    stamps[:3000] += before - stamps[0]
+    timing = learn_timing(stamps, log_times)
+    assert timing.breaks.tolist() == [1000, 3000]
+    times = [timing.seconds_at(stamps, k) for k in (0, 999, 1000, 2999, 3000, 5999)]
+    assert times == pytest.approx([0.0, 9.99, 10.7, 30.69, 30.7, 60.69], abs=1e-5)
+
+
+def test_time_goes_on_where_a_recorder_has_the_clock_that_is_set_at_boot():
+    stamps = even(6000)
+    stamps[:3000] -= stamps[0]
+    timing = learn_timing(stamps, stamps + 1_000_000)
+    times = [timing.seconds_at(stamps, k) for k in (0, 2999, 3000, 5999)]
+    assert times == pytest.approx([0.0, 29.99, 30.0, 59.99], abs=1e-5)
+
+
 @pytest.mark.slow
 def test_the_trend_of_a_bias_is_that_of_the_time_that_goes_on(random):
     stamps = even(30_000)

@@ -124,6 +124,7 @@ def run(options: argparse.Namespace) -> None:
         samples.stamps,
         samples.rates,
         samples.accelerations,
+        log_times=samples.log_times,
         orders=tuple(dict.fromkeys((*ORDERS, *options.order))),
         paper=options.noise == 'paper',
     )

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts, value_at
+from gyro_drift_filter.identify.timing import EARLIEST
 
 Floats = NDArray[np.float64]
 
@@ -34,8 +35,6 @@ _STANDS_OUT = 10.0
 # Recorders log within a tenth of a second, busy ones in two. The future begins behind what clocks
 # of two machines are off by.
 _OFFSET, _AHEAD = 1.0, 0.005
-# Stamps before 1980 are no time of a recording.
-_EARLIEST = 3.2e8
 # Seconds of a stamp have 32 bits: behind the largest, in January 2038, comes the least.
 _OVERFLOW = 2.0**32
 # The clocks are compared in so many parts of the recording, each of so many samples at least.
@@ -97,7 +96,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     if abs(offset) > _OFFSET or offset < -_AHEAD:
         text = f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times'
         begin = 1e-9 * float(value_at(stamps, 0))
-        if 0.0 <= begin < _EARLIEST < offset:
+        if 0.0 <= begin < EARLIEST < offset:
             text = f'stamps begin at {begin:.4g} s: they count from the start of sensor or driver'
         return fault(
             'clock offset',

@@ -279,7 +279,9 @@ def _rows_of_topic(
         error = f'topic {summary.topic} has no message with an angular velocity'
         return [common | {'error': error}]
     verdict, findings, state = watch.verdict(summary), examine(examined), report.telemetry
-    noises = identify_noise(_times(examined, watch), examined.rates, examined.accelerations)
+    noises = identify_noise(
+        _times(examined, watch), examined.rates, examined.accelerations, examined.log_times
+    )
     common |= {
         'sample_rate': 1.0 / verdict.period,
         'jitter': _value(findings, 'jitter_seconds'),

@@ -36,7 +36,10 @@ class AxisNoise:
 
 
 def identify_noise(
-    stamps: NDArray[np.int64], rates: tuple[Values, ...], accelerations: tuple[Values, ...]
+    stamps: NDArray[np.int64],
+    rates: tuple[Values, ...],
+    accelerations: tuple[Values, ...],
+    log_times: Values | None = None,
 ) -> tuple[AxisNoise | None, ...]:
     """Return what is known of each axis: as `identify` does, without the models that it fits.
 
@@ -44,10 +47,11 @@ def identify_noise(
         stamps: (n,) in ns.
         rates: Three columns (n,) in rad/s.
         accelerations: Three columns (n,) in m/s^2.
+        log_times: (n,) in ns, which tell where the clock of the stamps was set.
     """
     nothing = (None, None, None)
     try:
-        timing = learn_timing(stamps)
+        timing = learn_timing(stamps, log_times)
         spans = find_quiet(timing, rates, accelerations).spans
     except IdentificationError:
         return nothing

@@ -142,6 +142,7 @@ def identify(
     rates: Floats | tuple[Values, ...],
     accelerations: Floats | tuple[Values, ...],
     *,
+    log_times: NDArray[np.int64] | Stored | None = None,
     orders: Sequence[Order] = ORDERS,
     paper: bool = False,
 ) -> Identification:
@@ -151,6 +152,7 @@ def identify(
         stamps: (n,) in ns.
         rates: (n, 3) in rad/s, or its columns.
         accelerations: (n, 3) in m/s^2, or its columns; NaN or zero where there is none.
+        log_times: (n,) in ns, which tell where the clock of the stamps was set.
         orders: ARMA orders to compare; (1, 0), which the filter takes, among them.
         paper: Take Q and R as the paper does, instead of those of the filter's own likelihood.
 
@@ -158,7 +160,8 @@ def identify(
         IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
             though it is not dead, or all are dead.
     """
-    timing, rates, accelerations = learn_timing(stamps), columns(rates), columns(accelerations)
+    timing = learn_timing(stamps, log_times)
+    rates, accelerations = columns(rates), columns(accelerations)
     quiet = find_quiet(timing, rates, accelerations)
     begins = tuple(timing.seconds_at(stamps, span.first) for span in quiet.spans)
     seconds = _require_rest(quiet, stamps, rates, timing)

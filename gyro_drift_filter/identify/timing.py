@@ -34,6 +34,8 @@ Bools = NDArray[np.bool_]
 # A step of the stamps beyond both is a gap. Bursty delivery waits up to half a second.
 GAP_PERIODS = 10.0
 GAP_SECONDS = 0.6
+# s: no recording was made before 1980, so that is where a clock stands that has not been set yet.
+EARLIEST = 3.2e8
 BLOCK_SECONDS, LEAST_BLOCK = 2.0, 10
 # A step is uneven where it is off by more than this share of the period.
 UNEVEN = 0.5
@@ -45,8 +47,9 @@ class Timing:
 
     Attributes:
         period: In s.
-        breaks: (g,) index of each sample before which time is missing, or jumps back.
-        set_back: (g,) by how much it jumps back there, in s; 0 where it is missing.
+        breaks: (g,) index of each sample before which time is missing, or the clock was set.
+        set_back: (g,) by how much it was set back there, or if negative forward, in s; 0 where
+            time is missing.
         uneven: Share of the other steps that are off by more than half a period.
     """
 
@@ -56,16 +59,20 @@ class Timing:
     uneven: float
 
     def seconds_at(self, stamps: Integers | Values, index: int) -> float:
-        """Return the time of a sample in s since the first; it goes on where stamps jump back."""
+        """Return the time of a sample in s since the first; it goes on where the clock was set."""
         since = float(value_at(stamps, index) - value_at(stamps, 0)) * 1e-9
         return since + float(self.set_back[self.breaks <= index].sum())
 
 
-def learn_timing(stamps: Integers | Values) -> Timing:
+def learn_timing(stamps: Integers | Values, log_times: Integers | Values | None = None) -> Timing:
     """Learn the sample period from blocks of two seconds, and find the gaps.
+
+    A gap that the log times do not have is none: there the clock of the stamps was set forward. So
+    was that of both, where the gap begins before any recording could be made.
 
     Args:
         stamps: (n,) in ns.
+        log_times: (n,) in ns, where they are known.
 
     Raises:
         IdentificationError: The stamps don't advance.
@@ -77,10 +84,14 @@ def learn_timing(stamps: Integers | Values) -> Timing:
         raise IdentificationError(_why_no_period(stamps))
     period = float(np.median(np.concatenate(periods)))
     breaks, set_back, uneven, even = [np.zeros(0, np.int64)], [np.zeros(0)], 0, 0
-    for first, steps in _steps(stamps):
+    logs = _steps(stamps if log_times is None else log_times)
+    for (first, steps), (_, logged) in zip(_steps(stamps), logs, strict=True):
         jumps = _jumps(steps, period)
+        was_set = (steps < 0.0) | ~_jumps(logged, period)
+        times = value_at(stamps, first) * 1e-9 + np.cumsum(steps)
+        was_set |= (times > EARLIEST) & (times - steps < EARLIEST)
         breaks.append(first + 1 + np.flatnonzero(jumps))
-        set_back.append(np.where(steps < 0.0, period - steps, 0.0)[jumps])
+        set_back.append(np.where(was_set, period - steps, 0.0)[jumps])
         off = np.abs(steps[~jumps] - period) > UNEVEN * period
         uneven, even = uneven + int(off.sum()), even + len(off)
     share = uneven / even if even else 0.0

@@ -41,6 +41,7 @@ class StoredSamples:
         topic: Its name.
         refused: Messages that were malformed or did not report an angular velocity.
         stamps: (n,) in ns.
+        log_times: (n,) in ns.
         rates: Three columns (n,) in rad/s; NaN where the filter would not use them.
         accelerations: Three columns (n,) in m/s^2; NaN likewise.
         beyond: Samples with a rate that is too large to be one.
@@ -51,6 +52,7 @@ class StoredSamples:
     topic: str
     refused: int
     stamps: Stored
+    log_times: Stored
     rates: tuple[Stored, ...]
     accelerations: tuple[Stored, ...]
     beyond: int
@@ -98,7 +100,7 @@ def read_samples(
         BagError: The bag can't be read or holds no usable Imu message in that time, or the stamps
             are in another unit.
     """
-    stamps, edges = Stored(np.int64), []
+    stamps, log_times, edges = Stored(np.int64), Stored(np.int64), []
     rates, accelerations = stored_columns(3), stored_columns(3)
     name, clock, refused, count, beyond, doubled = '', '', 0, 0, 0, 0
     last: Any = np.empty(0, SAMPLE)
@@ -115,13 +117,16 @@ def read_samples(
         edges += [(times[0], part.log_times[0]), (times[-1], part.log_times[-1])]
         count += len(times)
         stamps.append(times)
+        log_times.append(part.log_times)
         rate, force = part.samples['angular_velocity'], part.samples['linear_acceleration']
         beyond += int((np.abs(rate) > LARGEST_RATE).any(axis=1).sum())
         append_rows(rates, usable(rate))
         append_rows(accelerations, usable(force, LARGEST_ACCELERATION))
     if not clock:
         _check_unit(*(1e-9 * float(np.ptp(times)) for times in zip(*edges, strict=True)))
-    return StoredSamples(name, refused, stamps, rates, accelerations, beyond, doubled, clock)
+    return StoredSamples(
+        name, refused, stamps, log_times, rates, accelerations, beyond, doubled, clock
+    )
 
 
 def _without_doubles(part: ImuPart, last: Any) -> ImuPart:
