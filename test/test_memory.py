@@ -165,8 +165,9 @@ def test_a_damaged_file_is_refused(content, path):
 def test_what_does_not_fit_is_refused(change, message, path):
     remember(path, NODE, FRAME, REMEMBERED)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(MemoryFileError, match=message):
+    with pytest.raises(MemoryFileError, match=message) as error:
         recall(path, NODE, FRAME, 0.1)
+    assert str(error.value).endswith('(it is replaced once a bias is learned)')
 
 
 def test_a_folder_that_can_not_be_written(path):

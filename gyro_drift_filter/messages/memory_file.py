@@ -165,23 +165,23 @@ def recall(
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise MemoryFileError(f'{path} can not be read: it is no file')
+    found, why = None, 'is of another version of this package'
     try:
         with path.open('rb') as file:
             content = json.loads(file.read(LARGEST_FILE))
-        if content['format'] != FORMAT:
-            raise MemoryFileError(f'{path} is of another version of this package')
-        owner = node and content['node'], content['frame']
-        found = _remembered(content, time.time() if now is None else now)
+        if content['format'] == FORMAT:
+            owner = node and content['node'], content['frame']
+            found = _remembered(content, time.time() if now is None else now)
+            is_own = owner == (node, frame)
+            why = _why_not_used(found, largest) if is_own else 'is of another node or frame'
     except FileNotFoundError:
         return None
     except OSError as error:
         raise MemoryFileError(f'{path} can not be read: {error.strerror}') from error
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
-        raise MemoryFileError(f'{path} is damaged: {reason(error)}') from error
-    if owner != (node, frame):
-        raise MemoryFileError(f'{path} is of another node or frame')
-    if why := _why_not_used(found, largest):
-        raise MemoryFileError(f'{path} {why}')
+        why = f'is damaged: {reason(error)}'
+    if why:
+        raise MemoryFileError(f'{path} {why} (it is replaced once a bias is learned)')
     return found
 
 
