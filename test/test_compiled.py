@@ -26,6 +26,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -383,7 +384,13 @@ def test_a_signal_leaves_nothing_of_a_build(number, extended):
     extended.extension.unlink()
     command = sys.executable, '-c', COMPILE
     environment = os.environ | extended.environment
-    with subprocess.Popen(command, env=environment, cwd=extended.root) as process:
+    with subprocess.Popen(
+        command,
+        env=environment,
+        cwd=extended.root,
+        # Tests that run in the background inherit that interrupts are ignored.
+        preexec_fn=partial(signal.signal, number, signal.SIG_DFL),
+    ) as process:
         end = time.monotonic() + 60
         while not list(extended.kept.glob('build_*')):
             assert time.monotonic() < end
