@@ -87,6 +87,17 @@ def test_time_goes_on_where_a_recorder_has_the_clock_that_is_set_at_boot():
     assert times == pytest.approx([0.0, 29.99, 30.0, 59.99], abs=1e-5)
 
 
+@pytest.mark.parametrize('late', [2_000_000_000, 10**18], ids=['late', 'without a stamp'])
+def test_time_goes_on_behind_a_message_that_is_late(late):
+    """It seemed to be set back, and what came next to be missing, so all later times were wrong."""
+    log_times = even(6000)
+    stamps = log_times.copy()
+    stamps[3000] -= late
+    timing = learn_timing(stamps, log_times)
+    times = [timing.seconds_at(stamps, k) for k in (2999, 3000, 3001, 5999)]
+    assert times == pytest.approx([29.99, 30.0, 30.01, 59.99], abs=1e-5)
+
+
 @pytest.mark.slow
 def test_the_trend_of_a_bias_is_that_of_the_time_that_goes_on(random):
     stamps = even(30_000)
