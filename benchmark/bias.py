@@ -52,6 +52,8 @@ SWINGS, PERIODS = (0.3, 0.5, 1.0), (6, 10, 20, 40)  # deg/s, s
 STILL, SWING = 20, 100  # s
 ROLLS = ((0.2, 8.0), (0.3, 14.0), (1.0, 30.0))  # deg, s
 ROLLED, ROLL_NOISE = 600, 0.25  # s, of NOISE
+TILTS, RAMPS, PAUSES = (0.1, 0.2, 0.3), (10.0, 40.0), (1.0, 5.0)  # deg/s, s, s
+TILTED, LARGEST_TILT, LOUD = 600, 20.0, 0.1  # s, deg, m/s^2
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
 ROCKED, HINT_EVERY = 30, 0.5  # s
 SENSITIVITIES = (0.0, 0.05, 0.1, 0.2)  # deg/s per g
@@ -167,6 +169,38 @@ def rolled(random: np.random.Generator, size: float, period: float, rate: float)
     rates[begin:, 0] += np.gradient(angle, 1.0 / rate)
     _roll(accelerations[begin:], angle)
     return _largest_angle(_biases(rates, accelerations, rate)[begin:, 0], rate)
+
+
+def tilting(
+    random: np.random.Generator, speed: float, rate: float, *, loud: bool
+) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a body that tilts to and fro at `speed` deg/s.
+
+    It does so after a rest, for 10 to 40 s each time, and stops for 1 to 5 s in between, as a slow
+    arm or a platform does. Its gyroscope is quieter than in the other trials, and its accelerometer
+    is five times as noisy if it is `loud`.
+    """
+    rates, accelerations = at_rest(random, STILL + TILTED, rate)
+    parts, tilt = [np.zeros(round(STILL * rate))], 0.0
+    while sum(map(len, parts)) < len(rates):
+        seconds = random.uniform(*RAMPS)
+        way = -np.sign(tilt) if abs(tilt) > LARGEST_TILT else random.choice([-1.0, 1.0])
+        tilt += way * speed * seconds
+        parts.append(np.full(round(seconds * rate), way * speed * DEGREE))
+        parts.append(np.zeros(round(random.uniform(*PAUSES) * rate)))
+    about_x = np.concatenate(parts)[: len(rates)]
+    rates *= ROLL_NOISE
+    rates[:, 0] += about_x
+    _roll(accelerations, np.cumsum(about_x) / rate)
+    if loud:
+        accelerations += LOUD * random.standard_normal(accelerations.shape)
+    return rates, accelerations
+
+
+def tilted(random: np.random.Generator, speed: float, rate: float, *, loud: bool) -> float:
+    """Return the angle that is lost by the bias, in deg, by such a body."""
+    biases = _biases(*tilting(random, speed, rate, loud=loud), rate)
+    return _largest_angle(biases[round(STILL * rate) :, 0], rate)
 
 
 def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
@@ -416,6 +450,19 @@ def _rolls(trials: Trials) -> str:
     )
 
 
+def _tilts(trials: Trials) -> str:
+    rows = [['deg/s', 'lost (deg)', 'noisy accelerometer (deg)']]
+    for speed in TILTS:
+        tell(f'tilting to and fro at {speed:g} deg/s ...')
+        lost = (trials.lost(tilted, speed, loud=loud) for loud in (False, True))
+        rows.append([f'{speed:g}', *lost])
+    return _titled(
+        f'angle that is lost by the bias of a body that tilts and stops in turns for {TILTED} s '
+        f'after {STILL} s\nof rest, median and worst',
+        rows,
+    )
+
+
 def _jumps_at_rest(trials: Trials) -> str:
     rows = [['deg/s', 'median (s)', 'known in']]
     for size in JUMPS:
@@ -521,6 +568,7 @@ TABLES = (
     _slow_turns,
     _swings,
     _rolls,
+    _tilts,
     _jumps_at_rest,
     _jumps_in_stands,
     _warm_ups_in_stands,

@@ -21,8 +21,9 @@ A constant slow turn can't be told from a bias by an IMU alone. So a segment who
 - the robot says that it stands, or
 - it is the first rest of this run, beside a remembered bias, or
 - the mean lies where the bias can have come since the last segment, by the deviation of the bias,
-  and so do the means of the last segments of this rest together, however many of them. After a slow
-  turn `DOUBTED_SEGMENTS` in a row have to.
+  and so do the means of the last segments of this rest together, however many of them, and gravity
+  does not move with the rate, as in a slow tilt (`carried_gravity.py`). After a slow turn
+  `DOUBTED_SEGMENTS` in a row have to.
 
 While the robot says that it moves, no segment comes here but that of a stop (`at_rest.py`). A rate
 of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py`).
@@ -31,9 +32,16 @@ of rest that lies elsewhere is a slow turn, or the bias after all (`slow_turn.py
 import math
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.carried_gravity import TiltEvidence, has_rate, judge_tilt
 from gyro_drift_filter.core.bias.provisional import is_far_from_provisional, is_less_steady
 from gyro_drift_filter.core.bias.records import Bias, Hint, widen
-from gyro_drift_filter.core.bias.segments import note_segment, take_back, unreachable_segments
+from gyro_drift_filter.core.bias.segments import (
+    is_reachable_from_before_tilt,
+    note_segment,
+    take_back,
+    take_back_tilt,
+    unreachable_segments,
+)
 from gyro_drift_filter.core.bias.slow_turn import (
     GATE,
     SlowTurnOutcome,
@@ -73,6 +81,8 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
 
     The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
     """
+    judge_tilt(state['carried'], state['rest'], lengths, found == BlockOutcome.SEGMENT)
+    tilts = state['carried']['evidence'] == TiltEvidence.TILT
     if _is_beyond_max(state['rest'], bias_max):
         state['segments_beyond_max'] += 1
         state['rest_beyond_max'] = True
@@ -83,10 +93,17 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
     if state['hint'] == Hint.STANDS:
         _let_bias_come_to_segment(state)
         state['recent_count'] = 0
+        state['carried']['evidence'] = TiltEvidence.STANDS  # the robot has said so
         return True
     note_segment(state)
     unreachable = unreachable_segments(state)
-    if unreachable == 0:
+    same = state['carried']['evidence'] == TiltEvidence.SAME
+    # What may have been of a tilt was one, if the bias can't have come from there to this rate.
+    if unreachable > 0 and same and is_reachable_from_before_tilt(state):
+        take_back_tilt(state)
+        note_segment(state)
+        unreachable = 0
+    if unreachable == 0 and not tilts:
         # A segment of the later half of one and the early half of another is no proof.
         if state['rest']['halves'] == Halves.WHOLE:
             state['doubted_segments'] = max(state['doubted_segments'] - 1, 0)
@@ -94,7 +111,7 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
     if found == BlockOutcome.END_OF_REST:
         # The start of the next motion may be in it, so it raises no doubt about later rests.
         return False
-    if state['segments'] == 0:
+    if state['segments'] == 0 and not tilts:
         # The first rest of a run: since it was switched off the bias may have come anywhere.
         give_up_bias(state)
         state['known'] = False
@@ -102,7 +119,12 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
         return True
     state['segments_turning'] += 1
     state['doubted_segments'] = DOUBTED_SEGMENTS
-    take_back(state, unreachable)
+    carried = state['carried']
+    # What was learned at another rate may have been a rest before the tilt.
+    if tilts and carried['undecided'] and has_rate(state['rest'], carried['undecided_rate']):
+        take_back_tilt(state)
+    else:
+        take_back(state, max(unreachable, 1))
     return _accept_unreachable(state, found, lengths)
 
 
@@ -140,7 +162,11 @@ def _accept_unreachable(state: Bias, found: BlockOutcome, lengths: RestLengths) 
     else:
         quieter = found == BlockOutcome.SEGMENT and _is_far_quieter(state)
         outcome = update_slow_turn(state, lengths['block_seconds'], quieter)
-        if outcome == SlowTurnOutcome.TURN:
+        carried = state['carried']
+        # Gravity tells within a minute, once it is carried on.
+        undecided = carried['evidence'] == TiltEvidence.UNDECIDED and carried['seconds'] > 0.0
+        waits = undecided or carried['evidence'] == TiltEvidence.TILT
+        if outcome == SlowTurnOutcome.TURN or (waits and outcome == SlowTurnOutcome.LASTED):
             return False
         if outcome == SlowTurnOutcome.LASTED:
             if turn['moves']:

@@ -25,6 +25,12 @@ import numpy as np
 
 from gyro_drift_filter.accelerate import PerAxis, inlined_kernel, kernel
 from gyro_drift_filter.core.bias.acceptance import accept_segment, may_be_bias
+from gyro_drift_filter.core.bias.carried_gravity import (
+    carry_gravity,
+    carry_on_with,
+    forget_gravity,
+    lose_gravity,
+)
 from gyro_drift_filter.core.bias.in_motion import lose_direction
 from gyro_drift_filter.core.bias.motion_state import widen_both
 from gyro_drift_filter.core.bias.provisional import (
@@ -39,6 +45,7 @@ from gyro_drift_filter.core.bias.records import (
     forget_contradiction,
     widen,
 )
+from gyro_drift_filter.core.bias.segments import note_accepted
 from gyro_drift_filter.core.bias.shaken_stand import (
     forget_stand,
     note_stand,
@@ -125,6 +132,7 @@ def start_bias(
         state['provisional_variance'][axis] = 0.0
         state['wander'][axis] = 0.0
     forget_contradiction(state)
+    carry_on_with(state['carried'], state['bias'])
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     start_wide_prior(state['wide_prior'], state['bias'], state['variance'])
     state['walk'] = state['walk_at_rest'] = 1.0
@@ -155,6 +163,7 @@ def leave_rest(state: Bias) -> None:
     forget_stand(state['shaken_stand'])
     lose_direction(state['motion'])
     lose_direction(state['wide_prior'])
+    forget_gravity(state['carried'])
     _forget_stillness(state)
 
 
@@ -224,7 +233,9 @@ def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     note_stop(state, lengths)
     stood = _note_hinted_stand(state, lengths)
+    carry_gravity(state['carried'], rest, lengths)
     found = close_block(rest, lengths)
+    moves = rest['run'] == 0 and rest['sudden']
     rest['hinted_motion'] = False
     end_stopped_turn(state['turn'], rest['run'])
     if finds_other_segment(rest, other, lengths):
@@ -239,6 +250,8 @@ def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None
         _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
+    if moves:
+        lose_gravity(state['carried'])
 
 
 @kernel
@@ -257,6 +270,7 @@ def _take_segment(
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
     if accept_segment(state, found, lengths, settings['bias_max']):
         _learn(state)
+        note_accepted(state)
         state['motion']['untracked_share'] = _untracked_share(
             rest, lengths['block_seconds'], settings['bias_random_walk']
         )
@@ -380,6 +394,8 @@ def _learn(state: Bias) -> None:
         for axis in range(3):
             state['bias'][axis] = segment_mean(rest, axis)
             state['variance'][axis] = segment_variance(rest, axis)
+        forget_gravity(state['carried'])
+        carry_on_with(state['carried'], state['bias'])
     else:
         _correct(state)
     _note_quietest(state, anew)
@@ -476,6 +492,8 @@ def _settle_anew(state: Bias) -> None:
     """Begin anew with a bias that takes the place of the one before, whatever speaks against it."""
     start_motion_bias(state['motion'], state['bias'], state['variance'])
     state['recent_count'] = state['doubted_segments'] = 0
+    forget_gravity(state['carried'])
+    carry_on_with(state['carried'], state['bias'])
     _settle(state)
 
 

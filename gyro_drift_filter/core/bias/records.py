@@ -19,6 +19,7 @@ from enum import IntEnum
 from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.bias.carried_gravity import CarriedGravity
 from gyro_drift_filter.core.bias.motion_state import MotionBias, SharedBias
 from gyro_drift_filter.core.bias.shaken_stand import ShakenStand
 from gyro_drift_filter.core.bias.slow_turn import SlowTurn
@@ -79,6 +80,8 @@ class Bias(TypedDict):
     recent: Annotated[MutableSequence[RestSegment], REST_SEGMENT, (RECENT,)]  # the last one first
     recent_count: int
     gravity: PerAxis  # m/s^2, of the last of them, or of the rest before
+    carried: CarriedGravity  # since one of them, or since one that was refused
+    before_tilt: Annotated[RestSegment, REST_SEGMENT, ()]  # the first that may be of one
     lag: PerAxis  # rad/s, the mean of the last innovations of this rest
     wander: PerAxis  # (rad/s)^2, mean of what squared innovations at rest exceed their variance by
     shaken_stand: ShakenStand

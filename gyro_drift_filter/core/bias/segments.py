@@ -15,6 +15,7 @@
 """The last segments of one rest, and whether they lie together where no bias can have come."""
 
 from gyro_drift_filter.accelerate import kernel
+from gyro_drift_filter.core.bias.carried_gravity import TiltEvidence, carry_on_with
 from gyro_drift_filter.core.bias.records import RECENT, Bias
 from gyro_drift_filter.core.bias.shared import keep_shared, restore_shared
 from gyro_drift_filter.core.bias.slow_turn import GATE
@@ -66,11 +67,35 @@ def unreachable_segments(state: Bias) -> int:
 
 
 @kernel
+def is_reachable_from_before_tilt(state: Bias) -> bool:
+    """Return whether the bias can have come to the segment from before what may be a tilt.
+
+    About the vertical from where it is known now, as a tilt does not turn about that.
+    """
+    rest, before = state['rest'], state['before_tilt']
+    if not state['carried']['undecided']:
+        return False
+    process_noise = state['largest_process_noise']
+    process_noise_since = process_noise + before['largest_process_noise']
+    along = along_variance = 0.0
+    for axis in range(3):
+        mean, noise = segment_mean(rest, axis), segment_variance(rest, axis)
+        variance = before['variance'][axis] + process_noise_since + noise
+        if is_beyond_gate(mean - before['bias'][axis], GATE, variance):
+            return False
+        gravity = segment_mean(rest, 3 + axis)
+        along += gravity * (mean - state['bias'][axis])
+        along_variance += gravity * gravity * (state['variance'][axis] + process_noise + noise)
+    return not is_beyond_gate(along, GATE, along_variance)
+
+
+@kernel
 def take_back(state: Bias, count: int) -> None:
     """Unlearn the last `count` segments."""
     if count == 1:
         state['recent_count'] = 0
         return
+    state['carried']['undecided'] = False
     recent = state['recent']
     before = recent[count - 1]
     for axis in range(3):
@@ -87,3 +112,38 @@ def take_back(state: Bias, count: int) -> None:
     restore_shared(state['motion'], before['in_motion'], state['process_noise'])
     for i in range(count):
         keep_shared(state['motion'], recent[i]['in_motion'], state['process_noise'])
+
+
+@kernel
+def note_accepted(state: Bias) -> None:
+    """Note what gravity says of a segment that was learned: a tilt may yet show, or it is none."""
+    carried, last, before = state['carried'], state['recent'][0], state['before_tilt']
+    evidence = carried['evidence']
+    if evidence == TiltEvidence.STANDS or evidence == TiltEvidence.TOO_SLOW:
+        carried['undecided'] = False
+        carry_on_with(carried, state['bias'])
+        return
+    if carried['undecided']:
+        before['process_noise'] += last['process_noise']
+        before['largest_process_noise'] += last['largest_process_noise']
+    elif evidence == TiltEvidence.UNDECIDED:
+        state['before_tilt'] = last
+        carried['undecided'] = True
+        carried['undecided_seconds'] = 0.0
+    if evidence == TiltEvidence.UNDECIDED:
+        for axis in range(3):
+            carried['undecided_rate'][axis] = last['mean'][axis]
+
+
+@kernel
+def take_back_tilt(state: Bias) -> None:
+    """Unlearn what was learned since the tilt began that gravity shows."""
+    before = state['before_tilt']
+    for axis in range(3):
+        state['bias'][axis] = before['bias'][axis]
+        state['variance'][axis] = before['variance'][axis]
+    state['process_noise'] += before['process_noise']
+    state['largest_process_noise'] += before['largest_process_noise']
+    restore_shared(state['motion'], before['in_motion'], state['process_noise'])
+    state['recent_count'] = 0
+    state['carried']['undecided'] = False
