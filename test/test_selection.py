@@ -24,7 +24,9 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags import rosbags_reader
+from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.orientations import read_orientations
 from gyro_drift_filter.bags.output import DIAGNOSTICS_TYPE
 from gyro_drift_filter.bags.recording import BagError, Piece, messages
 from gyro_drift_filter.bags.replay import replay
@@ -40,6 +42,8 @@ from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from support.bags import read, simulated, with_damage, write
 from support.messages import STORE, TEXT, text
 
+HINT = '/odom'
+
 
 def filtered(messages):
     filter_ = MessageFilter(Parameters())
@@ -50,6 +54,25 @@ def run(source, destination, *arguments, **options):
     return replay(
         source, destination, parameters=Parameters(), selection=Selection(*arguments, **options)
     )
+
+
+def odometry(time):
+    """Return an Odometry of that time in ns, of a robot that stands."""
+    types = STORE.types
+    point, vector, quaternion = (
+        types[f'geometry_msgs/msg/{name}'] for name in ('Point', 'Vector3', 'Quaternion')
+    )
+    covariance = np.zeros(36)
+    pose = types['geometry_msgs/msg/Pose'](point(0, 0, 0), quaternion(0, 0, 0, 1))
+    twist = types['geometry_msgs/msg/Twist'](vector(0, 0, 0), vector(0, 0, 0))
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+    message = types['nav_msgs/msg/Odometry'](
+        types['std_msgs/msg/Header'](stamp, 'odom'),
+        'base',
+        types['geometry_msgs/msg/PoseWithCovariance'](pose, covariance),
+        types['geometry_msgs/msg/TwistWithCovariance'](twist, covariance),
+    )
+    return bytes(STORE.serialize_cdr(message, 'nav_msgs/msg/Odometry'))
 
 
 def late(messages, nanoseconds):
@@ -213,6 +236,30 @@ def test_the_files_of_a_folder_are_read_in_the_order_of_time(tmp_path):
     (first / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
     with open_bag(first) as bag:
         assert [time for _, time, _ in messages(bag)] == expected
+
+
+@pytest.mark.parametrize('first', [0, 1])
+def test_publishers_of_one_topic_that_do_not_agree_on_its_type(first, tmp_path):
+    """The messages of the type that is meant are taken, whichever was recorded first."""
+    imu, kind = simulated(100), 'nav_msgs/msg/Odometry'
+    others = [
+        ((TOPIC, TEXT), [(time, text('word')) for time, _ in imu]),
+        ((HINT, TEXT), [(imu[0][0], text('word'))]),
+    ]
+    wanted = [
+        ((TOPIC, IMU_TYPE), imu),
+        ((HINT, kind), [(time, odometry(time)) for time, _ in imu]),
+    ]
+    source = write(tmp_path / 'in', dict([*wanted, *others] if first else [*others, *wanted]))
+    summary = run(source, tmp_path / 'out', hint=HINT)[0]
+    run(write(tmp_path / 'alone', dict(wanted)), tmp_path / 'of_alone', hint=HINT)
+    assert summary.received == summary.written == 100
+    found, expected = (read(tmp_path / name)[0] for name in ('out', 'of_alone'))
+    assert found['/imu/data_filtered'] == expected['/imu/data_filtered']
+    assert sorted(found[TOPIC]) == sorted(imu + others[0][1])
+    assert len(read_imu_arrays(source).stamps) == len(read_orientations(source, HINT).stamps) == 100
+    with pytest.raises(BagError, match=f'is of type {kind} and {TEXT}, not {IMU_TYPE}'):
+        run(source, tmp_path / 'none', (HINT,))
 
 
 def test_files_in_another_order_than_that_of_time_lose_nothing():

@@ -28,7 +28,7 @@ from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, channels_of
 from gyro_drift_filter.bags.selection import Selection, choose_topic
 from gyro_drift_filter.core.sample import LARGEST_RATE
-from gyro_drift_filter.messages.imu import ImuKind, frame_id
+from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind, frame_id
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def imu_parts(
     good_ones = 0
     with open_bag(bag) as recording:
         chosen = choose_topic(recording, topic)
-        is_imu = channels_of(recording, chosen)
+        is_imu = channels_of(recording, chosen, IMU_TYPE)
         for piece in selection.pieces(recording, progress):
             imus = read_imus(piece, is_imu)
             good = imus[imus['kind'] == ImuKind.GOOD]

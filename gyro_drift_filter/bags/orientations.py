@@ -67,9 +67,9 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
     """
     stamps, rows, damaged = [], [], 0
     with open_bag(bag) as recording:
-        name, kind = _chosen(recording, topic)
+        name, kind = chosen = _chosen(recording, topic)
         for connection, _, data in messages(recording):
-            if connection.topic != name:
+            if (connection.topic, connection.msgtype) != chosen:
                 continue
             try:
                 message: Any = recording.typestore.deserialize_cdr(data, kind)
@@ -102,11 +102,12 @@ def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
     types = topic_types(recording)
     topic = topic_named(types, wanted)
     if topic is None:
-        having = [topic for topic, kind in sorted(types.items()) if kind in PLACES]
+        having = [topic for topic, kinds in sorted(types.items()) if set(kinds) & set(PLACES)]
         raise BagError(
             f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
         )
-    if types[topic] not in PLACES:
-        listed = ', '.join(name.rpartition('/')[2] for name in PLACES)
-        raise BagError(f'topic {topic} is of type {types[topic]}, not one of {listed}')
-    return topic, types[topic]
+    for kind in types[topic]:
+        if kind in PLACES:
+            return topic, kind
+    listed = ', '.join(name.rpartition('/')[2] for name in PLACES)
+    raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not one of {listed}')

@@ -182,21 +182,25 @@ def are_among(recording: Recording, ids: Collection[int]) -> NDArray[np.bool_]:
     return among
 
 
-def channels_of(recording: Recording, topic: str) -> NDArray[np.bool_]:
-    """Return, by the `id` of a connection, whether its messages are those of a topic, in CDR.
+def channels_of(recording: Recording, topic: str, kind: str) -> NDArray[np.bool_]:
+    """Return, by the `id` of a connection, whether it is of a topic and a type, in CDR.
 
     Raises:
         BagError: No message of the topic is.
     """
-    ids = [c.id for c in recording.connections if c.topic == topic and is_cdr(c)]
+    wanted = topic, kind
+    ids = [c.id for c in recording.connections if (c.topic, c.msgtype) == wanted and is_cdr(c)]
     if not ids:
         raise BagError(f'the messages of topic {topic} are not in CDR')
     return are_among(recording, ids)
 
 
-def topic_types(recording: Recording) -> dict[str, str]:
-    """Return the type of each topic."""
-    return {connection.topic: connection.msgtype for connection in recording.connections}
+def topic_types(recording: Recording) -> dict[str, list[str]]:
+    """Return the types of each topic: one, but where publishers did not agree."""
+    types: dict[str, set[str]] = {}
+    for connection in recording.connections:
+        types.setdefault(connection.topic, set()).add(connection.msgtype)
+    return {topic: sorted(kinds) for topic, kinds in types.items()}
 
 
 def identity(connection: Connection) -> Identity:

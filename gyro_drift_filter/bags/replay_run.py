@@ -35,9 +35,9 @@ from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.mcap.message_kernels import ROW
 from gyro_drift_filter.messages.diagnostics import DiagnosticStatus
 from gyro_drift_filter.messages.health import Health
-from gyro_drift_filter.messages.imu import ImuKind
+from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.message_filter import NOTE, MessageFilter
-from gyro_drift_filter.messages.motion_hint import moves
+from gyro_drift_filter.messages.motion_hint import HINT_TYPES, moves
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.messages.summary import Summary
@@ -198,7 +198,7 @@ class TopicFilter:
         memory: Path | None = None,
     ) -> None:
         self.topic = topic
-        self.is_imu = channels_of(recording, topic)
+        self.is_imu = channels_of(recording, topic, IMU_TYPE)
         self._names = names
         self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
@@ -209,12 +209,12 @@ class TopicFilter:
         self._watcher = watcher(filter_)
         self._health = Health(names.node)
         self._first_stamp = 0
-        temperature = names.temperature, TEMPERATURE_TYPE
+        listened = {(hint, kind) for kind in HINT_TYPES.values()}
+        listened.add((names.temperature, TEMPERATURE_TYPE))
         self._listened = {
             connection.id: connection.msgtype
             for connection in recording.connections
-            if is_cdr(connection)
-            and (connection.topic == hint or (connection.topic, connection.msgtype) == temperature)
+            if is_cdr(connection) and (connection.topic, connection.msgtype) in listened
         }
         self._is_listened = are_among(recording, self._listened)
 

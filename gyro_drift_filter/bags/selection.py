@@ -110,9 +110,9 @@ class Selection:
         topic = topic_named(types, self.hint)
         if topic is None:
             raise BagError(f'no topic {self.hint} in the bag')
-        if types[topic] not in HINT_TYPES.values():
-            listed = ', '.join(HINT_TYPES.values())
-            raise BagError(f'topic {self.hint} is of type {types[topic]}, not one of {listed}')
+        if not set(types[topic]) & set(HINT_TYPES.values()):
+            kinds, listed = ' and '.join(types[topic]), ', '.join(HINT_TYPES.values())
+            raise BagError(f'topic {self.hint} is of type {kinds}, not one of {listed}')
         return topic
 
     def keeps(self, recording: Recording) -> set[str]:
@@ -185,13 +185,13 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
             lists what there is.
     """
     types = topic_types(recording)
-    imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
+    imus = sorted(topic for topic, kinds in types.items() if IMU_TYPE in kinds)
     if wanted is not None:
         topic = topic_named(types, wanted)
         if topic is None:
             raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
-        if types[topic] != IMU_TYPE:
-            raise BagError(f'topic {topic} is of type {types[topic]}, not {IMU_TYPE}')
+        if IMU_TYPE not in types[topic]:
+            raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not {IMU_TYPE}')
         return topic
     inputs = _all_imus(recording)
     if len(inputs) == 1:
@@ -202,11 +202,11 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
 def _all_imus(recording: Recording) -> list[str]:
     """Return all Imu topics but those that an earlier run has written."""
     types = topic_types(recording)
-    imus = sorted(topic for topic, kind in types.items() if kind == IMU_TYPE)
+    imus = sorted(topic for topic, kinds in types.items() if IMU_TYPE in kinds)
     if not types:
         raise BagError('the bag is empty: it holds no topic')
     if not imus:
-        listed = ', '.join(f'{topic} ({kind})' for topic, kind in sorted(types.items()))
+        listed = ', '.join(f'{name} ({" and ".join(types[name])})' for name in sorted(types))
         raise BagError(f'no topic of type {IMU_TYPE} in the bag; it holds {listed}')
     outputs = {names.filtered for topic in imus for names in _possible_names(topic)}
     return [topic for topic in imus if topic not in outputs] or imus
