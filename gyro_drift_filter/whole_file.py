@@ -17,6 +17,7 @@
 import fcntl
 import glob
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,30 +25,40 @@ from typing import Any, BinaryIO
 
 from gyro_drift_filter.errors import GyroDriftFilterError, reason
 
+_LONG_AGO = 3600.0  # s
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield where to write a file, which is there with the end of the block; so are its folders.
 
+    Where the path is a symbolic link, it is what that leads to.
+
     Raises:
         GyroDriftFilterError: It can't be written.
     """
-    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.incomplete')
+    target = _target(path)
+    unfinished = target.with_name(f'.{target.name}.{os.getpid()}.incomplete')
     try:
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            target.parent.mkdir(parents=True, exist_ok=True)
             with _locked(unfinished):
                 yield unfinished
                 # Else a power cut may leave the new name without the content.
                 _put_on_disk(unfinished)
-                unfinished.replace(path)
+                unfinished.replace(target)
             with suppress(OSError):  # not every file system does this with folders
-                _put_on_disk(path.parent)
+                _put_on_disk(target.parent)
         finally:
             unfinished.unlink(missing_ok=True)
     except OSError as error:
         why = error.strerror or reason(error)
         raise GyroDriftFilterError(f'{path} can not be written: {why}') from error
+
+
+def _target(path: Path) -> Path:
+    """Return what a path leads to where it is a symbolic link; one to itself is that itself."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def _locked(path: Path) -> BinaryIO:
@@ -69,10 +80,16 @@ def remove_abandoned(path: Path) -> None:
 
     Each lock tells whether its process still writes, as for `bags/unfinished.py`.
     """
-    for left in path.parent.glob(f'.{glob.escape(path.name)}.[0-9]*.incomplete'):
+    target = _target(path)
+    pattern = f'.{glob.escape(target.name)}.[0-9]*.incomplete'
+    for left in target.parent.glob(pattern):
         with suppress(OSError), left.open('rb+') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             left.unlink()
+    for left in target.parent.glob(f'{pattern}.new'):
+        with suppress(OSError):  # no lock tells, but it has this name for a moment alone
+            if left.stat().st_mtime < time.time() - _LONG_AGO:
+                left.unlink()
 
 
 def _put_on_disk(path: Path) -> None:

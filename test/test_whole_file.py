@@ -19,6 +19,7 @@ import fcntl
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,22 @@ def test_the_content_is_on_the_disk_before_the_name(path, monkeypatch):
     assert file != path
     assert (folder, named_then) == (path.parent, 'new')
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_what_a_link_leads_to_is_written(path, tmp_path):
+    """As where the bias of a robot is kept on another disk."""
+    link, dangling = (tmp_path / 'links' / name for name in ('a', 'b'))
+    link.parent.mkdir()
+    link.symlink_to(path)
+    dangling.symlink_to(tmp_path / 'none' / 'yet')
+    path.with_name('.file.12.incomplete').touch()
+    remove_abandoned(link)
+    for each in (link, dangling):
+        write_whole(each, 'new')
+        assert each.is_symlink()
+        assert each.resolve().read_text() == 'new'
+    assert sorted(link.parent.iterdir()) == [link, dangling]
+    assert [file for file in tmp_path.rglob('*') if 'incomplete' in file.name] == []
 
 
 def test_a_file_system_that_does_not_sync_folders_will_do(path, monkeypatch):
@@ -139,8 +156,13 @@ def test_only_what_was_to_become_this_file_is_removed(path):
     for other in others:
         other.touch()
     path.with_name('.file.12.incomplete').touch()
+    # Who is killed before it has the lock leaves this; who has come that far just now gets it.
+    old, new = (path.with_name(f'.file.{number}.incomplete.new') for number in (12, 13))
+    for file in (old, new):
+        file.touch()
+    os.utime(old, (0, time.time() - 2 * 3600))
     remove_abandoned(path)
-    assert sorted(path.parent.iterdir()) == sorted([path, *others])
+    assert sorted(path.parent.iterdir()) == sorted([path, *others, new])
 
 
 class Figure:
