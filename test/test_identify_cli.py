@@ -67,18 +67,38 @@ def identify(tmp_path, source, *options):
     return main(['identify', str(source), '-o', str(tmp_path / 'model.yaml'), *options])
 
 
-def test_the_rests_of_a_day_are_no_screenful():
+def head(set_back=()):
+    """Return the head of a report, of a recording that is cut where a clock may have been set."""
     begins, spans = [20.0 * k for k in range(87)], [range(1000)] * 87
     result = SimpleNamespace(
         begins=begins,
         seconds=870.0,
-        timing=SimpleNamespace(period=0.01, uneven=0.0, breaks=[]),
+        timing=SimpleNamespace(
+            period=0.01, uneven=0.0, breaks=set_back, set_back=np.array(set_back)
+        ),
         quiet=SimpleNamespace(spans=spans, accelerometer=True, missing=0, other_rates=()),
         axes=3 * [DeadAxis(0.0)],
     )
-    line = identification_report._head(result).splitlines()[0]
+    return identification_report._head(result).splitlines()
+
+
+def test_the_rests_of_a_day_are_no_screenful():
+    line = head()[0]
     assert line.startswith('rest: 870.0 s in 87 spans, by gyroscope and accelerometer: 0.0 to 10.0')
     assert line.endswith('100.0 to 110.0 s and 81 more')
+
+
+@pytest.mark.parametrize(
+    ('set_back', 'cuts'),
+    [
+        ([], 'spaced'),
+        ([0.0, 0.0], '; cut at 2 gaps'),
+        ([-20.0], '; cut at 1 setting of the clock'),
+        ([0.0, -20.0, 7.0], '; cut at 1 gap and 2 settings of the clock'),
+    ],
+)
+def test_a_clock_that_was_set_is_no_gap(set_back, cuts):
+    assert head(set_back)[1].endswith(cuts)
 
 
 def test_a_motionless_recording_gives_a_parameter_file(tmp_path, capsys):

@@ -65,8 +65,10 @@ def _head(result: Identification) -> str:
     ]
     if timing.uneven > 0.01:
         lines[-1] += f', though {100 * timing.uneven:.0f} % of the stamps come in bursts or late'
-    if cuts := len(timing.breaks):
-        lines[-1] += f'; cut at {counted(cuts, "gap")}'
+    settings = int(np.count_nonzero(timing.set_back))
+    cuts = (len(timing.breaks) - settings, 'gap'), (settings, 'setting')
+    if listed_cuts := ' and '.join(counted(number, what) for number, what in cuts if number):
+        lines[-1] += f'; cut at {listed_cuts}{" of the clock" if settings else ""}'
     if _bias_moves(result):
         lines.insert(1, f'bias: {_of_bias(result)}')
     if others := quiet.other_rates:
