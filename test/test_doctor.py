@@ -173,9 +173,11 @@ def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(foun
     [
         (1000.0, 'milliradians per second', '1000'),
         (180e3 / np.pi, 'thousandths of a degree per second', '180000 / pi'),
+        (131.0 * 180 / np.pi, 'counts, some 131 for each degree per second', '131 * 180 / pi'),
+        (16.4 * 180 / np.pi, 'counts, some 16 for each degree per second', '16 * 180 / pi'),
     ],
 )
-def test_thousandths_are_not_taken_for_degrees(factor, unit, divisor, found):
+def test_thousandths_and_counts_are_not_taken_for_degrees(factor, unit, divisor, found):
     """Half of their rates are beyond what gyroscopes measure, so that a rule spoke of degrees."""
     simulation = handled()
     findings = found(rates_of(simulation, factor * simulation.angular_velocity))

@@ -94,6 +94,14 @@ OTHER_UNITS = {
         'thousandths of a degree per second',
         '180000 / pi',
     ),
+    # Counts of 16 bits, for ranges of 250 to 2000 deg/s.
+    **{
+        AS_IT_IS._replace(factor=math.radians(full / 2**15)): (
+            f'counts, some {2**15 / full:.0f} for each degree per second',
+            f'{2**15 / full:.0f} * 180 / pi',
+        )
+        for full in (250, 500, 1000, 2000)
+    },
 }
 # A driver may take the counts for those of another range than is set in the sensor, or of another
 # scale than its maker's: from a quarter to four times, in steps of a tenth.
