@@ -79,6 +79,14 @@ def vector_length(x: float, y: float, z: float) -> float:
 
 
 @kernel
+def cross_product(
+    x: float, y: float, z: float, a: float, b: float, c: float
+) -> tuple[float, float, float]:
+    """Return the cross product of the vectors (x, y, z) and (a, b, c)."""
+    return y * c - z * b, z * a - x * c, x * b - y * a
+
+
+@kernel
 def rotation_terms(square: float) -> tuple[float, float]:
     """Return sin(angle) / angle and (1 - cos(angle)) / angle^2 for the square of an angle in rad.
 

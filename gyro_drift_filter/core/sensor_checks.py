@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel
-from gyro_drift_filter.core.matrices import vector_length
+from gyro_drift_filter.core.matrices import cross_product, vector_length
 from gyro_drift_filter.core.range_end import RangeEnd, note_range_end
 from gyro_drift_filter.core.rest.noise import has_noise_of
 from gyro_drift_filter.core.rest.records import Rest
@@ -215,15 +215,15 @@ def note_turn(
     if not known and checks['turned_seconds'] >= STUCK_SECONDS:
         forget_turn(checks)
     checks['turned_seconds'] += seconds
-    x, y, z = gravity[0], gravity[1], gravity[2]
     a = (rate[0] - bias[0]) * seconds
     b = (rate[1] - bias[1]) * seconds
     c = (rate[2] - bias[2]) * seconds
     # Of the turn the first two orders, which are enough for one sample.
-    dx, dy, dz = y * c - z * b, z * a - x * c, x * b - y * a
-    gravity[0] += dx + 0.5 * (dy * c - dz * b)
-    gravity[1] += dy + 0.5 * (dz * a - dx * c)
-    gravity[2] += dz + 0.5 * (dx * b - dy * a)
+    dx, dy, dz = cross_product(gravity[0], gravity[1], gravity[2], a, b, c)
+    x, y, z = cross_product(dx, dy, dz, a, b, c)
+    gravity[0] += dx + 0.5 * x
+    gravity[1] += dy + 0.5 * y
+    gravity[2] += dz + 0.5 * z
     if _is_long(checks['equal_accelerations'], period):
         change = vector_length(gravity[0] - force[0], gravity[1] - force[1], gravity[2] - force[2])
         if change > LEAST_PUSH:

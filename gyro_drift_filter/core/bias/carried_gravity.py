@@ -24,7 +24,7 @@ from typing import TypedDict
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
 from gyro_drift_filter.core.gate import is_beyond_gate
-from gyro_drift_filter.core.matrices import vector_length
+from gyro_drift_filter.core.matrices import cross_product, vector_length
 from gyro_drift_filter.core.rest.noise import random_walk_of, segment_variance
 from gyro_drift_filter.core.rest.records import Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import block_mean, is_block_filled, segment_mean
@@ -116,14 +116,14 @@ def carry_gravity(carried: CarriedGravity, rest: Rest, lengths: RestLengths) -> 
         return
     gravity, bias, rate = carried['gravity'], carried['bias'], carried['rate']
     seconds = lengths['block_seconds']
-    x, y, z = gravity[0], gravity[1], gravity[2]
     a, b, c = rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]
     if not vector_length(a, b, c) * seconds < LARGEST_ANGLE:
         lose_gravity(carried)
         return
-    gravity[0] += (y * c - z * b) * seconds
-    gravity[1] += (z * a - x * c) * seconds
-    gravity[2] += (x * b - y * a) * seconds
+    x, y, z = cross_product(gravity[0], gravity[1], gravity[2], a, b, c)
+    gravity[0] += x * seconds
+    gravity[1] += y * seconds
+    gravity[2] += z * seconds
     carried['seconds'] += seconds
     for axis in range(3):
         rate[axis] = block_mean(rest, axis)
@@ -176,9 +176,7 @@ def _take_step(carried: CarriedGravity, rest: Rest, lengths: RestLengths) -> Non
     a = (segment_mean(rest, 0) - bias[0]) * seconds
     b = (segment_mean(rest, 1) - bias[1]) * seconds
     c = (segment_mean(rest, 2) - bias[2]) * seconds
-    step[0] = gravity[1] * c - gravity[2] * b
-    step[1] = gravity[2] * a - gravity[0] * c
-    step[2] = gravity[0] * b - gravity[1] * a
+    step[0], step[1], step[2] = cross_product(gravity[0], gravity[1], gravity[2], a, b, c)
 
 
 @kernel
