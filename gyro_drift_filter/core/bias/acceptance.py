@@ -81,8 +81,9 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
 
     The bias and its doubts are made ready for it then; if not, what it shows instead is noted.
     """
-    judge_tilt(state['carried'], state['rest'], lengths, found == BlockOutcome.SEGMENT)
-    tilts = state['carried']['evidence'] == TiltEvidence.TILT
+    carried = state['carried']
+    judge_tilt(carried, state['rest'], lengths, found == BlockOutcome.SEGMENT)
+    tilts = carried['evidence'] == TiltEvidence.TILT
     if _is_beyond_max(state['rest'], bias_max):
         state['segments_beyond_max'] += 1
         state['rest_beyond_max'] = True
@@ -93,11 +94,11 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
     if state['hint'] == Hint.STANDS:
         _let_bias_come_to_segment(state)
         state['recent_count'] = 0
-        state['carried']['evidence'] = TiltEvidence.STANDS  # the robot has said so
+        carried['evidence'] = TiltEvidence.STANDS  # the robot has said so
         return True
     note_segment(state)
     unreachable = unreachable_segments(state)
-    same = state['carried']['evidence'] == TiltEvidence.SAME
+    same = carried['evidence'] == TiltEvidence.SAME
     # What may have been of a tilt was one, if the bias can't have come from there to this rate.
     if unreachable > 0 and same and is_reachable_from_before_tilt(state):
         take_back_tilt(state)
@@ -119,7 +120,6 @@ def accept_segment(state: Bias, found: BlockOutcome, lengths: RestLengths, bias_
         return True
     state['segments_turning'] += 1
     state['doubted_segments'] = DOUBTED_SEGMENTS
-    carried = state['carried']
     # What was learned at another rate may have been a rest before the tilt.
     if tilts and carried['undecided'] and has_rate(state['rest'], carried['undecided_rate']):
         take_back_tilt(state)

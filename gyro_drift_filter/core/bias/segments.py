@@ -16,7 +16,7 @@
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.carried_gravity import TiltEvidence, carry_on_with
-from gyro_drift_filter.core.bias.records import RECENT, Bias
+from gyro_drift_filter.core.bias.records import RECENT, Bias, RestSegment
 from gyro_drift_filter.core.bias.shared import keep_shared, restore_shared
 from gyro_drift_filter.core.bias.slow_turn import GATE
 from gyro_drift_filter.core.gate import is_beyond_gate
@@ -98,9 +98,6 @@ def take_back(state: Bias, count: int) -> None:
     state['carried']['undecided'] = False
     recent = state['recent']
     before = recent[count - 1]
-    for axis in range(3):
-        state['bias'][axis] = before['bias'][axis]
-        state['variance'][axis] = before['variance'][axis]
     for i in range(count):
         segment = recent[i]
         state['process_noise'] += segment['process_noise']
@@ -109,7 +106,7 @@ def take_back(state: Bias, count: int) -> None:
         for axis in range(3):
             segment['bias'][axis] = before['bias'][axis]
             segment['variance'][axis] = before['variance'][axis]
-    restore_shared(state['motion'], before['in_motion'], state['process_noise'])
+    _restore(state, before)
     for i in range(count):
         keep_shared(state['motion'], recent[i]['in_motion'], state['process_noise'])
 
@@ -137,13 +134,19 @@ def note_accepted(state: Bias) -> None:
 
 @kernel
 def take_back_tilt(state: Bias) -> None:
-    """Unlearn what was learned since the tilt began that gravity shows."""
+    """Unlearn what may be of a tilt."""
     before = state['before_tilt']
+    state['process_noise'] += before['process_noise']
+    state['largest_process_noise'] += before['largest_process_noise']
+    _restore(state, before)
+    state['recent_count'] = 0
+    state['carried']['undecided'] = False
+
+
+@kernel
+def _restore(state: Bias, before: RestSegment) -> None:
+    """Put the bias back to where it was before a segment; its process noise has been added up."""
     for axis in range(3):
         state['bias'][axis] = before['bias'][axis]
         state['variance'][axis] = before['variance'][axis]
-    state['process_noise'] += before['process_noise']
-    state['largest_process_noise'] += before['largest_process_noise']
     restore_shared(state['motion'], before['in_motion'], state['process_noise'])
-    state['recent_count'] = 0
-    state['carried']['undecided'] = False
