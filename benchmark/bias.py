@@ -54,6 +54,9 @@ ROLLS = ((0.2, 8.0), (0.3, 14.0), (1.0, 30.0))  # deg, s
 ROLLED, ROLL_NOISE = 600, 0.25  # s, of NOISE
 TILTS, RAMPS, PAUSES = (0.1, 0.2, 0.3), (10.0, 40.0), (1.0, 5.0)  # deg/s, s, s
 TILTED, LARGEST_TILT, LOUD = 600, 20.0, 0.1  # s, deg, m/s^2
+EARLY_RATES, EARLY_STANDS = (10.0, 20.0, 30.0, 100.0), (3.0, 5.0, 10.0)  # Hz, s
+EARLY_BIAS, EARLY_SPEED, EARLY_TURNS = 0.5, 1.5, 8  # deg/s, deg/s
+EARLY_TURN, EARLY_PAUSE = 30.0, 10.0  # s
 WARM_UP, CYCLE, PAUSE = 600, 60, 3  # s
 ROCKED, HINT_EVERY = 30, 0.5  # s
 SENSITIVITIES = (0.0, 0.05, 0.1, 0.2)  # deg/s per g
@@ -201,6 +204,21 @@ def tilted(random: np.random.Generator, speed: float, rate: float, *, loud: bool
     """Return the angle that is lost by the bias, in deg, by such a body."""
     biases = _biases(*tilting(random, speed, rate, loud=loud), rate)
     return _largest_angle(biases[round(STILL * rate) :, 0], rate)
+
+
+def turning_early(random: np.random.Generator, stands: float, rate: float) -> float:
+    """Return the heading in deg that the bias of a robot loses which turns soon after power-on.
+
+    It `stands` for so many s, and then turns either way for 30 s and pauses for 10 s in turns.
+    """
+    cycle = EARLY_TURN + EARLY_PAUSE
+    rates, accelerations = at_rest(random, stands + EARLY_TURNS * cycle, rate)
+    time = np.arange(len(rates)) / rate - stands
+    ways = random.choice([-1.0, 1.0], EARLY_TURNS)[np.maximum(time, 0.0).astype(int) // int(cycle)]
+    turns = (time >= 0.0) & (time % cycle < EARLY_TURN)
+    rates[:, 2] += EARLY_BIAS * DEGREE + np.where(turns, EARLY_SPEED * DEGREE * ways, 0.0)
+    errors = _biases(rates, accelerations, rate)[:, 2] - EARLY_BIAS * DEGREE
+    return _largest_angle(errors[round(stands * rate) :], rate)
 
 
 def jump_in_stand(random: np.random.Generator, size: float, rate: float) -> float:
@@ -545,6 +563,20 @@ def _other_sides(trials: Trials) -> str:
     )
 
 
+def _early_turns(trials: Trials) -> str:
+    rows = [['Hz', *(f'stands for {stands:g} s' for stands in EARLY_STANDS)]]
+    for rate in EARLY_RATES:
+        tell(f'turning early at {rate:g} Hz ...')
+        at_rate = Trials(trials.seeds, rate)
+        lost = (at_rate.lost(turning_early, stands) for stands in EARLY_STANDS)
+        rows.append([f'{rate:g}', *lost])
+    return _titled(
+        f'heading that is lost by the bias of a robot that stands, and then turns by '
+        f'{EARLY_SPEED * EARLY_TURN:g} deg and pauses\nin turns, deg, median and worst',
+        rows,
+    )
+
+
 def _warm_ups_at_rest(trials: Trials) -> str:
     tell('warming up ...')
     steady, moving = zip(*trials.each(warm_up_standing), strict=True)
@@ -576,6 +608,7 @@ TABLES = (
     _warm_ups_in_rocked_stands,
     _slow_turns_in_drives,
     _other_sides,
+    _early_turns,
     _warm_ups_at_rest,
 )
 

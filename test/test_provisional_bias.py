@@ -186,3 +186,53 @@ def test_a_turn_that_replaces_the_provisional_bias_is_undone_at_the_next_rest(
     np.testing.assert_allclose(results['bias'][standing - 1], truth, atol=0.3 * DEGREE)
     np.testing.assert_allclose(results['bias'][turning.stop + 500], truth, atol=0.1 * DEGREE)
     np.testing.assert_allclose(results['bias'][-1], truth, atol=0.1 * DEGREE)
+
+
+@pytest.mark.parametrize(('rate', 'stands'), [(10.0, 9.0), (12.5, 7.0), (20.0, 5.0), (30.0, 3.5)])
+@pytest.mark.parametrize('speed', [1.5, -2.0])
+def test_a_turn_at_low_rates_is_no_rest_after_seconds_that_were_steady(rate, stands, speed, random):
+    """A first rest takes longer than the stand, and the turn about the vertical is as steady."""
+    truth = np.array([0.3, -0.4, 0.5]) * DEGREE
+    first, turns = round(stands * rate), round(30 * rate)
+    rates, accelerations = at_rest(random, stands + 60.0, truth, rate)
+    rates[first : first + turns, 2] += speed * DEGREE
+    results = run(Filter(), rates, accelerations, rate)
+    assert np.abs(results['bias'][first - 1 :] - truth).max() < 0.1 * DEGREE
+    assert results['at_rest'][-1]
+
+
+@pytest.mark.parametrize(('rate', 'seconds'), [(10.0, 9.0), (15.0, 7.0)])
+def test_a_robot_that_says_that_it_stands_shows_its_bias_at_low_rates(rate, seconds, random):
+    """Also where it has turned steadily since it was switched on."""
+    truth = np.array([0.3, -0.4, 0.5]) * DEGREE
+    rates, accelerations = at_rest(random, 60.0, truth, rate)
+    turns, times = round(seconds * rate), even_stamps(len(rates), rate)
+    rates[:turns, 2] += 1.5 * DEGREE
+    filter_ = Filter()
+    for first in range(0, len(rates), 5):
+        if first >= 2 * turns:
+            filter_.hint(False)
+        part = slice(first, first + 5)
+        results = filter_.run(times[part], rates[part], accelerations[part])
+    np.testing.assert_allclose(results['bias'][-1], truth, atol=0.1 * DEGREE)
+
+
+@pytest.mark.parametrize(('rate', 'seconds'), [(10.0, 9.0), (20.0, 5.0)])
+@pytest.mark.parametrize('bias', [(0.0, 0.0, 0.7), (0.4, 0.4, 0.4)])
+def test_a_driver_may_take_the_bias_off_before_the_first_rest(rate, seconds, bias, random):
+    """It has measured the bias since power-on, and leaves zero."""
+    rates, accelerations = at_rest(random, 60.0, rate=rate)
+    rates *= 0.2
+    rates[: round(seconds * rate)] += np.array(bias) * DEGREE
+    results = run(Filter(), rates, accelerations, rate)
+    assert np.abs(results['bias'][-1]).max() < 0.1 * DEGREE
+
+
+def test_a_bias_that_warms_up_before_the_first_rest_is_followed(random):
+    """About the vertical, where gravity does not show it."""
+    rates, accelerations = at_rest(random, 60.0, rate=20.0)
+    warm_up = 2.0 * DEGREE * (1.0 - np.exp(-np.arange(len(rates)) / 20.0 / 60.0))
+    rates *= 0.1
+    rates[:, 2] += warm_up
+    results = run(Filter(), rates, accelerations, 20.0)
+    assert abs(results['bias'][-1, 2] - warm_up[-1]) < 0.4 * DEGREE

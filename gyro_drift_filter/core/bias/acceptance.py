@@ -17,7 +17,8 @@
 A constant slow turn can't be told from a bias by an IMU alone. So a segment whose mean is beyond
 `bias.max` on any axis is refused, and another one is accepted only where
 
-- no bias is known yet, unless a provisional one that was far steadier contradicts it, or
+- no bias is known yet, unless a provisional one contradicts it that was far steadier, or that was
+  steady for as long as a rest takes at higher rates where the segment turns about the vertical, or
 - the robot says that it stands, or
 - it is the first rest of this run, beside a remembered bias, or
 - the mean lies where the bias can have come since the last segment, by the deviation of the bias,
@@ -33,7 +34,11 @@ import math
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.carried_gravity import TiltEvidence, has_rate, judge_tilt
-from gyro_drift_filter.core.bias.provisional import is_far_from_provisional, is_less_steady
+from gyro_drift_filter.core.bias.provisional import (
+    is_far_from_provisional,
+    is_less_steady,
+    turns_about_vertical,
+)
 from gyro_drift_filter.core.bias.records import Bias, Hint, widen
 from gyro_drift_filter.core.bias.segments import (
     is_reachable_from_before_tilt,
@@ -133,12 +138,13 @@ def _accept_first_rest(state: Bias, found: BlockOutcome, lengths: RestLengths) -
     """Do as `accept_segment` where no bias is known, but a provisional one may be."""
     if not is_far_from_provisional(state):
         return True
-    if not is_less_steady(state):
+    less_steady = is_less_steady(state)
+    if state['hint'] == Hint.STANDS or not (less_steady or turns_about_vertical(state)):
         # One of the two was a turn about the vertical: the next rest shows which.
         give_up_bias(state)
         return True
-    # A motion that is nearly steady, as of a drone that takes off.
-    if found == BlockOutcome.SEGMENT:
+    # A slow turn, or a motion that is nearly steady, as of a drone that takes off.
+    if less_steady and found == BlockOutcome.SEGMENT:
         unlearn_first_segment(state['rest'])
     return _accept_unreachable(state, found, lengths)
 

@@ -23,8 +23,9 @@ from gyro_drift_filter.core.bias.in_motion import take_direction
 from gyro_drift_filter.core.bias.records import Bias, bias_variance, has_provisional
 from gyro_drift_filter.core.bias.shared import start_motion_bias
 from gyro_drift_filter.core.bias.shift import limit_shift
-from gyro_drift_filter.core.bias.slow_turn import GATE, give_up_bias
+from gyro_drift_filter.core.bias.slow_turn import FASTEST_WARM_UP, GATE, give_up_bias
 from gyro_drift_filter.core.gate import is_beyond_gate
+from gyro_drift_filter.core.rest.noise import segment_variance
 from gyro_drift_filter.core.rest.records import SEGMENT_BLOCKS, Rest
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -34,6 +35,7 @@ from gyro_drift_filter.core.rest.segment import (
 )
 from gyro_drift_filter.core.rest.standing import (
     LARGEST_TILT,
+    LEAST_GRAVITY,
     is_noise,
     standing_mean,
     standing_scatter,
@@ -48,6 +50,9 @@ PROVISIONAL_SECONDS = 3.0
 PROVISIONAL_BLOCKS = 23  # as many as that holds at 100 Hz: they take longer at low rates
 PROVISIONAL_DEVIATION = 0.8e-3  # rad/s, beside that of the mean
 LESS_STEADY = 9.0  # times the variance of its mean: not by chance
+# At 64 Hz and more a first rest takes so many s. Rates that were steady for as long, where blocks
+# are longer, have shown the bias as well.
+FIRST_REST_SECONDS = 2.0
 # Where the driver subtracts the bias, zero is closer to it than the mean of a second. It is kept
 # within so many deviations of that mean.
 SIGNIFICANT = 2.0
@@ -61,7 +66,7 @@ def take_provisional(state: Bias, block_seconds: float, bias_max: float) -> None
     """Take the mean of the steady segment under way for the bias, until there is a rest."""
     seconds = max(PROVISIONAL_SECONDS, PROVISIONAL_BLOCKS * block_seconds)
     if state['segments'] == 0 and state['seconds_since_rest'] <= seconds:
-        _take_mean(state, False, 0.0, bias_max)
+        _take_mean(state, state['rest']['blocks'] * block_seconds, 0.0, bias_max)
 
 
 @kernel
@@ -73,16 +78,18 @@ def take_standing(state: Bias, block_seconds: float, bias_max: float) -> None:
         return
     since_start = state['seconds_since_rest'] <= seconds + SKIPPED_BLOCKS * block_seconds
     if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
-        _take_mean(state, True, LARGEST_TILT / seconds, bias_max)
+        _take_mean(state, 0.0, LARGEST_TILT / seconds, bias_max)
 
 
 @kernel
-def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float) -> None:
+def _take_mean(state: Bias, steady_seconds: float, hidden_rate: float, bias_max: float) -> None:
     """Take a mean for the bias, if that tells more than what is known.
 
-    It is of the segment under way, or of all blocks since gravity stands. In these the body may
-    have turned at `hidden_rate` in rad/s, by a tilt too small to show.
+    It is of the segment under way, which has been steady for `steady_seconds`, or, where that is 0,
+    of all blocks since gravity stands. In these the body may have turned at `hidden_rate` in rad/s,
+    by a tilt too small to show.
     """
+    standing = steady_seconds == 0.0
     is_far, fits_zero = False, is_zero(state['bias']) and not state['known']
     total = total_before = 0.0
     for axis in range(3):
@@ -108,6 +115,7 @@ def _take_mean(state: Bias, standing: bool, hidden_rate: float, bias_max: float)
         else:
             state['bias'][axis] = mean
         state['variance'][axis] = variance
+    state['provisional_seconds'] = steady_seconds
     _begin_provisional(state, standing)
     _replace_direction(state, standing)
 
@@ -165,6 +173,32 @@ def is_far_from_provisional(state: Bias) -> bool:
         if is_beyond_gate(distance, GATE, bias_variance(state, axis)):
             return True
     return False
+
+
+@kernel
+def turns_about_vertical(state: Bias) -> bool:
+    """Return whether the segment is a slow turn, as steady rates have shown the bias before.
+
+    A turn about the vertical changes nothing across it. A sensor that warms up has not come so far,
+    and a driver that takes the bias off leaves zero.
+    """
+    if state['provisional_seconds'] < FIRST_REST_SECONDS:
+        return False
+    rest, about_zero = state['rest'], True
+    square = along = size = variance = 0.0
+    for axis in range(3):
+        rate, gravity = segment_mean(rest, axis), segment_mean(rest, 3 + axis)
+        distance, noise = rate - state['bias'][axis], segment_variance(rest, axis)
+        square += distance * distance
+        along += distance * gravity
+        size += gravity * gravity
+        variance = max(variance, bias_variance(state, axis) + noise)
+        noise += PROVISIONAL_DEVIATION * PROVISIONAL_DEVIATION
+        about_zero = about_zero and not is_beyond_gate(rate, GATE, noise)
+    warmed_up = FASTEST_WARM_UP * state['seconds_since_rest']
+    if about_zero or size < LEAST_GRAVITY * LEAST_GRAVITY or square <= warmed_up * warmed_up:
+        return False
+    return bool(square - along * along / size <= GATE * GATE * variance)
 
 
 @kernel
