@@ -191,3 +191,31 @@ def test_a_bias_that_was_learned_the_other_way_is_as_unsure_as_half_a_count():
     np.testing.assert_array_equal(filter_.bias_deviation, before)
     filter_.configure(filter_.parameters.with_names({'input.quantisation': 'truncate'}))
     np.testing.assert_allclose(filter_.bias_deviation, np.hypot(before, 0.5 * COUNT), rtol=0.02)
+
+
+def test_the_distance_of_two_sensors_that_took_turns_is_no_count_for_good(random):
+    """As of a second driver on the topic, which is found and stopped after some seconds."""
+    taking_turns, n = 1600, 6000
+    rates = 2e-3 * random.standard_normal((n, 3))
+    rates[1:taking_turns:2] += 0.09
+    accelerations = np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
+    filter_, times = Filter(), stamps(n, RATE)
+    filter_.run(times[:taking_turns], rates[:taking_turns], accelerations[:taking_turns])
+    assert (quantisation(filter_)['votes'] >= CERTAIN_VOTES).all()
+    np.testing.assert_allclose(quantisation(filter_)['count'], 0.09, rtol=0.1)
+    alone = slice(taking_turns, n)
+    results = filter_.run(times[alone], rates[alone], accelerations[alone])
+    assert (quantisation(filter_)['votes'] < CERTAIN_VOTES).all()
+    assert np.sqrt(results['angular_velocity_variance'][-1]).max() < 1e-3
+
+
+def test_finer_counts_are_found_where_the_range_is_set_while_it_runs(random):
+    """The counts of a smaller range are parts of the former one."""
+    n = 12_000
+    rates = 0.7 * COUNT * random.standard_normal((n, 3))
+    counts = np.where(np.arange(n) < 4000, COUNT, COUNT / 4.0)[:, None]
+    accelerations = np.array([0.0, 0.0, 9.81]) + 0.02 * random.standard_normal((n, 3))
+    filter_, times = Filter(), stamps(n, RATE)
+    for part in (slice(0, 4000), slice(4000, n)):
+        filter_.run(times[part], np.round(rates / counts)[part] * counts[part], accelerations[part])
+        np.testing.assert_allclose(quantisation(filter_)['count'] / counts[part][0], 1.0, rtol=1e-6)

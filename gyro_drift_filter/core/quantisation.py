@@ -70,6 +70,7 @@ class Quantisation(TypedDict):
     votes: CountPerAxis
     change: PerAxis  # of the rates with the last sample, rad/s
     changes: CountPerAxis  # that have been looked at for it
+    parts: CountPerAxis  # lead of changes that were smaller than the known count
     absent: bool  # the search has ended on all axes, and found none
     # logarithms of likelihood ratios
     wide_zero: float
@@ -108,6 +109,34 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
     elif state['wide_zero'] > SURE and state['whole_neighbours'] > SURE:
         state['truncated'] = True
     return known or bool(state['truncated'] != truncated)
+
+
+@kernel
+def is_refuted(state: Quantisation) -> bool:
+    """Take the last changes in where the count is known; return whether it is none after all.
+
+    Two sensors that take turns differ by their biases, which look like a count. Once one of them
+    measures alone, its changes are parts of that. It is enough to look at some of the changes.
+    """
+    for axis in range(3):
+        change, count = abs(state['change'][axis]), known_count(state, axis)
+        if not LEAST_COUNT < change < (1.0 + SAME_COUNT) * count:
+            continue
+        smaller = change < (1.0 - SAME_COUNT) * count
+        state['parts'][axis] = max(state['parts'][axis] + (1 if smaller else -1), 0)
+        if state['parts'][axis] >= CERTAIN_VOTES:
+            return True
+    return False
+
+
+@kernel
+def forget_counts(state: Quantisation) -> None:
+    """Search for the counts anew, and for how they are cut."""
+    state['absent'] = state['truncated'] = False
+    state['wide_zero'] = state['whole_neighbours'] = 0.0
+    for axis in range(3):
+        state['count'][axis] = 0.0
+        state['votes'][axis] = state['changes'][axis] = state['parts'][axis] = 0
 
 
 @kernel

@@ -64,7 +64,13 @@ from gyro_drift_filter.core.bias.slow_turn import (
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.gate import is_beyond_gate
-from gyro_drift_filter.core.quantisation import likely_count
+from gyro_drift_filter.core.quantisation import (
+    forget_counts,
+    is_refuted,
+    likely_count,
+    needs_half_counts,
+    variance_of_cut,
+)
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
 from gyro_drift_filter.core.rest.noise import (
     noise_level,
@@ -195,6 +201,10 @@ def track_bias(
         rest['hinted_motion'] = True
         forget_stand(state['shaken_stand'])
     if note_sample(rest, sample, trusted, missing, lengths):
+        if is_refuted(quantisation):
+            if needs_half_counts(quantisation, settings['input_quantisation']):
+                widen(state, variance_of_cut(quantisation))
+            forget_counts(quantisation)
         for axis in range(3):
             note_count(rest, axis, likely_count(quantisation, axis))
             note_count(rest, 3 + axis, rest['force']['resolution'][axis])
