@@ -20,7 +20,7 @@
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 try:
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    import apsw
     from rosbags.interfaces import (
         Connection,
         ConnectionExtRosbag1,
@@ -35,6 +35,7 @@ try:
         QosTime,
     )
     from rosbags.interfaces.typing import RPath
+    from rosbags.rosbag1 import Reader as Ros1LibraryReader
     from rosbags.rosbag2 import (
         CompressionFormat,
         CompressionMode,
@@ -42,9 +43,17 @@ try:
         Writer,
         WriterError,
     )
+    from rosbags.rosbag2 import Reader as Ros2LibraryReader
     from rosbags.rosbag2.reader import DirectoryReader
     from rosbags.rosbag2.storage_mcap import McapReader
-    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+    from rosbags.typesys import (
+        Stores,
+        TypesysError,
+        get_types_from_idl,
+        get_types_from_msg,
+        get_typestore,
+    )
     from rosbags.typesys.store import Typestore
 except ImportError as error:
     raise GyroDriftFilterError(

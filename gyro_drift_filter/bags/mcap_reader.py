@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.library import AnyReader, DirectoryReader, McapReader
+from gyro_drift_filter.bags.definitions import LibraryOfRos2
+from gyro_drift_filter.bags.library import DirectoryReader, McapReader
 from gyro_drift_filter.bags.recording import (
     READ_NO_FURTHER,
     BagError,
@@ -40,7 +41,7 @@ class ChunkReader(RosbagsReader):
     """A `Recording` that is an MCAP file whose chunks follow each other in time."""
 
     def __init__(
-        self, library: AnyReader, file: Openable, layout: Layout, numbers: NDArray[np.int64]
+        self, library: LibraryOfRos2, file: Openable, layout: Layout, numbers: NDArray[np.int64]
     ) -> None:
         """Take the topics from rosbags, and the messages from the file.
 
@@ -75,14 +76,14 @@ class ChunkReader(RosbagsReader):
                     yield damaged_piece(Damage(why, chunk.first, chunk.last))
 
 
-def chunk_reader(library: AnyReader) -> ChunkReader | None:
+def chunk_reader(library: LibraryOfRos2) -> ChunkReader | None:
     """Return a reader of the file that rosbags has opened, or None where it is of another kind."""
-    storage: Any = getattr(library.readers[0], 'storage', None)
+    storage: Any = library.storage
     if isinstance(storage, DirectoryReader):
         if len(storage.storages) != 1 or storage.metadata.compression_mode == 'message':
             return None
         storage = storage.storages[0]
-    if len(library.readers) != 1 or not isinstance(storage, McapReader):
+    if not isinstance(storage, McapReader):
         return None
     file: Openable = storage.path
     layout = read_layout(file)

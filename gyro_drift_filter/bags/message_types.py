@@ -95,6 +95,11 @@ def message_type(name: str) -> Any:
     return types_with(name).types[name]
 
 
+def deserialize(data: bytes, name: str) -> Any:
+    """Return a message of such a class from its CDR; what is damaged raises nearly anything."""
+    return types_with(name).deserialize_cdr(data, name)
+
+
 def serialize(message: Any, name: str) -> bytes:
     """Return a message of such a class in CDR."""
     return bytes(types_with(name).serialize_cdr(message, name))

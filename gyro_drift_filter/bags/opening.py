@@ -21,14 +21,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePath
 from typing import Any
 
-from gyro_drift_filter.bags.library import (
-    AnyReader,
-    AnyReaderError,
-    DirectoryReader,
-    McapReader,
-)
+from gyro_drift_filter.bags.definitions import LibraryOfRos1, LibraryOfRos2
+from gyro_drift_filter.bags.library import DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
-from gyro_drift_filter.bags.message_types import all_types
+from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import ROSBAG2_SUFFIXES, BagError, Recording, StoredPath
 from gyro_drift_filter.bags.ros1_reader import Ros1Reader
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
@@ -45,6 +41,7 @@ from gyro_drift_filter.bags.unreadable import (
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import has_damaged_summary, recover
+from gyro_drift_filter.messages.imu import IMU_TYPE
 
 _log = logging.getLogger(__name__)
 # What the name of a bag ends with that is a single file.
@@ -69,30 +66,42 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
         yield choose_reader(library)
 
 
-def choose_reader(library: AnyReader) -> Recording:
+def choose_reader(library: LibraryOfRos1 | LibraryOfRos2) -> Recording:
     """Return the fastest reader that there is for what rosbags has opened."""
-    if not library.is2:
+    if isinstance(library, LibraryOfRos1):
         return Ros1Reader(library)
+    _check_imus(library)
     return chunk_reader(library) or RosbagsReader(library)
 
 
-def _opened(path: Path | StoredPath, name: Path | StoredPath) -> AnyReader:
+def _check_imus(library: LibraryOfRos2) -> None:
+    """Look whether Imu messages are of the type that is known.
+
+    Raises:
+        BagError: They are of another one, by its hash.
+    """
+    known = types_with(IMU_TYPE).hash_rihs01(IMU_TYPE)
+    for connection in library.connections:
+        if connection.msgtype == IMU_TYPE and connection.digest and connection.digest != known:
+            raise BagError(
+                f'{library.path}: the {IMU_TYPE} of {connection.topic} is not that of ROS 2, as '
+                f'its hash is {connection.digest}'
+            )
+
+
+def _opened(path: Path | StoredPath, name: Path | StoredPath) -> LibraryOfRos1 | LibraryOfRos2:
     # A file that lies raises nearly anything out of the parser: all of it is a bag that can't be
     # read. Errors of the caller's own pass, as the reader is open by then.
     try:
-        reader = AnyReader([path])
-        try:
-            reader.open()
-        except AnyReaderError:  # as of a bag that holds no definitions
-            reader = AnyReader([path], default_typestore=all_types())
-            reader.open()
+        library = (LibraryOfRos1 if path.suffix == '.bag' else LibraryOfRos2)(path)
+        library.open()
     except Exception as error:
         why = why_unreadable(path, error, FILE_SUFFIXES)
         raise BagError(f'{name} can not be read as a bag: {why}') from error
-    return reader
+    return library
 
 
-def _check_summaries(library: AnyReader, folder: Path | StoredPath) -> None:
+def _check_summaries(library: LibraryOfRos1 | LibraryOfRos2, folder: Path | StoredPath) -> None:
     """Look whether the files of a folder have the summaries by which they were written.
 
     Raises:
@@ -104,13 +113,13 @@ def _check_summaries(library: AnyReader, folder: Path | StoredPath) -> None:
             raise BagError(f'{folder} can not be read as a bag: {advice}{advice_on_others(folder)}')
 
 
-def _files_of(library: AnyReader) -> Sequence[Any]:
+def _files_of(library: LibraryOfRos1 | LibraryOfRos2) -> Sequence[Any]:
     """Return the readers of the files of a folder; none where a single file is read."""
-    storage = getattr(library.readers[0], 'storage', None)
+    storage = getattr(library, 'storage', None)
     return storage.storages if isinstance(storage, DirectoryReader) else ()
 
 
-def _note_unlisted(library: AnyReader, folder: Path | StoredPath) -> None:
+def _note_unlisted(library: LibraryOfRos1 | LibraryOfRos2, folder: Path | StoredPath) -> None:
     """Tell of the files of a folder that its metadata.yaml does not list, so that nobody reads."""
     listed = {PurePath(str(file.path)).name for file in _files_of(library)}
     if not listed:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.message_types import deserialize
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, Recording, messages, topic_types
 from gyro_drift_filter.bags.topics import topic_named
@@ -72,7 +73,7 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
             if (connection.topic, connection.msgtype) != chosen:
                 continue
             try:
-                message: Any = recording.typestore.deserialize_cdr(data, kind)
+                message = deserialize(data, kind)
             except Exception:  # whatever the bytes of others bring about
                 damaged += 1
                 continue

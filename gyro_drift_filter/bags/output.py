@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.layout import BOOL_BYTES, OUTPUT_STATE, lay_out
-from gyro_drift_filter.bags.message_types import types_with
-from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr, length_by_id
+from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr, length_by_id, why_not_cdr
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.mcap.message_kernels import RECORD_BYTES
@@ -116,11 +116,11 @@ class Output:
                 self.left_out[topic] = 'the filter writes this topic itself'
                 continue
             if not is_cdr(connection):
-                self.left_out[topic] = 'its messages are not in CDR'
+                self.left_out[topic] = f'its messages {why_not_cdr(connection)}'
                 continue
             if topic not in kept:
                 continue
-            copy = self._writer.copy_connection(connection, recording)
+            copy = self._writer.copy_connection(connection)
             self._copies[connection.id] = copy.id
             if (topic, copy.msgtype) == (DIAGNOSTICS, DIAGNOSTICS_TYPE):
                 report_channel = report_channel or copy.id
@@ -187,6 +187,6 @@ class Output:
         if not any(name.encode() in data for name in self._own_statuses):
             return False
         with suppress(Exception):  # whatever the bytes of others bring about
-            message: Any = types_with(DIAGNOSTICS_TYPE).deserialize_cdr(data, DIAGNOSTICS_TYPE)
+            message = deserialize(data, DIAGNOSTICS_TYPE)
             return all(status.name in self._own_statuses for status in message.status)
         return False

@@ -27,13 +27,15 @@ from gyro_drift_filter.bags.library import (
     ConnectionExtRosbag2,
     Qos,
     RPath,
-    Typestore,
 )
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.mcap.message_kernels import ROW
 
 # What the name of a file of rosbag2 ends with.
 ROSBAG2_SUFFIXES = ('.mcap', '.db3')
+
+# The serialization of messages that can't be converted to CDR.
+OF_ROS1 = 'ros1'
 
 # What is said of a file with damage in its middle, before the reason.
 READ_NO_FURTHER = 'is damaged and can be read no further'
@@ -127,14 +129,12 @@ class Recording(Protocol):
         connections: Topics with their types, once for each publisher.
         message_count: How many messages there are.
         in_order: Whether all pieces follow each other in time; files of a folder may overlap.
-        typestore: The types whose definitions the recording holds.
     """
 
     path: Path
     connections: list[Connection]
     message_count: int
     in_order: bool
-    typestore: Typestore
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, in the order of their log times where they are `in_order`.
@@ -191,7 +191,8 @@ def channels_of(recording: Recording, topic: str, kind: str) -> NDArray[np.bool_
     wanted = topic, kind
     ids = [c.id for c in recording.connections if (c.topic, c.msgtype) == wanted and is_cdr(c)]
     if not ids:
-        raise BagError(f'the messages of topic {topic} are not in CDR')
+        others = [c for c in recording.connections if (c.topic, c.msgtype) == wanted]
+        raise BagError(f'the messages of topic {topic} {why_not_cdr(others[0])}')
     return are_among(recording, ids)
 
 
@@ -215,3 +216,11 @@ def is_cdr(connection: Connection) -> bool:
     """Tell whether a topic's messages are serialized as ROS 2 does; rosbags writes no others."""
     extension = connection.ext
     return isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format == 'cdr'
+
+
+def why_not_cdr(connection: Connection) -> str:
+    """Return why messages that are not in CDR can't be taken, as the end of a sentence."""
+    extension = connection.ext
+    if isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format == OF_ROS1:
+        return 'can not be converted to ROS 2: their definition can not be read, or is another one'
+    return 'are not in CDR'

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.bias_memory import ReplayBiasMemory
 from gyro_drift_filter.bags.imus import read_imus
+from gyro_drift_filter.bags.message_types import deserialize
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import Piece, Recording, are_among, channels_of, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
@@ -200,7 +201,6 @@ class TopicFilter:
         self.topic = topic
         self.is_imu = channels_of(recording, topic, IMU_TYPE)
         self._names = names
-        self._typestore = recording.typestore
         self.messages = MessageFilter(parameters)
         filter_ = self.messages.filter
         self.memory = (
@@ -264,7 +264,7 @@ class TopicFilter:
         """Tell the filter what another topic says, passing over what can't be read."""
         said = None
         with suppress(Exception):
-            message: Any = self._typestore.deserialize_cdr(data, kind)
+            message = deserialize(data, kind)
             said = message.temperature if kind == TEMPERATURE_TYPE else moves(message)
         if said is None:
             return

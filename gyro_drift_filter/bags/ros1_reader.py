@@ -20,9 +20,10 @@ for the one type that was given another name.
 
 import errno
 from collections.abc import Iterator
+from contextlib import suppress
 
+from gyro_drift_filter.bags.definitions import LibraryOfRos1, types_of
 from gyro_drift_filter.bags.library import (
-    AnyReader,
     Connection,
     ConnectionExtRosbag1,
     ConnectionExtRosbag2,
@@ -34,7 +35,7 @@ from gyro_drift_filter.bags.library import (
 )
 from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.qos import RELIABLE, RELIABLE_AND_LATCHED
-from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.bags.recording import OF_ROS1, BagError, is_cdr
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader, reason_of_library
 from gyro_drift_filter.errors import reason
 
@@ -48,11 +49,12 @@ _RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
 class Ros1Reader(RosbagsReader):
     """A `Recording` that is a ROS 1 bag."""
 
-    def __init__(self, library: AnyReader) -> None:
+    def __init__(self, library: LibraryOfRos1) -> None:
         """Take over what rosbags has opened."""
         super().__init__(library)
-        self.typestore = _types_of_ros2(library.typestore)
-        self.connections = [_as_of_ros2(connection) for connection in library.connections]
+        types = types_of(*library.connections)
+        self._types = _types_of_ros2(types)
+        self.connections = [self._as_of_ros2(c, types) for c in library.connections]
         self._by_id = {connection.id: connection for connection in self.connections}
 
     def _reason(self, error: Exception) -> str:
@@ -62,14 +64,36 @@ class Ros1Reader(RosbagsReader):
     def _messages(self) -> Iterator[tuple[Connection, int, bytes]]:
         for of_ros1, log_time, data in super()._messages():
             connection = self._by_id[of_ros1.id]
+            if not is_cdr(connection):
+                yield connection, log_time, data
+                continue
             try:
-                converted = bytes(self.typestore.ros1_to_cdr(data, connection.msgtype))
+                converted = bytes(self._types.ros1_to_cdr(data, connection.msgtype))
             except Exception as error:
                 raise BagError(
                     f'{self.path}: a message of {connection.topic} can not be converted to ROS 2: '
                     f'{reason_of_library(error)}'
                 ) from error
             yield connection, log_time, converted
+
+    def _as_of_ros2(self, connection: Connection, types: Typestore) -> Connection:
+        """Return a connection as of ROS 2, in CDR where its messages can be converted."""
+        extension = connection.ext
+        assert isinstance(extension, ConnectionExtRosbag1)
+        qos = RELIABLE_AND_LATCHED if extension.latching else RELIABLE
+        name = _RENAMED.get(connection.msgtype, connection.msgtype)
+        serialization, written, digest = OF_ROS1, '', ''
+        with suppress(Exception):  # whatever an odd definition brings about
+            if types.generate_msgdef(connection.msgtype)[1] == connection.digest:
+                serialization = 'cdr'
+                written = self._types.generate_msgdef(name, ros_version=2)[0]
+                digest = self._types.hash_rihs01(name)
+        return connection._replace(
+            msgtype=name,
+            msgdef=MessageDefinition(MessageDefinitionFormat.MSG, written),
+            digest=digest,
+            ext=ConnectionExtRosbag2(serialization, [qos]),
+        )
 
 
 def is_of_the_system(error: Exception) -> bool:
@@ -83,15 +107,3 @@ def _types_of_ros2(types: Typestore) -> Typestore:
     fields = {_RENAMED.get(name, name): of_type for name, of_type in types.fielddefs.items()}
     store.register(fields | {_HEADER: types_with(_HEADER).fielddefs[_HEADER]})
     return store
-
-
-def _as_of_ros2(connection: Connection) -> Connection:
-    extension = connection.ext
-    assert isinstance(extension, ConnectionExtRosbag1)
-    qos = RELIABLE_AND_LATCHED if extension.latching else RELIABLE
-    return connection._replace(
-        msgtype=_RENAMED.get(connection.msgtype, connection.msgtype),
-        msgdef=MessageDefinition(MessageDefinitionFormat.NONE, ''),
-        digest='',
-        ext=ConnectionExtRosbag2('cdr', [qos]),
-    )

@@ -21,7 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gyro_drift_filter.bags.library import AnyReader, Connection, DirectoryReader
+from gyro_drift_filter.bags.definitions import LibraryOfRos1, LibraryOfRos2
+from gyro_drift_filter.bags.library import Connection, DirectoryReader
 from gyro_drift_filter.bags.recording import READ_NO_FURTHER, BagError, Damage, Piece, damaged_piece
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.message_kernels import ROW
@@ -35,20 +36,18 @@ _ZSTD = b'\x28\xb5\x2f\xfd'  # begins what is compressed (RFC 8878, 3.1.1), and 
 class RosbagsReader:
     """A `Recording` that rosbags has opened."""
 
-    def __init__(self, library: AnyReader) -> None:
-        self.path = Path(str(library.paths[0]))
+    def __init__(self, library: LibraryOfRos1 | LibraryOfRos2) -> None:
+        self.path = Path(str(library.path))
         self.connections = library.connections
         self.message_count = library.message_count
-        self.typestore = library.typestore
         self._library = library
         self.in_order = True
         # rosbags reads the files of a folder in the order of its metadata.yaml.
-        for reader in library.readers:
-            if isinstance(storage := getattr(reader, 'storage', None), DirectoryReader):
-                storage.storages.sort(key=lambda file: file.metadata.start_time)
-                times = [(f.metadata.start_time, f.metadata.end_time) for f in storage.storages]
-                # An end is one ns behind the last message.
-                self.in_order = all(end - 1 <= start for (_, end), (start, _) in pairwise(times))
+        if isinstance(storage := getattr(library, 'storage', None), DirectoryReader):
+            storage.storages.sort(key=lambda file: file.metadata.start_time)
+            times = [(f.metadata.start_time, f.metadata.end_time) for f in storage.storages]
+            # An end is one ns behind the last message.
+            self.in_order = all(end - 1 <= start for (_, end), (start, _) in pairwise(times))
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all messages, see `Recording`."""

@@ -23,6 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.definitions import IDL_BEGIN, types_of
 from gyro_drift_filter.bags.library import (
     CompressionFormat,
     CompressionMode,
@@ -31,7 +32,6 @@ from gyro_drift_filter.bags.library import (
     MessageDefinitionFormat,
     StoragePlugin,
     Stores,
-    Typestore,
     TypesysError,
     Writer,
     WriterError,
@@ -45,7 +45,6 @@ from gyro_drift_filter.bags.recording import (
     ROSBAG2_SUFFIXES,
     Identity,
     OutputError,
-    Recording,
     identity,
 )
 from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
@@ -91,6 +90,7 @@ class BagWriter:
             raise OutputError(f'{path}: what is written is a folder: name it without {path.suffix}')
         self._replace = replace
         self._copies: dict[Identity, Connection] = {}
+        self._definitions: dict[str, tuple[str, str]] = {}  # with their hashes, by type
         with self._reporting():
             self._path.parent.mkdir(parents=True, exist_ok=True)
             remove_abandoned(self._path)
@@ -161,7 +161,7 @@ class BagWriter:
         except (OSError, WriterError) as error:
             raise OutputError(f'{self._path} can not be written: {reason(error)}') from error
 
-    def copy_connection(self, connection: Connection, source: Recording) -> Connection:
+    def copy_connection(self, connection: Connection) -> Connection:
         """Add a topic as it is in a recording, with its QoS and message definition.
 
         That may hold the same topic several times, one for each publisher: they become one.
@@ -171,18 +171,22 @@ class BagWriter:
             return known
         extension = connection.ext
         assert isinstance(extension, ConnectionExtRosbag2)
-        definition, digest = connection.msgdef.data, connection.digest
-        if connection.msgdef.format == MessageDefinitionFormat.NONE or not digest:
-            definition, digest = _definition(connection, source)
+        # The file holds one definition of each type, and readers compare the hashes with that.
+        kind = connection.msgtype
+        if kind not in self._definitions:
+            self._definitions[kind] = _definition(connection)
+        definition, digest = self._definitions[kind]
         with self._reporting():
             copy = self._writer.add_connection(
                 connection.topic,
                 connection.msgtype,
                 msgdef=definition,
-                rihs01=digest,
+                rihs01=digest or 'unknown',
                 serialization_format=extension.serialization_format,
                 offered_qos_profiles=extension.offered_qos_profiles,
             )
+            # rosbags asks for a hash here, though it takes none where it reads.
+            self._writer.connections[-1] = copy = copy._replace(digest=digest)
         self._copies[identity(copy)] = copy
         return copy
 
@@ -217,18 +221,21 @@ class BagWriter:
             storage.write_records(records, ends)
 
 
-def _generated(store: Typestore, name: str) -> tuple[str, str]:
-    definition, _ = store.generate_msgdef(name, ros_version=2)
-    return definition, store.hash_rihs01(name)
+def _definition(connection: Connection) -> tuple[str, str]:
+    """Return message definition and hash of a type.
 
-
-def _definition(connection: Connection, source: Recording) -> tuple[str, str]:
-    """Return message definition and hash of a type, for bags from before they stood in them."""
-    name = connection.msgtype
-    with suppress(TypesysError, KeyError):
-        return _generated(source.typestore, name)
-    with suppress(TypesysError, KeyError):
-        return _generated(types_with(name), name)
+    They are as they stand in the recording. Bare files have no hash, so it is made anew; that of a
+    definition which can't be read is unknown, and empty. Old bags have neither.
+    """
+    name, written, digest = connection.msgtype, connection.msgdef.data, connection.digest
+    in_idl = connection.msgdef.format != MessageDefinitionFormat.MSG
+    if written.strip() and (not in_idl or written.startswith(IDL_BEGIN)):
+        with suppress(Exception):  # whatever an odd definition brings about
+            digest = digest or types_of(connection).hash_rihs01(name)
+        return written, digest
+    for store in types_of(connection), types_with(name):
+        with suppress(TypesysError, KeyError):
+            return store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name)
     # A type that nobody knows keeps its messages under an empty definition, and the hash of that:
     # readers compare the two.
     unknown = get_typestore(Stores.EMPTY)

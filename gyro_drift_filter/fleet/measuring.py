@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.bags.message_types import deserialize
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, Recording, are_among, is_cdr
@@ -174,14 +175,13 @@ class _Temperatures:
             and is_cdr(connection)
         ]
         self._is_temperature = are_among(recording, ids)
-        self._typestore = recording.typestore
         self._values: list[float] = []
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in, passing over what can't be read."""
         for row in np.flatnonzero(self._is_temperature[piece.rows['channel']]).tolist():
             with suppress(Exception):
-                message: Any = self._typestore.deserialize_cdr(piece.message(row), TEMPERATURE_TYPE)
+                message = deserialize(piece.message(row), TEMPERATURE_TYPE)
                 self._values.append(float(message.temperature))
 
     def mean(self) -> float | None:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import usable
 from gyro_drift_filter.bags.imus import read_imus
+from gyro_drift_filter.bags.message_types import deserialize
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.orientations import PLACES, orientation_of
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, are_among, is_cdr
@@ -87,7 +88,6 @@ class Reading:
         self._resting = Stored(np.uint8)
         self._stated = (Stated(), Stated(), Stated())
         self._report_times = ReportTimes()
-        self._typestore = recording.typestore
         self._own = _Orientations(topic, own=True)
         self._others = {
             connection.id: (connection, _Orientations(connection.topic, own=False))
@@ -128,7 +128,7 @@ class Reading:
         connection, orientations = self._others[channel]
         stamp, quaternion = 0, np.zeros((1, 4))
         with suppress(Exception):
-            message = self._typestore.deserialize_cdr(data, connection.msgtype)
+            message = deserialize(data, connection.msgtype)
             stamp, quaternion[0] = orientation_of(message, connection.msgtype)
         if stamp:
             orientations.add(np.array([stamp]), quaternion)
