@@ -25,17 +25,32 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, lacking, to_kalibr
+from gyro_drift_filter.calibrate.rests import find_rests, make_track
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
-from gyro_drift_filter.simulation.bag import TOPIC
+from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
-from support.bags import write_imus
+from support.bags import write, write_imus
+from support.messages import STORE
 
 MATRIX = np.array([[1.02, 0.01, -0.03], [0.004, 0.99, 0.02], [-0.02, 0.03, 1.015]])
 
 
 def bag(path, turns):
     return write_imus(path, turns.stamps, turns.rates, turns.accelerations)
+
+
+def orientation_message(stamp, quaternion):
+    """Return a serialized QuaternionStamped; stamp in ns."""
+    types = STORE.types
+    time = types['builtin_interfaces/msg/Time'](*divmod(int(stamp), 10**9))
+    kind = 'geometry_msgs/msg/QuaternionStamped'
+    message = types[kind](
+        types['std_msgs/msg/Header'](time, 'body'),
+        types['geometry_msgs/msg/Quaternion'](*map(float, quaternion)),
+    )
+    return bytes(STORE.serialize_cdr(message, kind))
 
 
 def calibrate(tmp_path, *arguments):
@@ -48,6 +63,45 @@ def test_results_for_programs_take_the_place_of_the_text(tmp_path, capsys, rando
     assert calibrate(tmp_path, source, '--json', '-', '--kalibr', tmp_path / 'kalibr') == 0
     assert json.loads(capsys.readouterr().out)['legs']
     assert (tmp_path / 'kalibr').exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('seconds', 'of_both'),
+    [(3600, False), (1_700_000_000, False), (1_700_000_000, True)],
+    ids=['by an hour', 'from 1970', 'from 1970 with the log times'],
+)
+def test_time_goes_on_where_a_clock_was_set_forward(seconds, of_both, tmp_path, random):
+    """The walk of the bias came out as if it had taken half a century, 4000 times too small."""
+    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
+    stamps = turns.stamps - turns.stamps[0] + 10**11
+    track = make_track(stamps, turns.rates, turns.accelerations)
+    rest = find_rests(track).rests[4]
+    later = stamps.copy()
+    later[(rest.first + rest.stop) // 2 :] += seconds * 10**9
+    walks, delays = [], []
+    for name, times in (('even', stamps), ('set', later)):
+        imu = [data for _, data in imu_messages(times, turns.rates, turns.accelerations)]
+        logged = (times if of_both else stamps).tolist()
+        orientations = [
+            (time, orientation_message(stamp, quaternion))
+            for time, stamp, quaternion in zip(logged, times, turns.orientations, strict=True)
+        ]
+        topics = {
+            (TOPIC, IMU_TYPE): zip(logged, imu, strict=True),
+            ('/body', 'geometry_msgs/msg/QuaternionStamped'): orientations,
+        }
+        folder = tmp_path / name
+        folder.mkdir()
+        source = write(folder / 'in', topics)
+        arguments = ['--reference', '/body', '--json', folder / 'found.json']
+        assert calibrate(folder, source, *arguments, '--kalibr', folder / 'kalibr') == 0
+        kalibr = yaml.safe_load((folder / 'kalibr').read_text())
+        walks.append(kalibr['gyroscope_random_walk'])
+        found = json.loads((folder / 'found.json').read_text())
+        delays.append(found['reference']['late'])
+    assert walks[1] == pytest.approx(walks[0], rel=0.2)
+    assert delays[1] == pytest.approx(delays[0], abs=1e-3)
 
 
 @pytest.mark.slow

@@ -165,12 +165,15 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
         found = read_samples(bag, options.topic, between(options), progress)
     for note in found.notes():
         tell(f'note: {bag}: {note}')
-    reference = None
+    clocks, reference = [found.stamps[:]], None
     if options.reference:
         seen = read_orientations(bag, options.reference)
-        reference = Reference(seen.stamps, seen.orientations)
+        clocks.append(seen.stamps)
+    stamps, *others = found.going_on(*clocks)
+    if others:
+        reference = Reference(others[0], seen.orientations)
     samples = Samples(
-        found.stamps[:],
+        stamps,
         stacked(found.rates),
         stacked(found.accelerations),
         reference,

@@ -16,6 +16,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,13 @@ from numpy.typing import NDArray
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE, SAMPLE
+from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
+from gyro_drift_filter.identify.timing import learn_timing
 from gyro_drift_filter.phrases import counted
 
+# s: what is left of the time by which a clock was set forward, a gap to all who look for one.
+_LEFT = 1.0
 # Units differ by a power of 1000; lost messages and a clock that drifts change their ratio by less.
 _UNIT_MARGIN = 0.02
 
@@ -78,6 +83,25 @@ class StoredSamples:
             left_out = counted(self.refused, 'message')
             notes.append(f'{left_out} left out, as damaged or without an angular velocity')
         return notes
+
+    def going_on(self, *clocks: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """Return times in ns of the stamps' clock as if that had never been set forward.
+
+        How long it took to set it is not known: a gap stays in place of it. A single stamp of the
+        future is no clock that was set, as the stamps come back.
+        """
+        stamps = self.stamps[:]
+        later = np.minimum.accumulate(stamps[::-1])[::-1]
+        middles, steps = [], [0]
+        with suppress(IdentificationError):  # the stamps do not advance
+            timing = learn_timing(stamps, self.log_times)
+            for index, back in zip(timing.breaks, timing.set_back, strict=True):
+                before, forward = int(stamps[index - 1]), int(-1e9 * (back + _LEFT))
+                if forward > 0 and later[index] > before + forward // 2:
+                    middles.append(before + forward // 2)
+                    steps.append(forward)
+        total = np.cumsum(steps)
+        return [times - total[np.searchsorted(middles, times)] for times in clocks]
 
 
 def read_samples(
