@@ -23,9 +23,13 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.orientations import read_orientations
 from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.calibrate import reference as reference_module
+from gyro_drift_filter.calibrate import turning
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.errors import CalibrationError
-from gyro_drift_filter.calibrate.reference import Reference
+from gyro_drift_filter.calibrate.reference import Mount, Reference, ReferenceOfOneRecording
+from gyro_drift_filter.calibrate.rests import make_track
+from gyro_drift_filter.calibrate.unknowns import MATRIX, start
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides
@@ -59,6 +63,35 @@ def test_rotation_and_delay_are_found_on_the_way(random):
     assert abs(fit.late - LATE) < 4.0 * fit.late_deviation
     assert fit.noise == pytest.approx(0.3 * DEGREE, rel=0.05)
     assert not fit.level
+
+
+@pytest.mark.slow
+def test_samples_faster_than_a_hand_moves_are_taken_together(random, monkeypatch):
+    """At 1000 Hz most of the time was that of samples between which nothing is asked for."""
+    turns = lay_down(random, sides(random)[:2], random_faults(random), rate=1000.0)
+    track = make_track(turns.stamps, turns.rates, turns.accelerations)
+    orientations = seen(random, turns, every=20)
+    unknowns = start()
+    unknowns[MATRIX] += 0.03 * random.standard_normal(9)
+    counts, found = [], []
+    for seconds in (turning.STEP_SECONDS, 0.0):
+        monkeypatch.setattr(turning, 'STEP_SECONDS', seconds)
+        steps = []
+
+        def counted(vectors, steps=steps):
+            steps.append(len(vectors))
+            return turning.rotations(vectors)
+
+        monkeypatch.setattr(reference_module, 'rotations', counted)
+        part = ReferenceOfOneRecording(0, track, orientations, np.full(3, 1e-8))
+        part.divide(Mount(MOUNT.as_quat()), LATE)
+        found.append(part.residuals(unknowns))
+        counts.append(sum(steps))
+    assert counts[0] < 0.11 * counts[1]
+    together, single = found
+    np.testing.assert_allclose(together.values, single.values, atol=1e-4)
+    scale = np.abs(single.jacobian).max()
+    np.testing.assert_allclose(together.jacobian, single.jacobian, atol=2e-3 * scale)
 
 
 @pytest.mark.slow

@@ -33,7 +33,13 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import Track
-from gyro_drift_filter.calibrate.turning import integrals, rotations, step_vectors
+from gyro_drift_filter.calibrate.turning import (
+    Together,
+    integrals,
+    rotations,
+    step_vectors,
+    together,
+)
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, to_vectors
 
@@ -101,12 +107,13 @@ class Mount:
 
 @dataclass
 class _Span:
-    """Orientations [first, stop) of the reference, and the samples about them."""
+    """Orientations [first, stop) of the reference, and the samples about them, less their bias."""
 
     first: int
     stop: int
     samples: slice
     bias: Floats
+    parts: Together
     used: Bools
 
 
@@ -217,7 +224,8 @@ class ReferenceOfOneRecording:
             if stop - first >= LEAST_SIZE and whole:
                 bias = self._first_bias(first, stop, at)
                 used = np.ones(stop - first, bool)
-                self._spans.append(_Span(first, stop, samples, bias, used))
+                parts = self._parts(samples, bias)
+                self._spans.append(_Span(first, stop, samples, bias, parts, used))
             first = stop
         if not self._spans:
             raise CalibrationError('the reference is never there for long enough')
@@ -232,6 +240,12 @@ class ReferenceOfOneRecording:
         turned = to_vectors(steps).sum(axis=0) / (at[stop - 1] - at[first])
         body = Rotation.from_quat(self._mount.rotation).apply(turned)
         return np.asarray(track.rates[ends[0] : ends[1] + 1].mean(axis=0) - body)
+
+    def _parts(self, samples: slice, bias: Floats) -> Together:
+        """Return the steps of samples, less a bias."""
+        steps = np.diff(self._track.seconds[samples])
+        rates = self._track.rates[samples] - bias
+        return together(steps, self._track.period, *integrals(rates, steps))
 
     def residuals(self, unknowns: Floats) -> Residuals:
         """Return all residuals at the unknowns, without what a span's start and bias explain."""
@@ -275,59 +289,64 @@ class ReferenceOfOneRecording:
 
     def closures(self, unknowns: Floats) -> Closures:
         """Return by how much the ends of spans are off, and by how much each turned."""
-        out = []
+        matrix, out = unknowns[MATRIX].reshape(3, 3), []
         for span in self._spans:
-            vectors, _, _, turned = self._differences(span, unknowns)
+            vectors, *_ = self._differences(span, unknowns)
+            turned = float(np.linalg.norm(span.parts.angles @ matrix.T, axis=1).sum())
             count = max(len(vectors) // 10, 1)
             # A start is a mean of some, as the reference is noisy, and so is an end.
             step = vectors[-count:].mean(axis=0) - vectors[:count].mean(axis=0)
             out.append((float(np.linalg.norm(step)), turned))
         return Closures(*np.array(out).T)
 
-    def _differences(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats, float]:
+    def _differences(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats]:
         """Return by how much the reference is ahead, as rotation vectors in the span's first axes.
 
         Beside them (n, 3) stand their dependence on the unknowns (n, 3, UNKNOWNS) and on the bias
-        (n, 3, 3), and by how much the sensor has turned in all.
+        (n, 3, 3).
         """
         matrix = unknowns[MATRIX].reshape(3, 3)
-        seconds = self._track.seconds[span.samples]
-        raw = self._track.rates[span.samples] - span.bias
-        steps = np.diff(seconds)
-        before, middle = rotations(step_vectors(*integrals(raw, steps), matrix))
-        mean = 0.5 * (raw[1:] + raw[:-1])
+        seconds, parts = self._track.seconds[span.samples], span.parts
+        before, middle = rotations(step_vectors(parts.angles, parts.coning, matrix))
         axes = Rotation.from_quat(middle).as_matrix()
-        by_matrix = np.einsum('kai,kj,k->kaij', axes, mean, steps).reshape(-1, 3, 9)
-        by_bias = -np.einsum('kai,ij,k->kaj', axes, matrix, steps)
         at = self._seconds[span.first : span.stop] - unknowns[LATE]
-        low = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(steps) - 1)
-        share = (at - seconds[low]) / steps[low]
-        part = 0.5 * share * steps[low]
-        rate = raw @ matrix.T
-        now = rate[low] + share[:, None] * (rate[low + 1] - rate[low])
-        turned = multiply(before[low], from_vectors(part[:, None] * (rate[low] + now)))
+        low = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(seconds) - 2)
+        steps = seconds[low + 1] - seconds[low]
+        share = (at - seconds[low]) / steps
+        rates = self._track.rates[span.samples] - span.bias
+        raw, change = rates[low], rates[low + 1] - rates[low]
+        rate, now = raw @ matrix.T, (raw + share[:, None] * change) @ matrix.T
+        number = np.searchsorted(parts.first, low, 'right') - 1
+        turned = multiply(
+            before[number],
+            from_vectors(step_vectors(parts.angles_before[low], parts.coning_before[low], matrix)),
+        )
+        turned = multiply(turned, from_vectors(0.5 * (share * steps)[:, None] * (rate + now)))
         turns = Rotation.from_quat(turned).as_matrix()
 
-        def until(each: Floats) -> Floats:
-            total = np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
-            return np.asarray(total[low] + share[:, None, None] * each[low])
+        def until(whole: Floats, part: Floats) -> Floats:
+            total = np.cumsum(whole, axis=0) - whole
+            return np.asarray(total[number] + part)
 
+        angles = parts.angles_before[low] + (share * steps)[:, None] * (raw + 0.5 * change)
+        by_matrix = until(_outer(axes, parts.angles), _outer(axes[number], angles))
+        lengths = at - seconds[parts.first[number]]
+        by_bias = until(axes * parts.lengths[:, None, None], axes[number] * lengths[:, None, None])
         body = multiply(from_vectors(unknowns[TURNED][None]), self._mount.rotation[None])
         ahead = multiply(self._rotations[span.first : span.stop], inverse(body))
         ahead = multiply(ahead, inverse(turned))
         center = _mean(ahead)
         vectors = to_vectors(multiply(inverse(center[None]), ahead))
         jacobian = np.zeros((len(at), 3, UNKNOWNS))
-        jacobian[:, :, MATRIX] = -until(by_matrix)
+        jacobian[:, :, MATRIX] = -by_matrix
         if not self.level:
             jacobian[:, :, TURNED] = -turns
         jacobian[:, :, LATE] = np.einsum('kai,ki->ka', turns, now)
-        angle = float(np.linalg.norm(rate[:-1] * steps[:, None], axis=1).sum())
-        return vectors, jacobian, -until(by_bias), angle
+        return vectors, jacobian, by_bias @ matrix
 
     def _rows(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return values (n, c), dependence (n, c, UNKNOWNS), nuisances (n, c, 3 + c), whitener."""
-        vectors, jacobian, by_bias, _ = self._differences(span, unknowns)
+        vectors, jacobian, by_bias = self._differences(span, unknowns)
         if self.level:
             up = self._up()
             vectors, jacobian = vectors @ up[:, None], np.einsum('a,kan->kn', up, jacobian)[:, None]
@@ -369,12 +388,18 @@ class ReferenceOfOneRecording:
         white, nuisances = self._white(span, unknowns)
         step = np.linalg.lstsq(nuisances, -white[:, 0], rcond=None)[0]
         span.bias = span.bias + (step[0] * self._up() if self.level else step[:3])
+        span.parts = self._parts(span.samples, span.bias)
         vectors, *_ = self._differences(span, unknowns)
         off = np.linalg.norm(vectors - np.median(vectors, axis=0), axis=1)
         # Of a vector of three normal variables half are shorter than 1.54 deviations.
         used = off < SLIP * max(float(np.median(off)) / 1.54, self._variance**0.5)
         if used.sum() >= LEAST_SIZE:
             span.used = used
+
+
+def _outer(axes: Floats, angles: Floats) -> Floats:
+    """Return for rotations (n, 3, 3) and angles (n, 3) how the former turn each of the latter."""
+    return np.asarray(np.einsum('kai,kj->kaij', axes, angles).reshape(-1, 3, 9))
 
 
 def _mean(rotations_: Floats) -> Floats:

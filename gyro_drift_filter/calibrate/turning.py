@@ -126,20 +126,17 @@ def make_leg(
         beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
     bias += beside @ sensitivity.T
     steps = np.diff(seconds)
-    angles, coning = integrals(track.rates[span] - bias, steps)
-    first = np.arange(0, len(steps), max(1, round(STEP_SECONDS / track.period)))
-    angles, coning = together(first, angles, coning)
+    parts = together(steps, track.period, *integrals(track.rates[span] - bias, steps))
     middle = 0.5 * (share[1:] + share[:-1]) * steps
-    lengths = np.add.reduceat(steps, first)
     return Leg(
         track=number,
         rests=rests,
         time=float(seconds[0]),
         seconds=float(np.ptp(seconds)),
-        steps=lengths,
-        angles=angles,
-        coning=coning,
-        share=np.add.reduceat(middle, first) / lengths,
+        steps=parts.lengths,
+        angles=parts.angles,
+        coning=parts.coning,
+        share=np.add.reduceat(middle, parts.first) / parts.lengths,
         push=steps @ beside[1:],
     )
 
@@ -154,13 +151,44 @@ def integrals(rates: Floats, steps: Floats) -> tuple[Floats, Floats]:
     return angles, (steps**2 / 12.0)[:, None] * np.cross(rates[:-1], rates[1:])
 
 
-def together(first: NDArray[np.int64], angles: Floats, coning: Floats) -> tuple[Floats, Floats]:
-    """Return the two terms of steps that are taken together, from each `first` to the next."""
-    before = np.cumsum(angles, axis=0) - angles
-    sizes = np.diff(first, append=len(angles))
-    before -= np.repeat(before[first], sizes, axis=0)
-    coning = coning + 0.5 * np.cross(before, angles)
-    return np.add.reduceat(angles, first), np.add.reduceat(coning, first)
+@dataclass(frozen=True)
+class Together:
+    """Steps that are taken together, m of n.
+
+    Attributes:
+        first: (m,) index of the first step of each.
+        lengths: (m,) in s.
+        angles: (m, 3) and coning (m, 3): the two terms of each.
+        angles_before: (n, 3) and coning_before (n, 3): those from such a first step up to a step.
+    """
+
+    first: NDArray[np.int64]
+    lengths: Floats
+    angles: Floats
+    coning: Floats
+    angles_before: Floats
+    coning_before: Floats
+
+
+def together(steps: Floats, period: float, angles: Floats, coning: Floats) -> Together:
+    """Take steps (n,) in s of samples that come in a period together, with their two terms."""
+    first = np.arange(0, len(steps), max(1, round(STEP_SECONDS / period)))
+    sizes = np.diff(first, append=len(steps))
+
+    def before(each: Floats) -> Floats:
+        since = np.cumsum(each, axis=0) - each
+        return np.asarray(since - np.repeat(since[first], sizes, axis=0))
+
+    angles_before = before(angles)
+    coning = coning + 0.5 * np.cross(angles_before, angles)
+    return Together(
+        first=first,
+        lengths=np.add.reduceat(steps, first),
+        angles=np.add.reduceat(angles, first),
+        coning=np.add.reduceat(coning, first),
+        angles_before=angles_before,
+        coning_before=before(coning),
+    )
 
 
 def step_vectors(angles: Floats, coning: Floats, matrix: Floats) -> Floats:
