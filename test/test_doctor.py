@@ -735,6 +735,20 @@ def test_rates_that_never_change_are_not_said_to_live(found):
     assert 'always the same rate about x, y, z: dead' in alive.text
 
 
+@pytest.mark.slow
+def test_an_axis_that_never_changes_is_told_beside_a_dead_one(found):
+    """A rate that is not 0 may be that of a coarse sensor for the rule of dead axes."""
+    simulation = handled()
+    rates = simulation.angular_velocity.copy()
+    rates[:, 0], rates[:, 1] = 0.0, 0.05
+    findings = found(rates_of(simulation, rates))
+    (dead,) = [finding for finding in findings if finding.name == 'dead axis']
+    assert dead.text.startswith('axis x of the gyroscope')
+    (alive,) = [finding for finding in findings if finding.name == 'alive']
+    assert alive.verdict == FindingVerdict.UNKNOWN
+    assert 'always the same rate about y: dead' in alive.text
+
+
 def test_a_tenth_of_a_second_says_next_to_nothing(found):
     simulation = handled()
     first = slice(0, 10)

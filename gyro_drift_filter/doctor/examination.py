@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.core.sensor_checks import AxisFault
 from gyro_drift_filter.doctor.axes import carry_gravity, judge_axes
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
@@ -134,10 +135,8 @@ def examine(seen: Examined) -> list[Finding]:
         refuted |= {'gaps', 'wrong order'}
     if not any(state.clipped_calibrated) and not any(map(is_clipped, seen.rates, seen.outliers)):
         refuted.add('clipped')
-    findings += [
-        _with_constant_axes(finding, seen.rates)
-        for finding in seen.rules.findings(refuted, truncation_refuted=seen.truncation_refuted)
-    ]
+    of_rules = seen.rules.findings(refuted, truncation_refuted=seen.truncation_refuted)
+    findings += _with_constant_axes(of_rules, seen)
     findings += evenness
     if has_stamps:
         findings.append(judge_log_clock(stamps, seen.log_times))
@@ -170,19 +169,22 @@ def _is_constant(values: Values) -> bool:
     return len(values) > 1 and all((part == values[:1]).all() for part in parts(values))
 
 
-def _with_constant_axes(finding: Finding, rates: tuple[Values, ...]) -> Finding:
-    """Return a finding; that all axes live becomes an open question if one has never changed."""
-    if finding.name != 'alive' or finding.verdict != FindingVerdict.SOUND:
-        return finding
-    constant = [axis for axis, of_axis in zip(AXES, rates, strict=True) if _is_constant(of_axis)]
-    if not constant:
-        return finding
-    return unknown(
+def _with_constant_axes(findings: list[Finding], seen: Examined) -> list[Finding]:
+    """Return findings, with an open question of axes that have never changed and are not told."""
+    faults = zip(AXES, seen.rates, seen.telemetry.faults, strict=True)
+    untold = [
+        axis for axis, rates, fault in faults if fault != AxisFault.DEAD and _is_constant(rates)
+    ]
+    # Else they are told with all others, as those of a sensor that hangs.
+    if not untold or not {finding.name for finding in findings} & {'alive', 'dead axis'}:
+        return findings
+    question = unknown(
         'alive',
-        f'always the same rate about {", ".join(constant)}: dead, a dead band in the driver, or '
+        f'always the same rate about {", ".join(untold)}: dead, a dead band in the driver, or '
         'steps that are coarser than the noise',
         'record the sensor turned by hand about each axis',
     )
+    return [*(finding for finding in findings if finding.name != 'alive'), question]
 
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
