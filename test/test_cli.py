@@ -85,7 +85,7 @@ def test_replay_loads_only_what_it_needs(tmp_path):
     done = run_command(sys.executable, '-c', code, timeout=300)
     assert done.returncode == 0, done.stderr
     loaded = done.stdout.split()
-    assert 'rosbags.highlevel' in loaded
+    assert 'rosbags.rosbag2' in loaded
     assert 'gyro_drift_filter.cli.identify' not in loaded
     assert 'rosbags.typesys.stores.ros2_jazzy' not in loaded
 

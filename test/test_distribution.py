@@ -33,8 +33,8 @@ from support.paths import NOT_COPIED, PACKAGE, REPOSITORY
 from support.processes import run_command
 
 DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib', 'distributed': 'dask'}
-# rosbags brings lz4 and the Zstandard of the standard library to come.
-WITH_ROSBAGS = {'lz4', 'backports', 'compression'}
+# rosbags brings apsw, lz4 and the Zstandard of the standard library to come.
+WITH_ROSBAGS = {'apsw', 'lz4', 'backports', 'compression'}
 WORKFLOW = REPOSITORY / '.github' / 'workflows' / 'ci.yml'
 
 
