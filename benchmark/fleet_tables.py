@@ -24,6 +24,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gyro_drift_filter.fleet.columns import schema
+from gyro_drift_filter.simulation.sensor import START
 
 Floats = NDArray[np.float64]
 
@@ -135,8 +136,9 @@ def draw_fleet(world: World, seed: int, planted: Planted | None = None) -> pa.Ta
         rows += [
             {
                 'robot': f'{robot:03}', 'source': f'{robot:03}/{day:03}', 'content': '',
-                'topic': '/imu', 'frame_id': 'imu', 'axis': name, 'start': int(day) * _DAY,
-                'duration': 60.0, 'messages': _MESSAGES, 'gaps': int(gaps[day]),
+                'topic': '/imu', 'frame_id': 'imu', 'axis': name,
+                'start': START + int(day) * _DAY, 'duration': 60.0,
+                'messages': _MESSAGES, 'gaps': int(gaps[day]),
                 'noise': math.exp(figures['noise'][axis, day]), 'noise_samples': _MESSAGES // 2,
                 'bias': figures['bias'][axis, day], 'bias_deviation': _OWN,
                 'outlier_share': outliers[axis, day] / _MESSAGES,

@@ -363,6 +363,16 @@ def test_links_to_folders_are_followed_and_no_bag_is_found_twice(small, tmp_path
     ]
 
 
+def test_what_is_written_is_not_found(small, tmp_path):
+    """With --resume the filtered bags in OUT counted as bags of the robots beside them."""
+    shutil.copytree(small, tmp_path / 'robots')
+    shutil.copytree(small, tmp_path / 'out' / 'bags' / 'robots')
+    sources = [str(tmp_path), f'{tmp_path}/*', f'file://{tmp_path}']
+    assert len(find_bags(sources[:1], None)) == 16
+    for source in sources:
+        assert len(find_bags([source], None, tmp_path / 'out' / 'bags')) == 8
+
+
 def test_wrong_options_are_told_in_one_line(small, measured, tmp_path, capsys):
     out = str(tmp_path / 'out')
     for options, why in (
@@ -511,8 +521,9 @@ def rows_of_fleet(random, robots=5):
     """Return the rows of a fleet that does well."""
     return [
         {
-            'robot': f'{robot}', 'source': f'{robot}/{day:02}', 'content': 'c', 'topic': '/imu',
-            'frame_id': 'imu', 'axis': axis, 'start': day * 10**14, 'duration': 60.0,
+            'robot': f'{robot}', 'source': f'{robot}/{day:02}', 'content': f'{robot}/{day}',
+            'topic': '/imu', 'frame_id': 'imu', 'axis': axis,
+            'start': START + day * 10**14, 'duration': 60.0,
             'messages': 6000, 'gaps': 0, 'noise': 2e-3 * math.exp(0.02 * random.standard_normal()),
             'noise_samples': 3000, 'bias': 1e-3 * random.standard_normal(),
             'bias_deviation': 1e-4, 'outlier_share': 0.0,
@@ -528,7 +539,7 @@ def judged(rows):
 def test_a_frozen_axis_is_found_though_it_has_no_noise_to_be_compared(random):
     rows = rows_of_fleet(random)
     for row in rows:
-        if (row['robot'], row['axis']) == ('3', 'y') and row['start'] >= 8 * 10**14:
+        if (row['robot'], row['axis']) == ('3', 'y') and row['start'] >= START + 8 * 10**14:
             row['noise'] = 0.0
     first, second, *_ = judged(rows)
     assert (first.robot, second.size) == ('3', 0.0)
@@ -543,6 +554,69 @@ def test_a_change_that_is_certain_stands_before_a_larger_one_that_is_not(random,
     (sensor,) = judged(rows_of_fleet(random, robots=1))
     (change,) = sensor.changes
     assert (change.quantity, change.axis, sensor.size) == ('noise', 'y', 4.0)
+
+
+def rows_with_an_odd_end(random, last=1):
+    """Return the rows of a fleet of which one robot has more noise in its last bags."""
+    rows = rows_of_fleet(random)
+    for row in rows:
+        if row['robot'] == '3' and row['source'] >= f'3/{10 - last:02}':
+            row['noise'] *= 3.0
+    return rows
+
+
+@pytest.mark.parametrize('content', ['3/9', 'of its replay', None])
+def test_a_copy_of_a_bag_is_not_counted(random, content):
+    """What only the last bag shows was reported where there was a copy of that bag."""
+    rows = rows_with_an_odd_end(random)
+    copies = [
+        row | {'source': f'3/09 {k}', 'content': content}
+        for row in rows
+        for k in range(2)
+        if row['source'] == '3/09'
+    ]
+    sensors = judged(rows + copies)
+    assert not any(sensor.size for sensor in sensors)
+    (noted,) = (sensor for sensor in sensors if sensor.notes)
+    assert noted.notes == ['3/09 0 is not counted, as it is a copy of 3/09; nor is 1 more']
+    assert len(noted.bags) == 10
+    # Two bags that show it are none of one another.
+    assert [s.robot for s in judged(rows_with_an_odd_end(random, last=2)) if s.size] == ['3']
+
+
+def test_bags_of_a_clock_that_was_not_set_have_no_place_in_time(random):
+    """They came first, and a sensor that fails seemed to be repaired."""
+    rows = rows_with_an_odd_end(random, last=5)
+    assert [sensor.robot for sensor in judged(rows) if sensor.size] == ['3']
+    for row in rows:
+        if row['robot'] == '3' and row['source'] >= '3/07':
+            row['start'] -= START
+    first, *others = judged(rows)
+    assert (first.robot, len(first.bags)) == ('3', 7)
+    assert first.size
+    (note,) = first.notes
+    assert note == (
+        '3/07 is not counted, as its log times are in 1970: the clock of the recorder was not '
+        'set; nor are 2 more'
+    )
+    assert not any(sensor.notes for sensor in others)
+    for row in rows:
+        row['start'] %= START
+    assert not any(sensor.bags or sensor.is_judged for sensor in judged(rows))
+
+
+@pytest.mark.parametrize(('seconds', 'overlap'), [(30, True), (59.5, False)])
+def test_bags_of_the_same_time_are_told_as_of_two_robots(random, seconds, overlap):
+    """The name of a folder may be that of a day or a site, and two robots were made one."""
+    rows = rows_of_fleet(random)
+    other = [
+        row | {'source': 'other', 'content': 'other', 'start': row['start'] + int(seconds * 1e9)}
+        for row in rows_of_fleet(random)
+        if row['source'] == '3/04'
+    ]
+    notes = [note for sensor in judged(rows + other) for note in sensor.notes]
+    expected = '3/04 and other were recorded at the same time, which one sensor can not do: if '
+    assert [note.startswith(expected) for note in notes] == [True] * overlap
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from gyro_drift_filter.cli.fleet_report import ranking_text
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.fleet.columns import read_table, write_table
 from gyro_drift_filter.fleet.health import judge_fleet
+from gyro_drift_filter.simulation.sensor import START
 from support.browser import check_quiet, opened, wait_for
 from support.messages import EVIL
 
@@ -35,7 +36,7 @@ def row(robot, day, axis, **figures):
     return {
         'robot': robot, 'source': f'/bags/{robot}/day_{day}', 'content': f'{robot}{day}',
         'topic': '/imu', 'frame_id': 'imu_link', 'axis': axis, 'notes': [], 'faults': [],
-        'start': 10**18 + day * DAY, 'duration': 60.0, 'messages': 6000, 'gaps': 0,
+        'start': START + day * DAY, 'duration': 60.0, 'messages': 6000, 'gaps': 0,
         'noise': 2e-3 * (1.0 + 0.01 * (day % 3)), 'noise_samples': 3000,
         'bias': 0.01 + 1e-4 * (day % 2), 'bias_deviation': 1e-4, 'outlier_share': 0.0,
     } | figures  # fmt: skip
@@ -86,7 +87,7 @@ def test_the_page_and_the_figures(fleet, tmp_path, capsys):
     assert [sensor['robot'] for sensor in sensors] == [EVIL, 'a', 'c']
     (change,) = sensors[0]['changes']
     assert (change['quantity'], change['axis'], change['certain']) == ('noise', 'y', True)
-    assert change['since'] == 10**18 + 5 * DAY
+    assert change['since'] == START + 5 * DAY
     assert not any(sensor['changes'] for sensor in sensors[1:])
     assert 'noise y' in capsys.readouterr().out
     text = page.read_text()
@@ -127,6 +128,31 @@ def test_a_summary_that_lists_the_worst_counts_all(fleet, tmp_path):
     assert worse.startswith('1 of 3 sensors gets worse.\n\nrobot')
 
 
+def test_notes_are_on_the_page_in_the_figures_and_in_the_summary(fleet, tmp_path, capsys):
+    out = tmp_path / 'copied'
+    out.mkdir()
+    rows = read_table(fleet / 'fleet.parquet').to_pylist()
+    copies = [
+        row | {'source': f'/bags/copy/{EVIL}', 'topic': topic}
+        for row in rows
+        if row['source'] == '/bags/a/day_3'
+        for topic in ('/imu', '/rear', '/rear')
+    ]
+    copies[-1] |= {'source': '/bags/copy/again'}
+    rear = [row | {'topic': '/rear'} for row in rows if row['source'] == '/bags/a/day_3']
+    write_table(out / 'fleet.parquet', rows + copies + rear)
+    page, sensors = made(out, tmp_path)
+    note = f'{EVIL} is not counted, as it is a copy of /bags/a/day_3'
+    noted = [sensor['notes'] for sensor in sensors if sensor['notes']]
+    assert noted[0] == [f'/bags/copy/{note}']
+    assert len(noted) == 2
+    assert 'is not counted, as it is a copy of /bags/a/day_3</p>' in page.read_text()
+    assert 'alert(1)</script>' not in page.read_text()
+    assert 'note: a: /bags/copy/' in capsys.readouterr().out
+    sensors = judge_fleet(read_table(out / 'fleet.parquet'))
+    assert ranking_text(sensors, 1).endswith('\nand 1 more notes, on the page')
+
+
 def test_a_bag_of_which_two_topics_fail_counts_once(fleet):
     first, front, rear, *_ = summary(fleet).splitlines()
     assert first == '1 bag without figures'
@@ -163,7 +189,7 @@ def test_the_page_in_a_browser(browser, fleet, tmp_path):
         drawn = browser.execute_script(f'return {node}.data.map(t => [t.name, t.x.length])')
         assert drawn == [[axis, 9] for axis in (*'xyz', *'xyz', *'xyz', '')]
     lines = 'return document.querySelectorAll(".plot")[{}]._fullLayout.shapes.map(s => s.x0)'
-    assert browser.execute_script(lines.format(0)) == ['2001-09-14 01:46:40']
+    assert browser.execute_script(lines.format(0)) == ['2020-09-18 12:26:40']
     assert browser.execute_script(lines.format(1)) == []
     # A robot in the ranking leads to its history.
     browser.execute_script("document.querySelector('#ranking a').click()")

@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int | None:
     output: Path = options.output
     _check(options)
     check_targets({}, others={'-o': output})
-    bags = find_bags(options.source, options.robot)
+    bags = find_bags(options.source, options.robot, output / BAGS)
     job = Job(
         parameters,
         output.absolute() / BAGS if options.write else None,

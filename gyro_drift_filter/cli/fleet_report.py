@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:
-    """Return as text how many sensors get worse, and the worst ones."""
+    """Return as text how many sensors get worse, the worst ones, and what is told of bags."""
     from gyro_drift_filter.fleet.page import describe_changes, headline
 
     rows = [['robot', 'topic', 'since', 'deviations', 'what has changed']]
@@ -77,7 +77,12 @@ def ranking_text(sensors: Sequence['Sensor'], most: int | None = None) -> str:
             robot, topic = printable(sensor.robot), printable(sensor.topic)
             rows.append([robot, topic, since, f'{sensor.size:.1f}', what])
     listed = f'\n\n{table(rows)}' if len(rows) > 1 else ''
-    return headline(sensors) + listed
+    # All topics of a bag have the same.
+    notes = list(dict.fromkeys(f'note: {s.robot}: {note}' for s in sensors for note in s.notes))
+    if most is not None and len(notes) > most:
+        notes[most:] = [f'and {len(notes) - most} more notes, on the page']
+    told = ''.join(f'\n{printable(note)}' for note in notes)
+    return headline(sensors) + listed + (f'\n{told}' if told else '')
 
 
 def _plain(sensor: 'Sensor') -> dict[str, Any]:
@@ -87,6 +92,7 @@ def _plain(sensor: 'Sensor') -> dict[str, Any]:
         'frame_id': sensor.frame,
         'size': sensor.size,
         'bags': len(sensor.bags),
+        'notes': sensor.notes,
         'changes': [
             as_plain(change) | {'since': sensor.start_of(change)} for change in sensor.changes
         ],

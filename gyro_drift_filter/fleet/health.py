@@ -15,12 +15,12 @@
 """Which sensors get worse: changes in their history that are more than its scatter.
 
 A sensor is an Imu topic with its frame of one robot; its history are the bags in the order of their
-start. The last stretch of a quantity of it is compared with an earlier one: what was and is no
-more, as before a repair, is no finding.
+start, without copies. The last stretch of a quantity of it is compared with an earlier one: what
+was and is no more, as before a repair, is no finding.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ import numpy as np
 import pyarrow as pa
 
 from gyro_drift_filter.fleet.changes import LEAST_BAGS, Series, Usual, find_change
+from gyro_drift_filter.fleet.histories import Row, by_time, split_history
 
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
@@ -158,6 +159,7 @@ class Sensor:
         bags: Its bags in the order of their starts: address, content, start, length in s.
         histories: Points by quantity and axis.
         changes: The largest of each quantity, the largest first.
+        notes: What of its bags is not in the history, or seems not to be of this sensor.
     """
 
     robot: str
@@ -166,6 +168,7 @@ class Sensor:
     bags: list[dict[str, Any]]
     histories: dict[str, dict[str, list[Point]]]
     changes: list[Change]
+    notes: list[str]
 
     @property
     def is_judged(self) -> bool:
@@ -198,14 +201,15 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
     rows = table.select([*place, *sorted(needed)])
     starts = rows['start'].cast(pa.int64())  # in ns, of which datetime would lose digits
     rows = rows.set_column(place.index('start'), 'start', starts)
-    of_sensors: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    by_sensor: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows.to_pylist():
         if row['axis'] is not None:
             key = row['robot'], row['topic'], row['frame_id']
-            of_sensors.setdefault(key, []).append(row)
+            by_sensor.setdefault(key, []).append(row)
+    of_sensors = {key: split_history(of_sensor) for key, of_sensor in by_sensor.items()}
     histories = [
         _History(key, quantity, axis, of_axis)
-        for key, of_sensor in of_sensors.items()
+        for key, (of_sensor, _) in of_sensors.items()
         for quantity in QUANTITIES
         for axis, of_axis in _of_axes(quantity, of_sensor)
     ]
@@ -219,15 +223,13 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
     for one in histories:
         found.setdefault(one.sensor, []).append(one)
     sensors = [
-        _sensor(key, of_sensor, found.get(key, []), usual, tests)
-        for key, of_sensor in of_sensors.items()
+        _sensor(key, history, found.get(key, []), usual, tests)
+        for key, history in of_sensors.items()
     ]
     return sorted(sensors, key=lambda s: (-s.size, s.robot, s.topic, s.frame))
 
 
-def _of_axes(
-    quantity: Quantity, rows: list[dict[str, Any]]
-) -> Iterable[tuple[str, list[dict[str, Any]]]]:
+def _of_axes(quantity: Quantity, rows: Sequence[Row]) -> Iterable[tuple[str, Sequence[Row]]]:
     if not quantity.of_axes:
         return [('', [row for row in rows if row['axis'] == 'x'])]
     return [(axis, [row for row in rows if row['axis'] == axis]) for axis in 'xyz']
@@ -241,11 +243,11 @@ class _History:
         sensor: tuple[str, str, str],
         quantity: Quantity,
         axis: str,
-        rows: list[dict[str, Any]],
+        rows: Sequence[Row],
     ) -> None:
         self.sensor, self.quantity, self.axis = sensor, quantity, axis
         values = [
-            (_time(row), value) for row in rows if (value := _value(row, quantity)) is not None
+            (by_time(row), value) for row in rows if (value := _value(row, quantity)) is not None
         ]
         values.sort()
         self.bags = [bag for bag, _ in values]
@@ -254,32 +256,29 @@ class _History:
         self.series = Series(sensor[0], compared, own)
 
 
-def _value(row: dict[str, Any], quantity: Quantity) -> Value:
+def _value(row: Row, quantity: Quantity) -> Value:
     if any(row[name] is None for name in quantity.columns if name not in _OPTIONAL):
         return None
     return quantity.value(*(row[name] for name in quantity.columns))
 
 
-def _time(row: dict[str, Any]) -> tuple[int, str]:
-    return row['start'], row['source']
-
-
 def _sensor(
     key: tuple[str, str, str],
-    rows: list[dict[str, Any]],
+    history: tuple[Sequence[Row], list[str]],
     of_sensor: list[_History],
     usual: Mapping[str, Usual],
     tests: int,
 ) -> Sensor:
+    rows, notes = history
     bags = sorted(
         (
             {name: row[name] for name in ('source', 'content', 'start', 'duration')}
             for row in rows
             if row['axis'] == 'x'
         ),
-        key=_time,
+        key=by_time,
     )
-    index = {_time(bag): k for k, bag in enumerate(bags)}
+    index = {by_time(bag): k for k, bag in enumerate(bags)}
     histories: dict[str, dict[str, list[Point]]] = {}
     largest: dict[str, Change] = {}
     for one in of_sensor:
@@ -301,7 +300,7 @@ def _sensor(
             found.certain,
         )
         largest[quantity.name] = min(largest.get(quantity.name, change), change, key=_rank)
-    return Sensor(*key, bags, histories, sorted(largest.values(), key=_rank))
+    return Sensor(*key, bags, histories, sorted(largest.values(), key=_rank), notes)
 
 
 def _rank(change: Change) -> tuple[bool, float]:

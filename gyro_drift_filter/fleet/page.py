@@ -141,6 +141,7 @@ def _section(number: int, sensor: Sensor, link: Link) -> str:
         f'{day(sensor.start_of(c))}: {c.size:.1f} deviations</p>'
         for c in sensor.certain
     )
+    said += ''.join(f'<p>Note: {text_of(note)}</p>' for note in sensor.notes)
     rows = []
     for bag in reversed(sensor.bags):
         address, source = link(bag), text_of(bag['source'])

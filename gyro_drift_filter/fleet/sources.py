@@ -90,7 +90,7 @@ def _store(address: str) -> tuple[Any, str]:
     return files, path
 
 
-def find_bags(sources: Sequence[str], robot: str | None) -> list[Bag]:
+def find_bags(sources: Sequence[str], robot: str | None, without: Path | None = None) -> list[Bag]:
     """Return all bags under folders, patterns and addresses, in the order of what is shown of them.
 
     A folder with a metadata.yaml is a bag, and so is each .mcap, .db3 or .bag file that is in none.
@@ -100,6 +100,7 @@ def find_bags(sources: Sequence[str], robot: str | None) -> list[Bag]:
         sources: Paths, patterns with `*`, or addresses that fsspec knows.
         robot: Regular expression, whose first group in a bag's address is the name of its robot;
             None for the name of the folder that the bag is in.
+        without: Folder whose bags are left out, as those that are written themselves.
 
     Raises:
         GyroDriftFilterError: There is none under one of them, a store can't be reached, or the
@@ -113,7 +114,7 @@ def find_bags(sources: Sequence[str], robot: str | None) -> list[Bag]:
         raise GyroDriftFilterError(f'--robot {robot} has no group: put the name in parentheses')
     found: dict[str, Bag] = {}
     for source in sources:
-        bags = list(_bags_under(source, pattern))
+        bags = [bag for bag in _bags_under(source, pattern) if not _is_within(bag, without)]
         if not bags:
             raise GyroDriftFilterError(f'no bag under {shown(source)}')
         found |= {bag.address: bag for bag in bags}
@@ -185,6 +186,13 @@ def _files_under(files: Any, top: str) -> dict[str, Any]:
                 known.append(folder)
                 pending.append(path)
     return details
+
+
+def _is_within(bag: Bag, folder: Path | None) -> bool:
+    path = bag.address.removeprefix('file://')
+    if folder is None or is_remote(path):
+        return False
+    return Path(path).resolve().is_relative_to(folder.resolve())
 
 
 def _hidden(below: str) -> bool:
