@@ -18,11 +18,13 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import pytest
 from distributed import Client
 
 from gyro_drift_filter.cli.main import main
+from gyro_drift_filter.fleet.cluster import local_cluster
 from harness.fleet_recordings import FleetSettings, write_fleet
 from support.fleets import SECRET, cluster, rows_without, run_fleet
 
@@ -108,6 +110,15 @@ def test_a_worker_that_is_killed_costs_time_alone(robots, table, tmp_path):
     finally:
         for process in (*workers, scheduler):
             end(process)
+
+
+def test_processes_that_end_say_nothing(monkeypatch, capfd):
+    """They ask for the scheduler after it has ended; here all the time instead of now and then."""
+    monkeypatch.setattr('distributed.scheduler.heartbeat_interval', lambda workers: 0.002)
+    with local_cluster(2, 2 * 10**9) as client:
+        assert client.submit(sum, (1, 2)).result() == 3
+        time.sleep(1.5)
+    assert capfd.readouterr() == ('', '')
 
 
 @pytest.fixture

@@ -50,7 +50,9 @@ def local_cluster(workers: int, memory_limit: int) -> Iterator[Client]:
             # No dashboard: it would show the work to all who reach this machine.
             dashboard_address='127.0.0.1:0',
             scheduler_kwargs={'dashboard': False},
-            silence_logs=logging.ERROR,
+            # Of its processes. They outlive the scheduler by a moment, and each that meanwhile asks
+            # it prints a traceback; what fails with a bag is in the table.
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
     ):
