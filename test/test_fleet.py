@@ -23,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, repeat
 
 import fsspec
@@ -30,6 +31,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from distributed import Client
 
 from gyro_drift_filter.cli.fleet import tell_what_is_gone
 from gyro_drift_filter.cli.main import main
@@ -212,6 +214,48 @@ def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_
     shutil.copy(moved / 'robot_01' / 'day_01' / 'day_01.mcap', file)
     run = run_fleet(client, moved, tmp_path / 'out')
     assert (run.reused, run.measured) == (7, 1)
+
+
+def test_what_is_not_kept_is_not_counted_as_kept(small, client, tmp_path):
+    """An interrupted run told of bags that it had kept and measured them all again."""
+    (tmp_path / 'file').touch()
+    run = run_fleet(client, small, tmp_path / 'out', bags=tmp_path / 'file' / 'bags')
+    assert run.measured == 8
+    assert run.kept == len(list((tmp_path / 'out' / 'results').glob('*/*/*.json'))) < 8
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    monkeypatch.setattr('gyro_drift_filter.fleet.run._PATIENCE', 0.1)
+    monkeypatch.setattr('gyro_drift_filter.fleet.run._LOOK', 0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('impatient')
+def test_a_cluster_whose_processes_have_died_is_not_waited_for(small, tmp_path):
+    with (
+        cluster(workers=0) as client,
+        pytest.raises(GyroDriftFilterError, match=r'have died.* raise --memory-limit'),
+    ):
+        run_fleet(client, small, tmp_path / 'out')
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('impatient')
+def test_a_scheduler_without_workers_is_told_and_waited_for(small, tmp_path, caplog):
+    with (
+        cluster(workers=0) as owner,
+        Client(owner.cluster.scheduler_address) as client,
+        ThreadPoolExecutor() as pool,
+    ):
+        run = pool.submit(run_fleet, client, small, tmp_path / 'out')
+        limit = time.monotonic() + 30.0
+        while 'the scheduler has no worker: waiting for one' not in caplog.messages:
+            assert time.monotonic() < limit
+            time.sleep(0.02)
+        owner.cluster.scale(1)
+        assert run.result(60).measured == 8
+    assert caplog.messages.count('the scheduler has no worker: waiting for one') == 1
 
 
 def test_results_of_other_parameters_are_others(measured):

@@ -135,8 +135,8 @@ def run(options: argparse.Namespace) -> int | None:
                 fleet.run(progress)
         except (KeyboardInterrupt, EndedBySignal) as error:
             tell(
-                f'gyro_drift fleet: interrupted; {fleet.reused + fleet.measured} of {len(bags)} '
-                'bags are kept: go on with --resume'
+                f'gyro_drift fleet: interrupted; {fleet.kept} of {len(bags)} bags are '
+                'kept: go on with --resume'
             )
             return 130 if isinstance(error, KeyboardInterrupt) else 128 + error.number
     tell_what_is_gone(output / TABLE, bags)

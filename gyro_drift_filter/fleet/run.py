@@ -14,11 +14,14 @@
 
 """All bags on a Dask cluster: it hands them out, and again where a worker is lost."""
 
+import logging
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from distributed import Client, Future, as_completed
 
+from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.fleet.bag_report import report_path
 from gyro_drift_filter.fleet.measuring import Job, Result, Row, content_of, measure, written_path
 from gyro_drift_filter.fleet.results import Results
@@ -26,6 +29,11 @@ from gyro_drift_filter.fleet.sources import Bag
 
 # Tasks that go to the scheduler in one message.
 _BATCH = 500
+# s: a process that was killed is there again within a few seconds, also on a machine that is busy.
+_PATIENCE = 30.0
+# s: between two looks for results, and for workers.
+_PAUSE, _LOOK = 0.02, 2.0
+_LOGGER = logging.getLogger('gyro_drift_filter')
 
 
 class FleetRun:
@@ -34,13 +42,14 @@ class FleetRun:
     Attributes:
         reused: Bags that an earlier run has measured.
         measured: Bags that this one has.
+        kept: Bags that are not measured again where this run ends: failures of a store are.
     """
 
     def __init__(self, bags: Sequence[Bag], job: Job, results: Results, client: Client) -> None:
         self._bags, self._job, self._results, self._client = bags, job, results, client
         self._contents: dict[str, str] = {}  # by address
         self._passing: dict[str, list[Row]] = {}  # by address: rows that are not kept
-        self.reused = self.measured = 0
+        self.reused = self.measured = self.kept = 0
 
     def run(self, progress: Callable[[int, int], None]) -> None:
         """Measure all bags but those whose content has been: it is hashed, or the store tells it.
@@ -49,18 +58,19 @@ class FleetRun:
             progress: Called with the number of bags done and their total.
 
         Raises:
-            GyroDriftFilterError: A result can't be kept.
+            GyroDriftFilterError: A result can't be kept, or the processes of this machine die.
         """
         left = list(self._bags)
         if self._results.are_there():
             left = self._not_measured()
-        self.reused = len(self._bags) - len(left)
+        self.reused = self.kept = len(self._bags) - len(left)
         for bag, result in self._each(measure, left, job=self._job):
             if not isinstance(result, Result):
                 result = Result('', [{'error': result}], lasting=False)
             self._contents[bag.address] = result.content
             if result.lasting and result.content:
                 self._results.keep(bag, result)
+                self.kept += 1
             else:
                 self._passing[bag.address] = result.rows
             self.measured += 1
@@ -108,9 +118,47 @@ class FleetRun:
         loop = self._client.loop
         coming = as_completed(futures, loop=loop, with_results=True, raise_errors=False)
         futures.clear()  # so that each result goes when it is here
-        for future, result in coming:
+        workers = _Workers(self._client)
+        while not coming.is_empty():
+            if not coming.has_ready():
+                workers.watch()
+                time.sleep(_PAUSE)
+                continue
+            future, result = next(coming)
             bag = by_key.pop(future.key)
             yield bag, result if future.status == 'finished' else _why(future)
+
+
+class _Workers:
+    """Whether anybody works: Dask waits for ever for who is not there."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._seen = self._looked = time.monotonic()
+        self._is_told = False
+
+    def watch(self) -> None:
+        """Tell where the scheduler has had no worker for long.
+
+        Raises:
+            GyroDriftFilterError: It is the one of this machine, which starts no others.
+        """
+        now = time.monotonic()
+        if now < self._looked + _LOOK:
+            return
+        self._looked = now
+        if self._client.nthreads():
+            self._seen, self._is_told = now, False
+        if now < self._seen + _PATIENCE:
+            return
+        if self._client.cluster is not None:
+            raise GyroDriftFilterError(
+                'all worker processes have died, as where memory runs out: raise --memory-limit, '
+                'or lower --workers, and go on with --resume'
+            )
+        if not self._is_told:
+            self._is_told = True
+            _LOGGER.warning('the scheduler has no worker: waiting for one')
 
 
 def _why(future: Future) -> str:

@@ -29,17 +29,17 @@ SECRET = 'very-secret'
 
 
 @contextmanager
-def cluster():
-    """Yield a client of a cluster whose one worker is a thread of this process."""
+def cluster(workers=1):
+    """Yield a client of a cluster whose workers, if any, are threads of this process."""
     with (
         LocalCluster(
-            n_workers=1,
+            n_workers=workers,
             threads_per_worker=1,
             processes=False,
             dashboard_address='127.0.0.1:0',
             scheduler_kwargs={'dashboard': False},
-        ) as workers,
-        Client(workers) as client,
+        ) as made,
+        Client(made) as client,
     ):
         yield client
 
