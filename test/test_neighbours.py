@@ -81,7 +81,7 @@ def test_a_mismatch_is_told_of_the_topic_that_it_is_on():
         neighbours = neighbours_of(node)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         logger.create_subscription(Imu, result, print, latched)
-        assert neighbours.fault().startswith(f'/logger gets nothing of {result}: ')
+        assert neighbours.fault().startswith(f'/logger gets nothing of {result}: Volatile')
         radio.create_publisher(Imu, source, qos_profile_sensor_data)
         assert neighbours.fault().startswith(f'nothing comes from /radio on {source}: ')
 

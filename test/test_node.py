@@ -631,6 +631,22 @@ def test_a_second_publisher_is_named(fresh):
     diagnostics(fresh, lambda s: 'publishers on' not in s['/gyro_drift_filter: input'].message)
 
 
+def test_a_second_publisher_is_named_before_what_its_messages_look_like(fresh):
+    rear = [
+        imu_message(imu_fields(message).stamp, (0.0, 0.1, 0.2), (0, 0, 9.8), frame='rear')
+        for message in simulated(20)
+    ]
+    mixed = [message for pair in zip(simulated(20), rear, strict=True) for message in pair]
+    with Other(fresh, 'camera') as camera:
+        camera.create_publisher(Imu, '/imu/data_raw', 10)
+        input_status(fresh, camera, '2 publishers on')
+        fresh.play(mixed[::3])
+        told = 'remap all but one; frame_id changes'
+        status = input_status(fresh, camera, told)
+        assert status.message.startswith('2 publishers on /imu/data_raw: /camera, /player. ')
+        assert status.level == b'\x01'
+
+
 def test_a_second_publisher_of_the_output_is_named(fresh):
     with Other(fresh, 'camera') as camera:
         camera.create_publisher(Imu, '/imu/data_filtered', 10)

@@ -51,13 +51,8 @@ class Neighbours:
                     f'nothing comes from {node_name(other)} on {topic}: {reason}; set '
                     f'qos_overrides.{topic}.subscription.* to what it offers'
                 )
-        imus = [other for other in publishers if other.topic_type == IMU_TYPE]
-        if len(imus) > 1:
-            names = ', '.join(sorted(node_name(other) for other in imus))
-            return (
-                f'{len(imus)} publishers on {topic}: {names}. Their messages are mixed: remap all '
-                'but one'
-            )
+        if mixture := self.mixture():
+            return mixture
         own = node.get_fully_qualified_name()
         nodes = [
             _full_name(namespace, name) for name, namespace in node.get_node_names_and_namespaces()
@@ -80,6 +75,21 @@ class Neighbours:
             if reason:
                 return f'{node_name(other)} gets nothing of {output}: {reason}'
         return None
+
+    def mixture(self) -> str | None:
+        """Return who publishes into the input beside one another."""
+        requested = self._own(self._node.get_subscriptions_info_by_topic(_INPUT))
+        names = sorted(
+            node_name(other)
+            for other in self._publishers()
+            if other.topic_type == IMU_TYPE and not _mismatch(other, requested)
+        )
+        if len(names) < 2:
+            return None
+        return (
+            f'{len(names)} publishers on {self._input.topic_name}: {", ".join(names)}. Their '
+            'messages are mixed: remap all but one'
+        )
 
     def silence(self) -> str:
         """Return why no message comes in."""
@@ -133,4 +143,5 @@ def _mismatch(offered: TopicEndpointInfo | None, requested: TopicEndpointInfo | 
     if offered is None or requested is None or offered.topic_type != requested.topic_type:
         return ''
     verdict, reason = qos_check_compatible(offered.qos_profile, requested.qos_profile)
-    return reason.rstrip('; ') if verdict == QoSCompatibility.ERROR else ''
+    is_error = verdict == QoSCompatibility.ERROR
+    return str(reason).replace('ERROR: ', '').rstrip('; ') if is_error else ''

@@ -308,8 +308,12 @@ class GyroDriftFilterNode(Node):
             kept = counted(self._cold_start.messages, 'message')
             message = f'compiling for the first start: {kept} kept'
             return status._replace(level=Level.WARN, message=message)
-        if not status.name.endswith(INPUT_STATUS) or status.level not in (Level.OK, Level.STALE):
+        if not status.name.endswith(INPUT_STATUS):
             return status
+        if status.level not in (Level.OK, Level.STALE):
+            # Two sensors in turns look like many a fault of one.
+            mixture = self._neighbours.mixture()
+            return status._replace(message=f'{mixture}; {status.message}') if mixture else status
         fault = self._neighbours.fault()
         if fault is None and status.level == Level.OK:
             fault = self._hint.fault()
