@@ -578,6 +578,28 @@ def test_progress_tells_rate_and_time_left(terminal, monkeypatch, capsys):
     assert told.endswith('\r\x1b[K')
 
 
+@pytest.mark.slow
+def test_one_message_is_one(tmp_path, capsys):
+    write(tmp_path / 'in', {(TOPIC, IMU_TYPE): [simulated()[0]]})
+    assert main(['replay', str(tmp_path / 'in'), '-o', str(tmp_path / 'out')]) == 0
+    assert ': 1 message, 1 written, ' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('done', 'seconds', 'told'),
+    [
+        (33, 100.0, '20 a minute'),
+        (3, 2.0, '1.5 a second'),
+        (1, 1800.0, '2 an hour'),
+        (0, 10.0, '0 a second'),
+        (123_456, 1.0, '120000 a second'),
+    ],
+)
+def test_a_pace_is_told_in_a_unit_that_shows_it(done, seconds, told):
+    """Of bags there were none a second."""
+    assert progress._pace(done, seconds) == told
+
+
 @pytest.mark.parametrize(('environment', 'coloured'), [({}, True), ({'NO_COLOR': '1'}, False)])
 def test_colour_is_for_terminals_that_want_it(environment, coloured, monkeypatch):
     monkeypatch.delenv('NO_COLOR', raising=False)

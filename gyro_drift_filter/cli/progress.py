@@ -24,6 +24,7 @@ from gyro_drift_filter.accelerate.kernels import has_to_compile, spare_linear_al
 from gyro_drift_filter.cli.printing import is_terminal, tell
 from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
+from gyro_drift_filter.phrases import plain
 
 # Between two remarks on how far work is: on a terminal, and where each is a line of its own.
 _TERMINAL_SECONDS, _LINE_SECONDS = 0.2, 10.0
@@ -49,11 +50,12 @@ class Progress:
         if not self._enabled or now - self._last < pause:
             return
         self._last = now
-        text = f'{done} {self._unit}, {done / (now - self._start):.0f} a second'
+        pace = _pace(done, now - self._start)
+        text = f'{done} {self._unit}, {pace}'
         if 0 < done <= total:
             left = (total - done) * (now - self._start) / done
             text = f'{100 * done // total} % of {total} {self._unit}'
-            text += f', {done / (now - self._start):.0f} a second, {_duration(left)} left'
+            text += f', {pace}, {_duration(left)} left'
         tell(f'\r{text}\x1b[K' if self._terminal else text, end='' if self._terminal else '\n')
         self._shown = True
 
@@ -65,6 +67,13 @@ class Progress:
         """Clear the line."""
         if self._shown and self._terminal:
             tell('\r\x1b[K', end='')
+
+
+def _pace(done: int, seconds: float) -> str:
+    """Return how fast work is, in the shortest unit of time that has one or more of it."""
+    units = ('a second', 1.0), ('a minute', 60.0), ('an hour', 3600.0)
+    unit, longer = next((u for u in units if done * u[1] >= seconds), units[0])
+    return f'{plain(done * longer / seconds, 2)} {unit}'
 
 
 def _duration(seconds: float) -> str:

@@ -34,6 +34,7 @@ from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable
+from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:
     from gyro_drift_filter.core import Filter
@@ -159,7 +160,7 @@ def describe(verdict: 'Verdict') -> str:
     passed_on = f' ({verdict.not_reported} of them unfiltered)' if verdict.not_reported else ''
     head = (
         f'{printable(verdict.topic)} -> {printable(verdict.output_topic)}: '
-        f'{verdict.received} messages, '
+        f'{counted(verdict.received, "message")}, '
         f'{verdict.written} written{passed_on}, {1.0 / verdict.period:.4g} Hz'
     )
     return f'{head}\n\n{as_text(verdict, in_colour)}\n\n{_table(verdict)}'
