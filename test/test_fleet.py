@@ -274,6 +274,14 @@ def test_a_bag_that_was_cut_off_has_figures_and_a_note(small, tmp_path):
     assert result.content == hashlib.sha256(data[:-2000]).hexdigest()
 
 
+def test_a_bag_without_messages_has_no_start(tmp_path):
+    write(tmp_path / 'in', {('/imu/data_raw', IMU_TYPE): []})
+    (bag,) = find_bags([str(tmp_path / 'in')], None)
+    (row,) = measure(bag, JOB).rows
+    assert 'has no message with an angular velocity' in row['error']
+    assert (row['start'], row['duration'], row['messages']) == (None, None, 0)
+
+
 class Counted:
     """A store that counts what is read of a file, and may fail."""
 
@@ -376,6 +384,11 @@ def test_bags_are_found_and_have_a_robot(small, tmp_path):
     assert [bag.below for bag in bags][:2] == ['robot_00/day_00', 'robot_00/day_01']
     assert {bag.robot for bag in bags} == {'robot_00', 'robot_01'}
     assert len(find_bags([f'{small}/robot_*', str(small), f'file://{small}'], None)) == 16
+    # A name may have what else makes a pattern.
+    shutil.copytree(small / 'robot_00', tmp_path / 'more' / 'r[1]')
+    named = find_bags([str(tmp_path / 'more' / 'r[1]')], None)
+    assert [(bag.robot, bag.below) for bag in named[:1]] == [('r[1]', 'day_00')]
+    shutil.rmtree(tmp_path / 'more')
     only = find_bags([f'{small}/*1'], r'/(robot_\d)')
     assert {bag.robot for bag in only} == {'robot_0'}
     assert only[0].below == 'robot_01/day_00'

@@ -277,6 +277,8 @@ def _rows_of_topic(
     }
     if not len(examined.stamps):
         error = f'topic {summary.topic} has no message with an angular velocity'
+        if not summary.start:  # the bag has no message at all
+            common |= {'start': None, 'duration': None}
         return [common | {'error': error}]
     verdict, findings, state = watch.verdict(summary), examine(examined), report.telemetry
     noises = identify_noise(

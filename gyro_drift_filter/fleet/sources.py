@@ -125,6 +125,8 @@ def _bags_under(source: str, pattern: re.Pattern[str] | None) -> Iterator[Bag]:
     files, root = _store(source)
     try:
         magic = _PATTERN.search(root)
+        if magic and files.exists(root):
+            magic = None  # a name with brackets
         above = root[: magic.start()].rpartition('/')[0] if magic else ''
         for top in sorted(files.glob(root)) if magic else [root]:
             yield from _bags_in(files, source, top, above or top, pattern)
