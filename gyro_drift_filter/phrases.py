@@ -16,11 +16,17 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from decimal import Decimal
 
 
 def counted(count: int, what: str) -> str:
     """Return a count with its noun, as '1 rest' or '2 rests'."""
     return f'{count} {what}{"" if count == 1 else "s"}'
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number rounded to so many digits, without an exponent: 3600 instead of 3.6e+03."""
+    return f'{Decimal(f"{value:.{digits}g}"):f}'
 
 
 def by_axis(values: Iterable[object]) -> str:

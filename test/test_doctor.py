@@ -653,6 +653,19 @@ def test_stamps_that_count_from_the_start_or_overflow_are_told_as_such():
     assert late.advice.startswith('seconds of stamps have 32 bits and overflow in January 2038')
 
 
+def test_distances_of_clocks_have_no_exponent_and_one_that_was_not_set_is_told():
+    since = 10_000_000 * np.arange(2000)
+    delays = np.random.default_rng(0).integers(0, 500_000, 2000)
+    hour = judge_log_clock(START + since, START + since + delays + 3600 * 10**9)
+    assert hour.text == 'stamps are 3600 s before the log times'
+    unset = judge_log_clock(START + since, 10**10 + since + delays)
+    assert unset.name == 'clock offset'
+    assert unset.text.endswith('the clock of the recorder was not set')
+    both = judge_log_clock(10**10 + since, 10**10 + since + delays)
+    assert both.verdict == FindingVerdict.SOUND
+    assert both.text.endswith('both before 1980, as in a simulation or where none was set')
+
+
 def test_a_recording_that_is_played_again_and_again_has_a_clock_that_steps_and_no_drift():
     logged = 10**18 + 10_000_000 * np.arange(40_000)
     looped = judge_log_clock(10**18 + 10_000_000 * (np.arange(40_000) % 8000), logged)

@@ -32,6 +32,7 @@ from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.cli import identification_report
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.identify.allan import Coefficient
 from gyro_drift_filter.identify.identification import DeadAxis
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message
@@ -532,6 +533,11 @@ def test_real_recordings_with_bursts_and_motion(name, said, tmp_path, capsys):
     assert identify(tmp_path, recorded(RECORDINGS / name)) == 0
     assert re.search(said, capsys.readouterr().out)
     read_parameters(tmp_path / 'model.yaml')
+
+
+def test_averaging_times_have_no_exponent():
+    assert identification_report._taus(Coefficient(1.0, 0.1, 430.0)) == '0.1 to 430'
+    assert identification_report._taus(Coefficient(1.0, 3600.0, 3600.0)) == '3600'
 
 
 def test_a_real_recording(tmp_path):

@@ -27,7 +27,7 @@ from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
 from gyro_drift_filter.identify.models import MATERIAL
-from gyro_drift_filter.phrases import counted, named_axes
+from gyro_drift_filter.phrases import counted, named_axes, plain
 
 _CHOICE = (
     f'* the smallest model whose AIC is no more than {MATERIAL:g} above that of the best. The '
@@ -167,8 +167,8 @@ def _taus(reading: Coefficient | None) -> str:
     if reading is None:
         return '-'
     if reading.shortest == reading.longest:
-        return f'{reading.shortest:.2g}'
-    return f'{reading.shortest:.2g} to {reading.longest:.2g}'
+        return plain(reading.shortest, 2)
+    return f'{plain(reading.shortest, 2)} to {plain(reading.longest, 2)}'
 
 
 def _checks(result: Identification) -> str:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts, value_at
 from gyro_drift_filter.identify.timing import EARLIEST
+from gyro_drift_filter.phrases import plain
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             'log times are the stamps (a converted recording), so delays can not be seen',
         )
     seconds = float(places[-1] - places[0])
+    is_unset = 1e-9 * float(value_at(log_times, 0)) < EARLIEST
     drift, spread = _slope(places, offsets)
     offset = float(np.median(offsets))
     values: dict[str, Any] = {
@@ -79,7 +81,8 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             advice += 'a clock was set while recording (NTP, PTP)'
         return fault(
             'clock steps',
-            f'the clock of the stamps jumps against the log times by {step:.3g} s at once{times}',
+            'the clock of the stamps jumps against the log times by '
+            f'{plain(step)} s at once{times}',
             advice,
             values | {'step_seconds': step},
         )
@@ -94,10 +97,14 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             values,
         )
     if abs(offset) > _OFFSET or offset < -_AHEAD:
-        text = f'stamps are {abs(offset):.3g} s {"before" if offset > 0 else "after"} the log times'
+        side = 'before' if offset > 0 else 'after'
+        text = f'stamps are {plain(abs(offset))} s {side} the log times'
         begin = 1e-9 * float(value_at(stamps, 0))
+        if is_unset and offset < 0:
+            text = 'log times are before 1980: the clock of the recorder was not set'
         if 0.0 <= begin < EARLIEST < offset:
-            text = f'stamps begin at {begin:.4g} s: they count from the start of sensor or driver'
+            text = f'stamps begin at {plain(begin, 4)} s: they count from the start of '
+            text += 'sensor or driver'
         return fault(
             'clock offset',
             text,
@@ -107,12 +114,11 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             else 'stamps lie in the future: look at the clocks of sensor and recorder',
             values,
         )
-    return sound(
-        name,
-        f'logged {1e3 * offset:.2g} ms after the stamp, '
-        f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm',
-        values=values,
-    )
+    text = f'logged {1e3 * offset:.2g} ms after the stamp, '
+    text += f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm'
+    if is_unset:
+        text += '; both before 1980, as in a simulation or where none was set'
+    return sound(name, text, values=values)
 
 
 def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:

@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import LARGEST_PART, Stretch, Values, block_means, parts
+from gyro_drift_filter.phrases import plain
 
 Floats = NDArray[np.float64]
 
@@ -254,17 +255,17 @@ def _warnings(
         )
     elif not walk.shortest <= 1.0 <= walk.longest:
         warnings.append(
-            f'the angle random walk was read at {walk.shortest:.2g} to {walk.longest:.2g} s and '
-            'carried over to 1 s'
+            f'the angle random walk was read at {plain(walk.shortest, 2)} to '
+            f'{plain(walk.longest, 2)} s and carried over to 1 s'
         )
     if _still_falls(deviations):
         warnings.append(
-            f'the Allan deviation still falls at {taus[-1]:.3g} s: the recording is too short for '
-            'the bias instability, which is an upper bound'
+            f'the Allan deviation still falls at {plain(taus[-1])} s: the recording is too short '
+            'for the bias instability, which is an upper bound'
         )
     if drift is None:
         warnings.append(
-            f'the Allan deviation up to {taus[-1]:.3g} s shows no rate random walk: the sensor has '
-            'little of it or the recording is too short'
+            f'the Allan deviation up to {plain(taus[-1])} s shows no rate random walk: the sensor '
+            'has little of it or the recording is too short'
         )
     return tuple(warnings)

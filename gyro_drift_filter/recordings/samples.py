@@ -30,7 +30,7 @@ from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE, SA
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.identify.timing import learn_timing
-from gyro_drift_filter.phrases import counted
+from gyro_drift_filter.phrases import counted, plain
 
 # s: what is left of the time by which a clock was set forward, a gap to all who look for one.
 _LEFT = 1.0
@@ -181,8 +181,9 @@ def _check_unit(stamped: float, logged: float) -> None:
     thousands = math.log(stamped / logged, 1000.0)
     if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < _UNIT_MARGIN:
         raise BagError(
-            f'the stamps last for {stamped:.3g} s and the log times for {logged:.3g} s: the driver '
-            'fills sec and nanosec of the stamp with another unit; `gyro_drift doctor` examines it'
+            f'the stamps last for {plain(stamped)} s and the log times for {plain(logged)} s: the '
+            'driver fills sec and nanosec of the stamp with another unit; `gyro_drift doctor` '
+            'examines it'
         )
 
 
