@@ -153,6 +153,18 @@ def test_notes_are_on_the_page_in_the_figures_and_in_the_summary(fleet, tmp_path
     assert ranking_text(sensors, 1).endswith('\nand 1 more notes, on the page')
 
 
+def test_a_sensor_without_a_bag_that_counts_has_notes_and_no_plot(tmp_path):
+    rows = [row(robot, day, axis) for robot in 'ab' for day in range(4) for axis in 'xyz']
+    for of_a in rows[:12]:
+        of_a['start'] -= START
+    write_table(tmp_path / 'fleet.parquet', rows)
+    page, sensors = made(tmp_path, tmp_path)
+    assert [(sensor['robot'], sensor['bags']) for sensor in sensors] == [('a', 0), ('b', 4)]
+    text = page.read_text()
+    assert 'the clock of the recorder was not set; nor are 3 more</p></section>' in text
+    assert [f'data-sensor="{k}"' in text for k in range(2)] == [False, True]
+
+
 def test_a_bag_of_which_two_topics_fail_counts_once(fleet):
     first, front, rear, *_ = summary(fleet).splitlines()
     assert first == '1 bag without figures'

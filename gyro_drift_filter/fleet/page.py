@@ -142,17 +142,19 @@ def _section(number: int, sensor: Sensor, link: Link) -> str:
         for c in sensor.certain
     )
     said += ''.join(f'<p>Note: {text_of(note)}</p>' for note in sensor.notes)
+    head = f'<section id="sensor-{number}"><h3>{text_of(name)}</h3>{said}'
+    if not sensor.bags:  # the notes say why
+        return f'{head}</section>'
     rows = []
     for bag in reversed(sensor.bags):
         address, source = link(bag), text_of(bag['source'])
         shown = f'<a href="{html.escape(address)}">{source}</a>' if address else source
         rows.append(f'<td>{day(bag["start"])}</td><td>{bag["duration"]:.0f} s</td><td>{shown}</td>')
-    head = ('start (UTC)', 'length', 'bag')
-    table = table_of(head, rows, f' class="words" id="bags-{number}"')
+    columns = ('start (UTC)', 'length', 'bag')
+    table = table_of(columns, rows, f' class="words" id="bags-{number}"')
     label = html.escape(f'noise, bias, outliers and gaps of {printable(name)} over time')
     return (
-        f'<section id="sensor-{number}"><h3>{text_of(name)}</h3>{said}'
-        f'<div class="plot small" data-sensor="{number}" tabindex="0" role="group" '
+        f'{head}<div class="plot small" data-sensor="{number}" tabindex="0" role="group" '
         f'aria-label="{label}"></div>'
         f'<details><summary>{counted(len(sensor.bags), "bag")}</summary>{table}</details></section>'
     )
