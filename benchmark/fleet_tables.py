@@ -131,7 +131,7 @@ def draw_fleet(world: World, seed: int, planted: Planted | None = None) -> pa.Ta
         if planted is not None and robot < GETTING_WORSE:
             _plant(planted, figures)
         outliers = random.binomial(_MESSAGES, np.clip(figures['outliers'], 0.0, 1.0))
-        gaps = random.poisson(figures['gaps'][0] * _MESSAGES)
+        gaps = random.poisson(np.minimum(figures['gaps'][0], 1.0) * _MESSAGES)
         there = np.flatnonzero(random.random(days) >= world.missing)
         rows += [
             {
