@@ -185,6 +185,26 @@ def test_what_is_no_fleet_is_told(fleet, tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_heads_of_the_ranking_stay_whole_in_a_narrow_window(browser, fleet, tmp_path):
+    page, _ = made(fleet, tmp_path)
+    opened(browser, page)
+    size = browser.get_window_size()
+    browser.set_window_size(500, 800)
+    lines = browser.execute_script("""
+        return [...document.querySelectorAll('#ranking th')]
+            .filter(head => !head.textContent.includes(' '))
+            .map(head => {
+                const words = document.createRange();
+                words.selectNodeContents(head);
+                return new Set([...words.getClientRects()].map(line => line.top)).size;
+            });
+    """)
+    browser.set_window_size(size['width'], size['height'])
+    assert lines
+    assert set(lines) == {1}
+
+
+@pytest.mark.slow
 def test_the_page_in_a_browser(browser, fleet, tmp_path):
     page, _ = made(fleet, tmp_path)
     opened(browser, page)
