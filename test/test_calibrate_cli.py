@@ -149,7 +149,10 @@ def test_errors_are_one_line(tmp_path, capsys, random):
     source = bag(tmp_path / 'in', turns)
     for arguments, message in (
         ([source], 'gyro_drift calibrate: the sensor was not turned: there is one rest only.'),
-        ([source, '--reference', '/body'], 'no topic /body in the bag; with an orientation: '),
+        (
+            [source, '--reference', '/body'],
+            'no topic /body in the bag; of a type that has an orientation: ',
+        ),
         ([source, '--start', '99'], 'with an angular velocity from 99'),
         ([tmp_path / 'none'], 'none'),
     ):

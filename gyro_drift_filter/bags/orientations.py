@@ -105,7 +105,8 @@ def _chosen(recording: Recording, wanted: str) -> tuple[str, str]:
     if topic is None:
         having = [topic for topic, kinds in sorted(types.items()) if set(kinds) & set(PLACES)]
         raise BagError(
-            f'no topic {wanted} in the bag; with an orientation: {", ".join(having) or "none"}'
+            f'no topic {wanted} in the bag; of a type that has an orientation: '
+            f'{", ".join(having) or "none"}'
         )
     for kind in types[topic]:
         if kind in PLACES:
