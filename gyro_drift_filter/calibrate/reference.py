@@ -313,8 +313,8 @@ class ReferenceOfOneRecording:
         low = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(seconds) - 2)
         steps = seconds[low + 1] - seconds[low]
         share = (at - seconds[low]) / steps
-        rates = self._track.rates[span.samples] - span.bias
-        raw, change = rates[low], rates[low + 1] - rates[low]
+        rates = self._track.rates[span.samples]
+        raw, change = rates[low] - span.bias, rates[low + 1] - rates[low]
         rate, now = raw @ matrix.T, (raw + share[:, None] * change) @ matrix.T
         number = np.searchsorted(parts.first, low, 'right') - 1
         turned = multiply(
