@@ -177,10 +177,11 @@ def is_far_from_provisional(state: Bias) -> bool:
 
 @kernel
 def turns_about_vertical(state: Bias) -> bool:
-    """Return whether the segment is a slow turn, as steady rates have shown the bias before.
+    """Return whether the first rest is a slow turn about the vertical, and no other bias.
 
-    A turn about the vertical changes nothing across it. A sensor that warms up has not come so far,
-    and a driver that takes the bias off leaves zero.
+    Rates that were steady for long enough have to have shown the bias before. A turn about the
+    vertical changes nothing across it. A bias that warms up can't have come so far yet, and where a
+    driver takes the bias off, the rates are about zero.
     """
     if state['provisional_seconds'] < FIRST_REST_SECONDS:
         return False

@@ -64,7 +64,7 @@ class Bias(TypedDict):
     variance: PerAxis  # (rad/s)^2
     # variance of the provisional one by its scatter, (rad/s)^2; 0 where there is none
     provisional_variance: PerAxis
-    provisional_seconds: float  # for which rates were steady that have shown it; 0 if they were not
+    provisional_seconds: float  # for how long its rates were steady; 0 where gravity stood instead
     motion: MotionBias  # the bias in motion
     # the same from a wide prior, until a rest of this run has shown a bias, or there is a
     # provisional one
