@@ -56,9 +56,10 @@ FIRST_REST_SECONDS = 2.0
 # Where the driver subtracts the bias, zero is closer to it than the mean of a second. It is kept
 # within so many deviations of that mean.
 SIGNIFICANT = 2.0
-# Gravity has to stand for so many s that a tilt too small to show is a small rate. It is not looked
-# at in so many blocks: the first ones and the one under way.
-STANDING_SECONDS, SKIPPED_BLOCKS = 10.0, 3
+# Gravity has to stand for so many s that a tilt too small to show is a small rate, and for so many
+# blocks that these show how far they are correlated. It is not looked at in so many blocks: the
+# first ones and the one under way.
+STANDING_SECONDS, STANDING_BLOCKS, SKIPPED_BLOCKS = 10.0, 12, 3
 
 
 @kernel
@@ -77,7 +78,7 @@ def take_standing(state: Bias, block_seconds: float, bias_max: float) -> None:
     if state['segments'] > 0 or state['known'] or seconds < STANDING_SECONDS:
         return
     since_start = state['seconds_since_rest'] <= seconds + SKIPPED_BLOCKS * block_seconds
-    if since_start and rest['standing_blocks'] >= PROVISIONAL_BLOCKS and is_noise(rest):
+    if since_start and rest['standing_blocks'] >= STANDING_BLOCKS and is_noise(rest):
         _take_mean(state, 0.0, LARGEST_TILT / seconds, bias_max)
 
 
