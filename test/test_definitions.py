@@ -16,9 +16,11 @@
 
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Ros1Writer
@@ -58,10 +60,10 @@ KEPT = {name: text for name, (language, text) in ODD.items() if language.startsw
 KEPT['Latin'] = b'float64 x  # ?\n'
 
 
-def of_mcap(path, imu):
+def of_mcap(path, imu, **options):
     """Write a bare file with Imu messages, and one message of each odd topic."""
     with (path / 'odd.mcap').open('wb') as stream:
-        writer = McapWriter(stream)
+        writer = McapWriter(stream, **options)
         writer.start(profile='ros2')
         topics = {TOPIC: (IMU_TYPE, 'ros2msg', IMU_DEFINITION.encode(), imu)}
         rows = [(imu[-1][0], OPAQUE)]
@@ -73,6 +75,18 @@ def of_mcap(path, imu):
                 writer.add_message(channel, time, data, time)
         writer.finish()
     return path / 'odd.mcap'
+
+
+WITHOUT_DEFINITIONS = {'repeat_channels': False, 'repeat_schemas': False}
+WITHOUT_SUMMARY = WITHOUT_DEFINITIONS | {
+    'use_statistics': False,
+    'use_summary_offsets': False,
+    'index_types': IndexType.NONE,
+}
+of_mcap_without_summary = partial(of_mcap, **WITHOUT_SUMMARY)
+of_mcap_without_chunks = partial(of_mcap, use_chunking=False, **WITHOUT_SUMMARY)
+of_mcap_without_definitions = partial(of_mcap, **WITHOUT_DEFINITIONS)
+of_mcap_without_schemas = partial(of_mcap, repeat_schemas=False)
 
 
 def of_sqlite(path, imu):
@@ -109,7 +123,18 @@ def contents_of(bag):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('make', [of_mcap, of_sqlite, of_sqlite_alone])
+@pytest.mark.parametrize(
+    'make',
+    [
+        of_mcap,
+        of_mcap_without_summary,
+        of_mcap_without_chunks,
+        of_mcap_without_definitions,
+        of_mcap_without_schemas,
+        of_sqlite,
+        of_sqlite_alone,
+    ],
+)
 def test_topics_that_nobody_can_read_are_copied(make, tmp_path):
     imu = simulated(20)
     source = make(tmp_path, imu)

@@ -43,6 +43,7 @@ from gyro_drift_filter.bags.library import (
     get_typestore,
 )
 from gyro_drift_filter.mcap.records import MAGIC, SCHEMA, Fields, record, records, text
+from gyro_drift_filter.mcap.recovery import summary_of
 
 # What stands between the definitions of several types in one text, and begins one in IDL.
 _LINE = '=' * 80 + '\n'
@@ -88,10 +89,20 @@ class _Mcap(McapReader):
 
     def read_index(self) -> None:
         """Read the summary."""
-        file, begin = self.bio, self.data_end
+        file = self.bio
         assert file
-        file.seek(begin)
-        summary = file.read().removesuffix(MAGIC)
+        file.seek(self.data_end)
+        self._take(file.read().removesuffix(MAGIC))
+
+    def meta_scan(self) -> None:
+        """Read in all of the file what its summary does not tell."""
+        assert self.bio
+        self.connections.clear()  # those of a summary without schemas have no type
+        self._take(summary_of(self.bio))
+
+    def _take(self, summary: bytes) -> None:
+        """Have a summary read from which the definitions that can't be read are taken out."""
+        file, begin = self.bio, self.data_end
         readable = (
             record(opcode, _schema(content) if opcode == SCHEMA else content)
             for opcode, content in records(summary)

@@ -20,7 +20,7 @@ endian; a string is its length in four bytes and then UTF-8.
 
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO, NamedTuple
 from zlib import crc32
 
@@ -121,6 +121,24 @@ def record(opcode: int, *fields: bytes) -> bytes:
     """Return a record."""
     content = b''.join(fields)
     return PREFIX.pack(opcode, len(content)) + content
+
+
+def statistics(
+    counts: Mapping[int, int], numbers: tuple[int, int, int, int, int], first: int, last: int
+) -> bytes:
+    """Return the record that says what a file holds.
+
+    Args:
+        counts: Messages by channel.
+        numbers: Of schemas, channels, attachments, metadata and chunks.
+        first: Log time in ns of the first message, if there are messages.
+        last: Of the last one.
+    """
+    total = sum(counts.values())
+    times = (first, last) if total else (0, 0)
+    by_channel = b''.join(struct.pack('<HQ', *item) for item in sorted(counts.items()))
+    head = struct.pack('<QHIIIIQQI', total, *numbers, *times, len(by_channel))
+    return record(STATISTICS, head, by_channel)
 
 
 class Chunk(NamedTuple):

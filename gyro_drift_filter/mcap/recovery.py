@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Make a whole MCAP file of one that was cut off, for example because the recorder was killed.
+"""MCAP files without a good summary: made whole where they were cut off, as by a killed recorder.
 
 Such a file has no summary, and its last records may be missing. All complete records are read, and
 of a last chunk that is incomplete as much as can be unpacked. A file whose summary is damaged is
-read in the same way, as only the summary tells where its chunks are.
+read in the same way, as only the summary tells where its chunks are. A whole file that was written
+without a summary needs no copy: what it would say is found by reading all of the file.
 """
 
 import logging
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -44,6 +46,8 @@ from gyro_drift_filter.mcap.records import (
     McapError,
     read_footer,
     record,
+    records,
+    statistics,
     unpack_chunk,
 )
 from gyro_drift_filter.mcap.writer import McapWriter
@@ -51,6 +55,7 @@ from gyro_drift_filter.mcap.writer import McapWriter
 _log = logging.getLogger(__name__)
 
 _KEY = struct.Struct('<H')
+_MESSAGE_HEAD = struct.Struct('<HIQ')  # channel, sequence, log time
 _CHECKSUM_BYTES = 4  # the last field of a footer
 _BLOCK = 2**20  # bytes that are read at once for a checksum
 
@@ -133,6 +138,35 @@ def recover(source: Openable, destination: Path) -> int:
         writer.abort()
         raise
     return sum(writer.counts.values())
+
+
+def summary_of(file: BinaryIO) -> bytes:
+    """Return the summary that a whole file might have had, but for an index; a footer ends it.
+
+    Raises:
+        McapError: The file is damaged.
+        struct.error: Likewise.
+    """
+    found: dict[tuple[int, bytes], bytes] = {}
+    counts: Counter[int] = Counter()
+    first, last, chunks = 2**64 - 1, 0, 0
+    try:
+        for opcode, content, whole in _records(file):
+            chunks += opcode == CHUNK
+            data = _unpacked(content, whole=whole) if opcode == CHUNK else record(opcode, content)
+            for kind, fields in records(data):
+                if kind in (SCHEMA, CHANNEL):
+                    found[kind, fields[: _KEY.size]] = record(kind, fields)
+                elif kind == MESSAGE:
+                    channel, _, time = _MESSAGE_HEAD.unpack_from(fields)
+                    counts[channel] += 1
+                    first, last = min(first, time), max(last, time)
+    except McapError as error:
+        raise McapError(f'it {error}') from error
+    kinds = Counter(kind for kind, _ in found)
+    numbers = kinds[SCHEMA], kinds[CHANNEL], 0, 0, chunks
+    definitions = (found[key] for key in sorted(found))
+    return b''.join((*definitions, statistics(counts, numbers, first, last), record(FOOTER)))
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:

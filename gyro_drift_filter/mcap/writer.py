@@ -43,6 +43,7 @@ from gyro_drift_filter.mcap.records import (
     SUMMARY_OFFSET,
     ZSTD_LEVEL,
     record,
+    statistics,
     text,
     zstd,
 )
@@ -199,20 +200,14 @@ class McapWriter:
         self._file.close()
 
     def _write_summary(self, metadata_index: bytes) -> None:
-        counts = b''.join(struct.pack('<HQ', *item) for item in sorted(self.counts.items()))
-        total = sum(self.counts.values())
         kinds = len(self._schemas), len(self._channels), 0, int(bool(metadata_index))
-        numbers = total, *kinds, len(self._chunk_indexes)
-        times = (self.first, self.last) if total else (0, 0)
-        statistics = record(
-            STATISTICS, struct.pack('<QHIIIIQQI', *numbers, *times, len(counts)), counts
-        )
+        numbers = *kinds, len(self._chunk_indexes)
         groups = {
             SCHEMA: b''.join(self._schemas.values()),
             CHANNEL: b''.join(self._channels.values()),
             CHUNK_INDEX: b''.join(self._chunk_indexes),
             METADATA_INDEX: metadata_index,
-            STATISTICS: statistics,
+            STATISTICS: statistics(self.counts, numbers, self.first, self.last),
         }
         start = offset = self._offset
         summary = b''.join(groups.values())
