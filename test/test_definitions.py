@@ -28,9 +28,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.message_types import message_type, read_message, serialize
 from gyro_drift_filter.bags.opening import open_bag
+from gyro_drift_filter.bags.orientations import read_orientations
 from gyro_drift_filter.bags.recording import BagError, messages
 from gyro_drift_filter.bags.replay import replay
+from gyro_drift_filter.bags.replay_run import TEMPERATURE_TYPE
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC
@@ -163,6 +166,84 @@ def test_an_imu_that_is_of_another_type_is_refused(version, tmp_path):
     metadata.write_text(metadata.read_text().replace(digest, f'RIHS01_{"1" * 64}'))
     with pytest.raises(BagError, match='is not that of ROS 2, as its hash is RIHS01_111'):
         read_imu_arrays(source)
+
+
+def swapped(kind, first, second):
+    """Return the definition of a type with two fields in the order of each other."""
+    definition = STORE.generate_msgdef(kind, ros_version=2)[0]
+    return definition.replace(first, '?').replace(second, first).replace('?', second)
+
+
+def of_one_topic(path, kind, definition, data):
+    """Write a bare file with a message of a topic beside Imu messages."""
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start(profile='ros2')
+        for topic, of, text_, rows in (
+            ('/it', kind, definition, [(1, data)]),
+            (TOPIC, IMU_TYPE, IMU_DEFINITION, simulated(9)),
+        ):
+            schema = writer.register_schema(of, 'ros2msg', text_.encode())
+            channel = writer.register_channel(topic, 'cdr', schema)
+            for time, content in rows:
+                writer.add_message(channel, time, content, time)
+        writer.finish()
+    return path
+
+
+def message_of(bag):
+    with open_bag(bag) as recording:
+        of_topic = (row for row in messages(recording) if row[0].topic == '/it')
+        connection, _, data = next(of_topic)
+        return read_message(data, connection)
+
+
+def header():
+    stamp = message_type('builtin_interfaces/msg/Time')(1, 2)
+    return message_type('std_msgs/msg/Header')(stamp, '')
+
+
+TEMPERATURE = message_type(TEMPERATURE_TYPE)(header(), 21.0, 0.5)
+
+
+def test_a_type_that_the_bag_has_with_other_fields_is_read_by_them(tmp_path):
+    definition = swapped(TEMPERATURE_TYPE, 'float64 temperature', 'float64 variance')
+    data = serialize(TEMPERATURE, TEMPERATURE_TYPE)
+    found = message_of(of_one_topic(tmp_path / 'in.mcap', TEMPERATURE_TYPE, definition, data))
+    assert (found.temperature, found.variance) == (0.5, 21.0)
+    kind = 'geometry_msgs/msg/QuaternionStamped'
+    definition = swapped(kind, 'float64 x', 'float64 w')
+    quaternion = message_type('geometry_msgs/msg/Quaternion')(0.1, 0.2, 0.3, 0.9)
+    data = serialize(message_type(kind)(header(), quaternion), kind)
+    source = of_one_topic(tmp_path / 'body.mcap', kind, definition, data)
+    assert read_orientations(source, '/it').orientations.tolist() == [[0.9, 0.2, 0.3, 0.1]]
+
+
+@pytest.mark.parametrize('definition', ['', '# none', 'what is this !!', 'std_msgs/Header header'])
+def test_a_type_that_the_bag_does_not_define_is_that_of_ros_2(definition, tmp_path):
+    data = serialize(TEMPERATURE, TEMPERATURE_TYPE)
+    found = message_of(of_one_topic(tmp_path / 'in.mcap', TEMPERATURE_TYPE, definition, data))
+    assert (found.temperature, found.variance) == (21.0, 0.5)
+
+
+def test_a_type_of_which_nothing_is_known_but_that_it_is_another_one_is_not_read(tmp_path):
+    data = serialize(TEMPERATURE, TEMPERATURE_TYPE)
+    topics = {(TOPIC, IMU_TYPE): simulated(9), ('/it', TEMPERATURE_TYPE): [(1, data)]}
+    source = write(tmp_path / 'in', topics)
+    assert message_of(source).temperature == 21.0
+    path = source / 'metadata.yaml'
+    path.write_text(path.read_text().replace(STORE.hash_rihs01(TEMPERATURE_TYPE), 'RIHS01_1'))
+    (file,) = source.glob('*.mcap')
+    file.write_bytes(file.read_bytes().replace(b'float64 variance', b'what is this !!!'))
+    with pytest.raises(KeyError):
+        message_of(source)
+
+
+def test_an_imu_that_the_bag_has_with_other_fields_is_refused(tmp_path):
+    definition = swapped(IMU_TYPE, 'Vector3 angular_velocity', 'Vector3 linear_acceleration')
+    source = of_one_topic(tmp_path / 'in.mcap', IMU_TYPE, definition, simulated(9)[0][1])
+    with pytest.raises(BagError, match='of /it is not that of ROS 2, as its definition has other'):
+        read_imu_arrays(source, TOPIC)
 
 
 def test_a_hash_that_is_null_is_not_known(tmp_path):

@@ -14,14 +14,15 @@
 
 """The message definitions that a bag holds, of which not each has to be one that rosbags can read.
 
-Those of ROS 2 are copied as they are: the few types that are ever decoded are known, and `ros2 bag`
-reads no definition either. Messages of ROS 1 are converted by theirs. rosbags' own readers stop at
-one that is not UTF-8, or in a language that ROS does not have: here they get what they can read.
+Those of ROS 2 are copied as they are: `ros2 bag` reads none either. Messages of ROS 1 are converted
+by theirs. rosbags' own readers stop at one that is not UTF-8, or in a language that ROS does not
+have: here they get what they can read.
 """
 
 import struct
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 from io import BytesIO
 from threading import Lock
 from typing import Any, BinaryIO
@@ -54,10 +55,15 @@ _LANGUAGES = 'ros2msg', 'ros2idl', 'omgidl'
 
 def types_of(*connections: Connection) -> Typestore:
     """Return the types of connections as they are defined there, but those that can't be read."""
+    return _types_as_defined(*((c.msgdef, c.msgtype) for c in connections))
+
+
+@lru_cache  # a definition takes 10 ms, and is read for each message and each bag
+def _types_as_defined(*defined: tuple[MessageDefinition, str]) -> Typestore:
     store = get_typestore(Stores.EMPTY)
-    for connection in connections:
+    for definition, kind in defined:
         with suppress(Exception):  # whatever the text brings about
-            found = _parsed(connection.msgdef, connection.msgtype)
+            found = _parsed(definition, kind)
             store.register({name: found[name] for name in found.keys() - store.fielddefs.keys()})
     return store
 

@@ -18,11 +18,21 @@ rosbags' store of all types of Jazzy takes 50 ms to load, an eighth of the start
 few that are written each time stand here.
 """
 
-from functools import cache
+from contextlib import suppress
+from functools import cache, lru_cache
 from typing import Any
 
-from gyro_drift_filter.bags.library import Stores, Typestore, get_types_from_msg, get_typestore
+from gyro_drift_filter.bags.definitions import types_of
+from gyro_drift_filter.bags.library import (
+    Connection,
+    Stores,
+    Typestore,
+    get_types_from_msg,
+    get_typestore,
+)
 
+# The name of the field of a type without fields, which C does not have.
+_NO_FIELD = 'structure_needs_at_least_one_member'
 _DEFINITIONS = {
     'builtin_interfaces/msg/Time': """
         int32 sec
@@ -98,6 +108,34 @@ def message_type(name: str) -> Any:
 def deserialize(data: bytes, name: str) -> Any:
     """Return a message of such a class from its CDR; what is damaged raises nearly anything."""
     return types_with(name).deserialize_cdr(data, name)
+
+
+def read_message(data: bytes, connection: Connection) -> Any:
+    """Return a message of a topic from its CDR, with the fields that the bag has for its type.
+
+    Raises:
+        Exception: Nearly any one, where it is damaged, or the bag does not define its own type.
+    """
+    name = connection.msgtype
+    store = types_of(connection) if is_another_type(connection) else types_with(name)
+    return store.deserialize_cdr(data, name)
+
+
+def is_another_type(connection: Connection) -> bool:
+    """Tell whether a bag has another type of this name than Jazzy: by its hash, or definition."""
+    name = connection.msgtype
+    digest = connection.digest or _digest(name, types_of(connection))
+    return digest not in ('', _digest(name, types_with(name)))
+
+
+@lru_cache
+def _digest(name: str, types: Typestore) -> str:
+    """Return the hash of a type, empty where it is not fully defined, or by an empty text."""
+    with suppress(KeyError):
+        _, ((first, _), *_) = types.fielddefs[name]
+        if first != _NO_FIELD:
+            return types.hash_rihs01(name)
+    return ''
 
 
 def serialize(message: Any, name: str) -> bytes:

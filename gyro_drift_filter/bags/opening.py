@@ -24,7 +24,7 @@ from typing import Any
 from gyro_drift_filter.bags.definitions import LibraryOfRos1, LibraryOfRos2
 from gyro_drift_filter.bags.library import DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
-from gyro_drift_filter.bags.message_types import types_with
+from gyro_drift_filter.bags.message_types import is_another_type
 from gyro_drift_filter.bags.recording import ROSBAG2_SUFFIXES, BagError, Recording, StoredPath
 from gyro_drift_filter.bags.ros1_reader import Ros1Reader
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
@@ -63,29 +63,30 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
         stack.callback(library.close)
         _check_summaries(library, path)
         _note_unlisted(library, path)
-        yield choose_reader(library)
+        recording = choose_reader(library)
+        _check_imus(recording)
+        yield recording
 
 
 def choose_reader(library: LibraryOfRos1 | LibraryOfRos2) -> Recording:
     """Return the fastest reader that there is for what rosbags has opened."""
     if isinstance(library, LibraryOfRos1):
         return Ros1Reader(library)
-    _check_imus(library)
     return chunk_reader(library) or RosbagsReader(library)
 
 
-def _check_imus(library: LibraryOfRos2) -> None:
+def _check_imus(recording: Recording) -> None:
     """Look whether Imu messages are of the type that is known.
 
     Raises:
-        BagError: They are of another one, by its hash.
+        BagError: They are of another one.
     """
-    known = types_with(IMU_TYPE).hash_rihs01(IMU_TYPE)
-    for connection in library.connections:
-        if connection.msgtype == IMU_TYPE and connection.digest and connection.digest != known:
+    for connection in recording.connections:
+        if connection.msgtype == IMU_TYPE and is_another_type(connection):
+            digest = connection.digest
             raise BagError(
-                f'{library.path}: the {IMU_TYPE} of {connection.topic} is not that of ROS 2, as '
-                f'its hash is {connection.digest}'
+                f'{recording.path}: the {IMU_TYPE} of {connection.topic} is not that of ROS 2, as '
+                + (f'its hash is {digest}' if digest else 'its definition has other fields')
             )
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import BagError, Recording, messages, topic_types
 from gyro_drift_filter.bags.topics import topic_named
@@ -73,7 +73,7 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
             if (connection.topic, connection.msgtype) != chosen:
                 continue
             try:
-                message = deserialize(data, kind)
+                message = read_message(data, connection)
             except Exception:  # whatever the bytes of others bring about
                 damaged += 1
                 continue

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.bias_memory import ReplayBiasMemory
 from gyro_drift_filter.bags.imus import read_imus
-from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.library import Connection
+from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import Piece, Recording, are_among, channels_of, is_cdr
 from gyro_drift_filter.bags.report_times import BATCH_SPAN, ReportTimes
@@ -212,7 +213,7 @@ class TopicFilter:
         listened = {(hint, kind) for kind in HINT_TYPES.values()}
         listened.add((names.temperature, TEMPERATURE_TYPE))
         self._listened = {
-            connection.id: connection.msgtype
+            connection.id: connection
             for connection in recording.connections
             if is_cdr(connection) and (connection.topic, connection.msgtype) in listened
         }
@@ -260,15 +261,15 @@ class TopicFilter:
             judged.append((span, of_input, of_filter))
         return starmap(self._health.statuses, judged)
 
-    def _listen(self, kind: str, data: bytes) -> None:
+    def _listen(self, connection: Connection, data: bytes) -> None:
         """Tell the filter what another topic says, passing over what can't be read."""
-        said = None
+        said, is_temperature = None, connection.msgtype == TEMPERATURE_TYPE
         with suppress(Exception):
-            message = deserialize(data, kind)
-            said = message.temperature if kind == TEMPERATURE_TYPE else moves(message)
+            message = read_message(data, connection)
+            said = message.temperature if is_temperature else moves(message)
         if said is None:
             return
-        if kind == TEMPERATURE_TYPE:
+        if is_temperature:
             self.messages.filter.note_temperature(said)
         else:
             self.messages.filter.hint(said)

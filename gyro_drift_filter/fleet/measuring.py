@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
 from gyro_drift_filter.bags.recording import OutputError, Piece, Recording, are_among, is_cdr
@@ -168,20 +168,21 @@ class _Temperatures:
     """The temperatures that are recorded beside an Imu."""
 
     def __init__(self, recording: Recording, topic: str) -> None:
-        ids = [
-            connection.id
+        self._connections = {
+            connection.id: connection
             for connection in recording.connections
             if (connection.topic, connection.msgtype) == (topic, TEMPERATURE_TYPE)
             and is_cdr(connection)
-        ]
-        self._is_temperature = are_among(recording, ids)
+        }
+        self._is_temperature = are_among(recording, self._connections)
         self._values: list[float] = []
 
     def take(self, piece: Piece) -> None:
         """Take a piece of the recording in, passing over what can't be read."""
         for row in np.flatnonzero(self._is_temperature[piece.rows['channel']]).tolist():
             with suppress(Exception):
-                message = deserialize(piece.message(row), TEMPERATURE_TYPE)
+                connection = self._connections[int(piece.rows['channel'][row])]
+                message = read_message(piece.message(row), connection)
                 self._values.append(float(message.temperature))
 
     def mean(self) -> float | None:

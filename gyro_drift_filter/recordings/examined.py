@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.imu_arrays import usable
 from gyro_drift_filter.bags.imus import read_imus
-from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.orientations import PLACES, orientation_of
 from gyro_drift_filter.bags.recording import BagError, Piece, Recording, are_among, is_cdr
@@ -128,7 +128,7 @@ class Reading:
         connection, orientations = self._others[channel]
         stamp, quaternion = 0, np.zeros((1, 4))
         with suppress(Exception):
-            message = deserialize(data, connection.msgtype)
+            message = read_message(data, connection)
             stamp, quaternion[0] = orientation_of(message, connection.msgtype)
         if stamp:
             orientations.add(np.array([stamp]), quaternion)
