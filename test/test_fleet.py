@@ -43,6 +43,7 @@ from gyro_drift_filter.fleet.columns import COLUMNS, schema
 from gyro_drift_filter.fleet.health import judge_fleet
 from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_path
 from gyro_drift_filter.fleet.results import Results
+from gyro_drift_filter.fleet.run import FleetRun
 from gyro_drift_filter.fleet.sources import find_bags
 from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
 from gyro_drift_filter.messages.imu import IMU_TYPE
@@ -222,6 +223,19 @@ def test_what_is_not_kept_is_not_counted_as_kept(small, client, tmp_path):
     run = run_fleet(client, small, tmp_path / 'out', bags=tmp_path / 'file' / 'bags')
     assert run.measured == 8
     assert run.kept == len(list((tmp_path / 'out' / 'results').glob('*/*/*.json'))) < 8
+
+
+def test_an_interrupt_while_bags_are_hashed_does_not_tell_that_none_is_kept(
+    small, measured, tmp_path, monkeypatch, capsys
+):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    shutil.copytree(measured, tmp_path / 'out')
+    monkeypatch.setattr(FleetRun, '_not_measured', interrupted)
+    arguments = ['fleet', str(small), '-o', str(tmp_path / 'out'), '--workers', '1', '--resume']
+    assert main(arguments) == 130
+    assert 'interrupted; what earlier runs have measured is kept: go on' in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -639,6 +653,31 @@ def test_a_copy_of_a_bag_is_not_counted(random, content):
     assert len(noted.bags) == 10
     # Two bags that show it are none of one another.
     assert [s.robot for s in judged(rows_with_an_odd_end(random, last=2)) if s.size] == ['3']
+
+
+@pytest.mark.parametrize('content', ['0/9', 'of its replay'])
+def test_a_copy_in_the_folder_of_another_robot_is_not_counted(random, content):
+    """It counted for both, and a folder of copies was one more robot."""
+    rows = rows_of_fleet(random)
+    copy = [
+        row | {'robot': '00', 'source': '00/09', 'content': content}
+        for row in rows
+        if row['source'] == '0/09'
+    ]
+    found = {sensor.robot: sensor for sensor in judged(rows + copy)}
+    assert {robot: len(sensor.bags) for robot, sensor in found.items()} == {
+        '00': 0, '0': 10, '1': 10, '2': 10, '3': 10, '4': 10
+    }  # fmt: skip
+    assert found['00'].notes == ['00/09 is not counted, as it is a copy of 0/09 of robot 0']
+    assert not found['0'].notes
+    backup = [row | {'robot': 'all', 'source': f'all/{row["source"]}'} for row in rows]
+    found = {sensor.robot: sensor for sensor in judged(rows + backup)}
+    assert {robot: len(sensor.bags) for robot, sensor in found.items()} == {
+        'all': 0, '0': 10, '1': 10, '2': 10, '3': 10, '4': 10
+    }  # fmt: skip
+    assert found['all'].notes == [
+        'all/0/00 is not counted, as it is a copy of 0/00 of robot 0; nor are 49 more'
+    ]
 
 
 def test_bags_of_a_clock_that_was_not_set_have_no_place_in_time(random):

@@ -36,7 +36,9 @@ def row(robot, day, axis, **figures):
     return {
         'robot': robot, 'source': f'/bags/{robot}/day_{day}', 'content': f'{robot}{day}',
         'topic': '/imu', 'frame_id': 'imu_link', 'axis': axis, 'notes': [], 'faults': [],
-        'start': START + day * DAY, 'duration': 60.0, 'messages': 6000, 'gaps': 0,
+        # The robots have figures of their own: the same ones would be those of a copy.
+        'start': START + day * DAY, 'duration': 60.0 + 0.01 * ord(robot[0]), 'messages': 6000,
+        'gaps': 0,
         'noise': 2e-3 * (1.0 + 0.01 * (day % 3)), 'noise_samples': 3000,
         'bias': 0.01 + 1e-4 * (day % 2), 'bias_deviation': 1e-4, 'outlier_share': 0.0,
     } | figures  # fmt: skip

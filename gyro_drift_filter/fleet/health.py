@@ -28,7 +28,7 @@ import numpy as np
 import pyarrow as pa
 
 from gyro_drift_filter.fleet.changes import LEAST_BAGS, Series, Usual, find_change
-from gyro_drift_filter.fleet.histories import Row, by_time, split_history
+from gyro_drift_filter.fleet.histories import Row, by_time, split_histories
 
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
@@ -201,12 +201,7 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
     rows = table.select([*place, *sorted(needed)])
     starts = rows['start'].cast(pa.int64())  # in ns, of which datetime would lose digits
     rows = rows.set_column(place.index('start'), 'start', starts)
-    by_sensor: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows.to_pylist():
-        if row['axis'] is not None:
-            key = row['robot'], row['topic'], row['frame_id']
-            by_sensor.setdefault(key, []).append(row)
-    of_sensors = {key: split_history(of_sensor) for key, of_sensor in by_sensor.items()}
+    of_sensors = split_histories([row for row in rows.to_pylist() if row['axis'] is not None])
     histories = [
         _History(key, quantity, axis, of_axis)
         for key, (of_sensor, _) in of_sensors.items()

@@ -14,11 +14,13 @@
 
 """Which bags of a sensor are its history: no copy, and none whose time is not known."""
 
+from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 Row = Mapping[str, Any]
+Sensor = tuple[str, str, str]  # robot, topic, frame
 
 # ns, begin of 2007: ROS is not older, so that a clock that tells less has not been set.
 _EARLIEST = 1_167_609_600 * 10**9
@@ -26,28 +28,73 @@ _EARLIEST = 1_167_609_600 * 10**9
 # the next file, and by no more.
 _SHARED = 10**9
 # What the same messages may have in two bags.
-_PLACE = {'source', 'content'}
+_PLACE = {'robot', 'source', 'content'}
 
 
-def split_history(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
-    """Return the rows of one sensor that are its history, and notes on what the others are.
+def split_histories(rows: Sequence[Row]) -> dict[Sensor, tuple[list[Row], list[str]]]:
+    """Return the rows of each sensor that are its history, and notes on what the others are.
 
     Args:
-        rows: With figures; `source`, `content`, `axis`, `start` in ns and `duration` in s are
-            among the columns.
+        rows: With figures; those of `Sensor`, `source`, `content`, `axis`, `start` in ns and
+            `duration` in s are among the columns.
     """
-    unset, copies, bags = [], [], []
+    by_sensor: dict[Sensor, list[Row]] = {}
+    for row in rows:
+        by_sensor.setdefault(sensor_of(row), []).append(row)
+    originals = _originals(rows)
+    return {key: _split_history(of_sensor, originals) for key, of_sensor in by_sensor.items()}
+
+
+def sensor_of(row: Row) -> Sensor:
+    """Return the sensor of a row."""
+    return row['robot'], row['topic'], row['frame_id']
+
+
+def _originals(rows: Sequence[Row]) -> dict[tuple[Sensor, str], Row]:
+    """Return by sensor and address the bag that counts for a bag: itself, if it is no copy.
+
+    Of two robots it is that of the one that has bags of its own, as a folder with some picked ones
+    has none, and then that of the one with fewer, as a backup has those of many.
+    """
+    bags = [row for row in rows if row['axis'] == 'x']
+    sizes = Counter(bag['robot'] for bag in bags)
+    robots: dict[Hashable, set[str]] = {}
+    for bag in bags:
+        for key in _identities(bag):
+            robots.setdefault(key, set()).add(bag['robot'])
+    with_own = {
+        bag['robot'] for bag in bags if all(len(robots[key]) == 1 for key in _identities(bag))
+    }
+    originals: dict[tuple[Sensor, str], Row] = {}
     known: dict[Hashable, Row] = {}
-    for bag in sorted((row for row in rows if row['axis'] == 'x'), key=by_time):
-        if bag['start'] < _EARLIEST:
-            unset.append(bag)
-            continue
-        # A replay leaves the raw topic in its output: the same figures of the same time.
-        figures = tuple(value for name, value in bag.items() if name not in _PLACE)
-        keys = [figures, *([bag['content']] if bag['content'] else [])]
+    for bag in sorted(
+        bags, key=lambda bag: (bag['robot'] not in with_own, sizes[bag['robot']], by_time(bag))
+    ):
+        keys = _identities(bag)
         original = next((known[key] for key in keys if key in known), bag)
         known |= dict.fromkeys(keys, original)
-        if original is bag:
+        originals[sensor_of(bag), bag['source']] = original
+    return originals
+
+
+def _identities(bag: Row) -> list[Hashable]:
+    """Return what a bag shares with its copies, either of it."""
+    # A replay leaves the raw topic in its output: the same figures of the same time.
+    figures = tuple(value for name, value in bag.items() if name not in _PLACE)
+    content = bag['content'], bag['topic'], bag['frame_id']
+    return [figures, content] if bag['content'] else [figures]
+
+
+def _split_history(
+    rows: Sequence[Row], originals: Mapping[tuple[Sensor, str], Row]
+) -> tuple[list[Row], list[str]]:
+    """Return the rows of one sensor that are its history, and notes on what the others are."""
+    unset, copies, bags = [], [], []
+    for bag in sorted((row for row in rows if row['axis'] == 'x'), key=by_time):
+        original = originals[sensor_of(bag), bag['source']]
+        if bag['start'] < _EARLIEST:
+            unset.append(bag)
+        elif original is bag:
             bags.append(bag)
         else:
             copies.append((bag, original))
@@ -58,7 +105,9 @@ def split_history(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
         notes.append(_not_counted(unset[0], why, len(unset)))
     if copies:
         copy, original = copies[0]
-        notes.append(_not_counted(copy, f'it is a copy of {original["source"]}', len(copies)))
+        whose = '' if original['robot'] == copy['robot'] else f' of robot {original["robot"]}'
+        why = f'it is a copy of {original["source"]}{whose}'
+        notes.append(_not_counted(copy, why, len(copies)))
     if overlap := _overlap(bags):
         one, other = overlap
         notes.append(
