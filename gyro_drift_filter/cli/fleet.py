@@ -134,10 +134,12 @@ def run(options: argparse.Namespace) -> int | None:
             with Progress(enabled=not options.quiet, unit='bags') as progress:
                 fleet.run(progress)
         except (KeyboardInterrupt, EndedBySignal) as error:
-            tell(
-                f'gyro_drift fleet: interrupted; {fleet.kept} of {len(bags)} bags are '
-                'kept: go on with --resume'
+            kept = (
+                'what earlier runs have measured is kept'
+                if fleet.kept is None
+                else f'{fleet.kept} of {len(bags)} bags are kept'
             )
+            tell(f'gyro_drift fleet: interrupted; {kept}: go on with --resume')
             return 130 if isinstance(error, KeyboardInterrupt) else 128 + error.number
     tell_what_is_gone(output / TABLE, bags)
     write_table(output / TABLE, fleet.rows())

@@ -42,14 +42,16 @@ class FleetRun:
     Attributes:
         reused: Bags that an earlier run has measured.
         measured: Bags that this one has.
-        kept: Bags that are not measured again where this run ends: failures of a store are.
+        kept: Bags that are not measured again where this run ends: failures of a store are. None
+            while those of an earlier run are looked for.
     """
 
     def __init__(self, bags: Sequence[Bag], job: Job, results: Results, client: Client) -> None:
         self._bags, self._job, self._results, self._client = bags, job, results, client
         self._contents: dict[str, str] = {}  # by address
         self._passing: dict[str, list[Row]] = {}  # by address: rows that are not kept
-        self.reused = self.measured = self.kept = 0
+        self.reused = self.measured = 0
+        self.kept: int | None = None
 
     def run(self, progress: Callable[[int, int], None]) -> None:
         """Measure all bags but those whose content has been: it is hashed, or the store tells it.
