@@ -79,9 +79,10 @@ def test_time_goes_on_where_stamps_jump_and_log_times_do_not(before):
     assert times == pytest.approx([0.0, 9.99, 10.7, 30.69, 30.7, 60.69], abs=1e-5)
 
 
-def test_time_goes_on_where_a_recorder_has_the_clock_that_is_set_at_boot():
-    stamps = even(6000)
-    stamps[:3000] -= stamps[0]
+@pytest.mark.parametrize('begin', [0, 315_964_800, 946_684_800], ids=['1970', 'GPS', '2000'])
+def test_time_goes_on_where_a_recorder_has_the_clock_that_is_set_at_boot(begin):
+    stamps = even(6000) + 7 * 10**17  # in 2023
+    stamps[:3000] -= stamps[0] - begin * 10**9
     timing = learn_timing(stamps, stamps + 1_000_000)
     times = [timing.seconds_at(stamps, k) for k in (0, 2999, 3000, 5999)]
     assert times == pytest.approx([0.0, 29.99, 30.0, 59.99], abs=1e-5)

@@ -101,7 +101,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         text = f'stamps are {plain(abs(offset))} s {side} the log times'
         begin = 1e-9 * float(value_at(stamps, 0))
         if is_unset and offset < 0:
-            text = 'log times are before 1980: the clock of the recorder was not set'
+            text = 'log times are before 2007: the clock of the recorder was not set'
         if 0.0 <= begin < EARLIEST < offset:
             text = f'stamps begin at {plain(begin, 4)} s: they count from the start of '
             text += 'sensor or driver'
@@ -117,7 +117,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     text = f'logged {1e3 * offset:.2g} ms after the stamp, '
     text += f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm'
     if is_unset:
-        text += '; both before 1980, as in a simulation or where none was set'
+        text += '; both before 2007, as in a simulation or where none was set'
     return sound(name, text, values=values)
 
 

@@ -19,11 +19,11 @@ from collections.abc import Hashable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from gyro_drift_filter.identify.timing import EARLIEST
+
 Row = Mapping[str, Any]
 Sensor = tuple[str, str, str]  # robot, topic, frame
 
-# ns, begin of 2007: ROS is not older, so that a clock that tells less has not been set.
-_EARLIEST = 1_167_609_600 * 10**9
 # ns: a file begins before the last one ends by what waits for the disk where a recorder goes on in
 # the next file, and by no more.
 _SHARED = 10**9
@@ -92,7 +92,7 @@ def _split_history(
     unset, copies, bags = [], [], []
     for bag in sorted((row for row in rows if row['axis'] == 'x'), key=by_time):
         original = originals[sensor_of(bag), bag['source']]
-        if bag['start'] < _EARLIEST:
+        if bag['start'] < EARLIEST * 10**9:
             unset.append(bag)
         elif original is bag:
             bags.append(bag)

@@ -34,8 +34,9 @@ Bools = NDArray[np.bool_]
 # A step of the stamps beyond both is a gap. Bursty delivery waits up to half a second.
 GAP_PERIODS = 10.0
 GAP_SECONDS = 0.6
-# s: no recording was made before 1980, so that is where a clock stands that has not been set yet.
-EARLIEST = 3.2e8
+# s, begin of 2007: ROS is not older, so a clock that tells less has not been set. Boards begin in
+# 1970, in 1980 (the epochs of GPS and FAT) or in 2000 (clock chips with two digits for the year).
+EARLIEST = 1_167_609_600
 BLOCK_SECONDS, LEAST_BLOCK = 2.0, 10
 # A step is uneven where it is off by more than this share of the period.
 UNEVEN = 0.5
