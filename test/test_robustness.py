@@ -14,6 +14,7 @@
 
 """What must not take node and tools down, as far as no other test has it: docs/robustness.md."""
 
+import os
 import signal
 import time
 from types import SimpleNamespace
@@ -250,6 +251,17 @@ def test_a_hostile_metadata_file(what, tmp_path):
     assert len(str(error.value)) < 1000
     assert time.monotonic() - begin < 20
     assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+def test_a_metadata_file_of_a_gigabyte_is_not_read(tmp_path):
+    source = write(
+        tmp_path / 'in', {(TOPIC, IMU_TYPE): [(1, imu_message(1, (0, 0, 0), (0, 0, 9)))]}
+    )
+    os.truncate(source / 'metadata.yaml', 2**30)
+    begin = time.monotonic()
+    with pytest.raises(BagError, match='longer than 4194304 bytes: name a file in it'):
+        replay(source, tmp_path / 'out', parameters=Parameters())
+    assert time.monotonic() - begin < 1.0
 
 
 def test_control_characters_in_names(tmp_path, random, capsys):

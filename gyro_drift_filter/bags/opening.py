@@ -44,6 +44,7 @@ from gyro_drift_filter.mcap.recovery import has_damaged_summary, recover
 from gyro_drift_filter.messages.imu import IMU_TYPE
 
 _log = logging.getLogger(__name__)
+_LARGEST_METADATA = 2**22  # bytes: those of 4,000 topics with their QoS, or of 16,000 files
 # What the name of a bag ends with that is a single file.
 FILE_SUFFIXES = (*ROSBAG2_SUFFIXES, '.bag')
 
@@ -178,6 +179,11 @@ def check_path(path: Path | StoredPath) -> None:
         if path.is_dir() and not (path / 'metadata.yaml').exists():
             raise BagError(
                 f'{path} is no rosbag2 folder: it holds no metadata.yaml{advice_for(path)}'
+            )
+        if path.is_dir() and (path / 'metadata.yaml').stat().st_size > _LARGEST_METADATA:
+            raise BagError(
+                f'{path} can not be read as a bag: its metadata.yaml is longer than '
+                f'{_LARGEST_METADATA} bytes{advice_for(path)}'
             )
         if path.suffix == '.bag' and path.is_dir():
             # rosbags judges by the name.

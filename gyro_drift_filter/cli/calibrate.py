@@ -147,7 +147,7 @@ def _convert(options: argparse.Namespace) -> None:
         found = from_kalibr(yaml.safe_load(text)) if kalibr else from_imu_tk(text)
     except UnicodeDecodeError as error:
         raise GyroDriftFilterError(f'{path} is no text in UTF-8') from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise GyroDriftFilterError(f'{path} is no YAML: {yaml_reason(error)}') from error
     write_whole(options.output, foreign_file(found, printable(path.name)))
     say(f'wrote {options.output}')
