@@ -28,7 +28,7 @@ import numpy as np
 import pyarrow as pa
 
 from gyro_drift_filter.fleet.changes import LEAST_BAGS, Series, Usual, find_change
-from gyro_drift_filter.fleet.histories import Row, by_time, split_histories
+from gyro_drift_filter.fleet.histories import Row, SensorKey, by_time, split_histories
 
 # White noise goes with the root of the absolute temperature: 30 K change it by a twentieth.
 _WARMTH = 0.05
@@ -214,7 +214,7 @@ def judge_fleet(table: pa.Table) -> list[Sensor]:
         quantity.name: Usual([one.series for one in histories if one.quantity == quantity])
         for quantity in QUANTITIES
     }
-    found: dict[tuple[str, str, str], list[_History]] = {}
+    found: dict[SensorKey, list[_History]] = {}
     for one in histories:
         found.setdefault(one.sensor, []).append(one)
     sensors = [
@@ -235,7 +235,7 @@ class _History:
 
     def __init__(
         self,
-        sensor: tuple[str, str, str],
+        sensor: SensorKey,
         quantity: Quantity,
         axis: str,
         rows: Sequence[Row],
@@ -258,7 +258,7 @@ def _value(row: Row, quantity: Quantity) -> Value:
 
 
 def _sensor(
-    key: tuple[str, str, str],
+    key: SensorKey,
     history: tuple[Sequence[Row], list[str]],
     of_sensor: list[_History],
     usual: Mapping[str, Usual],

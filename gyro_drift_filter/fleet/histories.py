@@ -22,7 +22,7 @@ from typing import Any
 from gyro_drift_filter.identify.timing import EARLIEST
 
 Row = Mapping[str, Any]
-Sensor = tuple[str, str, str]  # robot, topic, frame
+SensorKey = tuple[str, str, str]  # robot, topic, frame
 
 # ns: a file begins before the last one ends by what waits for the disk where a recorder goes on in
 # the next file, and by no more.
@@ -31,26 +31,26 @@ _SHARED = 10**9
 _PLACE = {'robot', 'source', 'content'}
 
 
-def split_histories(rows: Sequence[Row]) -> dict[Sensor, tuple[list[Row], list[str]]]:
+def split_histories(rows: Sequence[Row]) -> dict[SensorKey, tuple[list[Row], list[str]]]:
     """Return the rows of each sensor that are its history, and notes on what the others are.
 
     Args:
-        rows: With figures; those of `Sensor`, `source`, `content`, `axis`, `start` in ns and
-            `duration` in s are among the columns.
+        rows: With figures; `robot`, `topic`, `frame_id`, `source`, `content`, `axis`, `start` in ns
+            and `duration` in s are among the columns.
     """
-    by_sensor: dict[Sensor, list[Row]] = {}
+    by_sensor: dict[SensorKey, list[Row]] = {}
     for row in rows:
-        by_sensor.setdefault(sensor_of(row), []).append(row)
+        by_sensor.setdefault(_key(row), []).append(row)
     originals = _originals(rows)
     return {key: _split_history(of_sensor, originals) for key, of_sensor in by_sensor.items()}
 
 
-def sensor_of(row: Row) -> Sensor:
-    """Return the sensor of a row."""
+def _key(row: Row) -> SensorKey:
+    """Return whose sensor a row is of."""
     return row['robot'], row['topic'], row['frame_id']
 
 
-def _originals(rows: Sequence[Row]) -> dict[tuple[Sensor, str], Row]:
+def _originals(rows: Sequence[Row]) -> dict[tuple[SensorKey, str], Row]:
     """Return by sensor and address the bag that counts for a bag: itself, if it is no copy.
 
     Of two robots it is that of the one that has bags of its own, as a folder with some picked ones
@@ -65,7 +65,7 @@ def _originals(rows: Sequence[Row]) -> dict[tuple[Sensor, str], Row]:
     with_own = {
         bag['robot'] for bag in bags if all(len(robots[key]) == 1 for key in _identities(bag))
     }
-    originals: dict[tuple[Sensor, str], Row] = {}
+    originals: dict[tuple[SensorKey, str], Row] = {}
     known: dict[Hashable, Row] = {}
     for bag in sorted(
         bags, key=lambda bag: (bag['robot'] not in with_own, sizes[bag['robot']], by_time(bag))
@@ -73,7 +73,7 @@ def _originals(rows: Sequence[Row]) -> dict[tuple[Sensor, str], Row]:
         keys = _identities(bag)
         original = next((known[key] for key in keys if key in known), bag)
         known |= dict.fromkeys(keys, original)
-        originals[sensor_of(bag), bag['source']] = original
+        originals[_key(bag), bag['source']] = original
     return originals
 
 
@@ -86,12 +86,12 @@ def _identities(bag: Row) -> list[Hashable]:
 
 
 def _split_history(
-    rows: Sequence[Row], originals: Mapping[tuple[Sensor, str], Row]
+    rows: Sequence[Row], originals: Mapping[tuple[SensorKey, str], Row]
 ) -> tuple[list[Row], list[str]]:
     """Return the rows of one sensor that are its history, and notes on what the others are."""
     unset, copies, bags = [], [], []
     for bag in sorted((row for row in rows if row['axis'] == 'x'), key=by_time):
-        original = originals[sensor_of(bag), bag['source']]
+        original = originals[_key(bag), bag['source']]
         if bag['start'] < EARLIEST * 10**9:
             unset.append(bag)
         elif original is bag:
