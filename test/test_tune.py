@@ -427,7 +427,7 @@ def test_progress_names_what_it_counts(capsys, monkeypatch):
 
 def test_luck_is_not_worth_it():
     """One stretch that gains much outweighs nine that lose, in the mean."""
-    run = _Run(material(simulate(TURNING)), Parameters(), math.inf, lambda count: None)
+    run = _Run(Objective(material(simulate(TURNING))), None, Parameters(), math.inf)
     held_back = np.arange(20) < 10
     worse = np.zeros(20)
     lucky = run._gain(worse, np.where(np.arange(20) == 3, -10.0, 0.1), held_back)

@@ -151,36 +151,28 @@ def tune(
     dimensions = len(RANGES[before.method])
     budget = budget or BUDGET * dimensions
     most = budget + (2 * len(_STEPS) + dimensions) * dimensions
-    return _Run(material, before, seconds, lambda count: on_evaluation(count, most)).tune(
-        budget, seed
-    )
+    start = time.monotonic()
+    objective = Objective(material)
+    with Evaluations(
+        objective, start + SEARCH_SHARE * seconds, lambda count: on_evaluation(count, most)
+    ) as evaluations:
+        return _Run(objective, evaluations, before, start + seconds).tune(budget, seed)
 
 
 class _Run:
-    """One run of `tune`."""
+    """One run of `tune`, until `end` by `time.monotonic`."""
 
     def __init__(
-        self,
-        material: Material,
-        before: Parameters,
-        seconds: float,
-        on_evaluation: Callable[[int], None],
+        self, objective: Objective, evaluations: Evaluations, before: Parameters, end: float
     ) -> None:
-        start = time.monotonic()
-        self._objective = Objective(material)
+        self._objective = objective
+        self._evaluations = evaluations
         self._before = before
         self._ranges = RANGES[before.method]
-        self._end = start + seconds
-        self._evaluations = Evaluations(
-            self._objective, start + SEARCH_SHARE * seconds, on_evaluation
-        )
+        self._end = end
 
     def tune(self, budget: int, seed: int) -> Tuning:
         """Return what `tune` does."""
-        with self._evaluations:
-            return self._tuned(budget, seed)
-
-    def _tuned(self, budget: int, seed: int) -> Tuning:
         # Of each pair of neighbours one is held back: motion that comes at intervals is in both.
         first = np.random.default_rng(seed).random(STRETCHES // 2) < 0.5
         held_back = np.column_stack([first, ~first]).ravel()
