@@ -168,7 +168,7 @@ def _recording(
     )
     command = shlex.join(['gyro_drift', *sys.argv[1:]])
     facts = _facts(bag, filtered, command)
-    return DrawnRecording.of(name, drawer, filtered.summaries, parameters[0], facts, notes)
+    return DrawnRecording(name, drawer, filtered.summaries, parameters[0], facts, notes)
 
 
 def _facts(bag: Path, filtered: 'Filtered', command: str) -> list[tuple[str, str]]:

@@ -38,4 +38,4 @@ def shown_topic(
     method = parameters.method
     drawer = Drawer({method: signals}, summary.start, _POINTS)
     facts = [('topic', summary.topic), when_recorded(summary, signals.watch.period)]
-    return DrawnRecording.of(name, drawer, {method: summary}, parameters, facts, [])
+    return DrawnRecording(name, drawer, {method: summary}, parameters, facts)

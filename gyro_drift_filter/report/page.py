@@ -19,10 +19,9 @@ import hashlib
 import html
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +48,6 @@ _POLICY = (
 )
 
 
-@dataclass(frozen=True)
 class DrawnRecording:
     """What the page shows of one recording.
 
@@ -65,41 +63,28 @@ class DrawnRecording:
         notes: Sentences on the recording.
     """
 
-    name: str
-    verdicts: dict[str, Verdict]
-    figures: list[Figure]
-    rests: list[tuple[float, float]]
-    seconds: float
-    roles: dict[str, str]
-    parameters: Parameters
-    facts: list[tuple[str, str]]
-    notes: list[str]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         name: str,
         drawer: Drawer,
         summaries: Mapping[str, Summary],
         parameters: Parameters,
         facts: list[tuple[str, str]],
-        notes: list[str],
-    ) -> Self:
-        """Return a recording with its figures, and the verdicts by the summaries of each method."""
-        return cls(
-            name=name,
-            verdicts={
-                method: signals.watch.verdict(summaries[method])
-                for method, signals in drawer.runs.items()
-            },
-            figures=drawer.figures(),
-            rests=drawer.rest_times(),
-            seconds=next(iter(summaries.values())).seconds,
-            roles=drawer.roles(),
-            parameters=parameters,
-            facts=facts,
-            notes=notes,
-        )
+        notes: Sequence[str] = (),
+    ) -> None:
+        """Draw the figures, and judge by the summary of each method."""
+        self.name = name
+        self.verdicts = {
+            method: signals.watch.verdict(summaries[method])
+            for method, signals in drawer.runs.items()
+        }
+        self.figures = drawer.figures()
+        self.rests = drawer.rest_times()
+        self.seconds = next(iter(summaries.values())).seconds
+        self.roles = drawer.roles()
+        self.parameters = parameters
+        self.facts = facts
+        self.notes = notes
 
 
 def when_recorded(summary: Summary, period: float, among: str = '') -> tuple[str, str]:
