@@ -88,11 +88,7 @@ class Solution:
 
 
 def solve(evidence: Evidence, progress: Callable[[int, int], None]) -> Solution:
-    """Return the likeliest unknowns.
-
-    Args:
-        evidence: What they are to explain.
-        progress: Called with the number of matrices tried, and 0.
+    """Return the likeliest unknowns; `progress` is told the number of matrices tried, and 0.
 
     Raises:
         CalibrationError: A reference does not turn as the sensor does.

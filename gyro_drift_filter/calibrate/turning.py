@@ -106,14 +106,10 @@ def make_leg(
     ends: tuple[Rest, Rest],
     sensitivity: Floats,
 ) -> Leg:
-    """Return the leg between two rests of a track.
+    """Return the leg between two rests of the track of a recording, by its number.
 
-    Args:
-        track: Of the recording.
-        number: Index of the recording.
-        rests: Indexes of the two rests.
-        ends: The rests themselves.
-        sensitivity: (3, 3) what the acceleration adds to the rates, in rad/s per m/s^2.
+    `rests` are their indexes, `ends` they themselves. `sensitivity` (3, 3) is what the acceleration
+    adds to the rates, in rad/s per m/s^2.
     """
     before, behind = ends
     span = slice(before.stop - 1, behind.first + 1)

@@ -30,15 +30,9 @@ _BEFORE, _AFTER = '#8a94a6', '#1f5fa8'
 
 
 def draw(folder: Path, result: Calibration, recordings: Sequence[Samples]) -> list[Path]:
-    """Draw the rates with the turns shaded, and how the turns close before and after.
+    """Draw the rates with the turns shaded, and how they close; return the files written.
 
-    Args:
-        folder: Made if it is missing; files of the same names in it are replaced.
-        result: Of the recordings.
-        recordings: What it was found from.
-
-    Returns:
-        The files written.
+    Files of the same names in the folder, which is made if it is missing, are replaced.
     """
     drawn = {'turns.png': _turns(result, recordings), 'closures.png': _closures(result)}
     for name, figure in drawn.items():

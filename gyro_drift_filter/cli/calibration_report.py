@@ -124,12 +124,7 @@ def _closures(result: Calibration) -> str:
 
 
 def parameter_file(result: Calibration, source: str) -> str:
-    """Return the text of a ROS 2 parameter file.
-
-    Args:
-        result: To be written.
-        source: Names of the recordings, printable, for a comment.
-    """
+    """Return the text of a ROS 2 parameter file; a comment names the recordings, its source."""
     head = [
         'Scale and misalignment of a gyroscope, for the node and `gyro_drift replay --params`.',
         f'Found from {source}: {len(result.legs)} turns between {result.rests} rests, '
@@ -159,11 +154,7 @@ def parameter_file(result: Calibration, source: str) -> str:
 
 
 def foreign_file(found: Foreign, source: str) -> str:
-    """Return the text of a ROS 2 parameter file with the calibration of another program.
-
-    Args:
-        found: To be written.
-        source: Name of the file, for a comment.
+    """Return the text of a ROS 2 parameter file with what a file of another program says.
 
     Raises:
         GyroDriftFilterError: The node and replay would refuse the file.

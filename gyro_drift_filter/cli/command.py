@@ -43,11 +43,7 @@ _LEFT_OUT = ': what was not complete is not written'
 
 
 def parser(loaded: str | None = None) -> argparse.ArgumentParser:
-    """Return the parser of the whole command.
-
-    Args:
-        loaded: The subcommand that is loaded, and has its arguments; None for all of them.
-    """
+    """Return the parser of the whole command; only `loaded` has its arguments, or with None all."""
     command = argparse.ArgumentParser(
         prog='gyro_drift',
         description='Take the noise and the outliers out of a recorded gyroscope.',

@@ -108,12 +108,8 @@ def page(
 ) -> str:
     """Return the page: why and what came of it, of all together, then three lines for each.
 
-    Args:
-        source: What was looked at.
-        sequences: What was flagged.
-        start: Log time in ns that times are counted from.
-        named: The values of the parameters that are named in what is said of them.
-        unflagged: The other samples for which something else held than the limits.
+    Times are counted from `start`, a log time in ns. `named` are the values of the parameters that
+    are named in what is said of samples.
     """
     samples = sum(sequence.samples for sequence in sequences)
     sequences_flagged = counted(len(sequences), 'sequence')

@@ -47,16 +47,10 @@ def draw(
     stamps: Stored,
     rates: Sequence[Stored],
 ) -> list[Path]:
-    """Draw the recording, its Allan deviation, autocorrelation and spectrum.
+    """Draw a recording, its Allan deviation, autocorrelation and spectrum; return the files.
 
-    Args:
-        folder: Made if it is missing; files of the same names in it are replaced.
-        result: Of the recording.
-        stamps: (n,) in ns.
-        rates: Three columns (n,) in rad/s.
-
-    Returns:
-        The files written.
+    Files of the same names in the folder, which is made if it is missing, are replaced. Stamps
+    are (n,) in ns, rates three columns (n,) in rad/s.
     """
     period = result.timing.period
     motionless = sum(map(len, result.quiet.spans)) > _MOTIONLESS * len(stamps)

@@ -204,10 +204,7 @@ def _with_errors(values: NDArray[np.float64], deviations: NDArray[np.float64]) -
 def parameter_file(result: Identification, source: str, noise: str) -> str:
     """Return the text of a ROS 2 parameter file.
 
-    Args:
-        result: To be written.
-        source: Name of the recording, printable, for a comment.
-        noise: How Q and R were found, for a comment.
+    Comments in it name the recording, and how the noise Q and R was found.
 
     Raises:
         GyroDriftFilterError: The node and replay would refuse the file.

@@ -29,12 +29,9 @@ from gyro_drift_filter.errors import GyroDriftFilterError
 def parameter_text(
     head: Sequence[str], values: Mapping[str, Any], remarks: Mapping[str, Sequence[str]]
 ) -> str:
-    """Return the text of a parameter file for the node and replay.
+    """Return the text of a file with values and remarks by the names of their parameters.
 
-    Args:
-        head: Comments at its beginning, by lines.
-        values: By the names of the parameters.
-        remarks: Comments above some of them, by lines.
+    Its head, and the remarks above parameters, are lines of comments.
 
     Raises:
         ParameterError: The node and replay would refuse the file.

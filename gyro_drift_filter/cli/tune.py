@@ -231,12 +231,7 @@ def _shown(value: Any) -> str:
 
 
 def parameter_file(tuning: 'Tuning', source: str) -> str:
-    """Return the text of a ROS 2 parameter file: what was tuned, and what differs from defaults.
-
-    Args:
-        tuning: To be written.
-        source: Name of the recording, for a comment.
-    """
+    """Return the text of a ROS 2 parameter file: what was tuned, and what differs from defaults."""
     remarks = {one.name: [_remark(one)] for one in tuning.sensitivities}
     default = Parameters().names()
     head = [

@@ -226,13 +226,7 @@ def _angles(left: Floats, right: Floats) -> Floats:
 def judge_axes(
     carried: Carried, name: str = 'axes', match: str = 'carry gravity as the accelerometer shows it'
 ) -> Finding:
-    """Say whether the rates carry gravity, or match another reference.
-
-    Args:
-        carried: Of WAYS.
-        name: Of the finding.
-        match: What the rates should do, in words.
-    """
+    """Say whether the rates carry gravity, or whatever else `match` says that they should do."""
     turns, errors = carried.turns, carried.errors
     values: dict[str, Any] = {'stretches': len(turns)}
     if len(turns) < _LEAST_WINDOWS:

@@ -78,12 +78,7 @@ class RememberedBias:
 
     @classmethod
     def of(cls, filter_: Filter, before: Self | None = None) -> Self | None:
-        """Return what a filter has learned, None where that is nothing.
-
-        Args:
-            filter_: The filter.
-            before: What it was started with.
-        """
+        """Return what a filter has learned that was started with `before`, None if nothing."""
         state = filter_.state['bias']
         at_rest, in_motion = state['segments'] > 0, state['corrected'] > 0
         if state['restored'] and not at_rest:
@@ -223,14 +218,7 @@ def _why_not_used(found: RememberedBias, largest: float) -> str:
 def remember(
     path: Path, node: str, frame: str, bias: RememberedBias, now: float | None = None
 ) -> None:
-    """Write a bias.
-
-    Args:
-        path: Of the file.
-        node: Full name of the node.
-        frame: frame_id of its gyroscope.
-        bias: What to write.
-        now: Time in s since 1970, None for that of this machine.
+    """Write a bias; path, node, frame and `now` are those of `recall`.
 
     Raises:
         MemoryFileError: The disk does not take it.

@@ -49,12 +49,9 @@ class Rule(NamedTuple):
 
 
 def applying(rules: Sequence[Rule], span: Span, before: Set[str]) -> list[Rule]:
-    """Return the rules that apply, the worst first.
+    """Return the rules of a table that apply to a span, the worst first.
 
-    Args:
-        rules: One of the tables.
-        span: What the status is about.
-        before: Names of the rules that applied to the last report.
+    `before` are the names of those that applied to the last report.
     """
     found = []
     for rule in rules:

@@ -137,12 +137,8 @@ def document(
 ) -> str:
     """Return a page that needs no network, with the library that draws on it.
 
-    Args:
-        title: Of the page.
-        body: HTML, in which all text that comes from outside is escaped.
-        data: What the script finds as JSON, by the `id` of the element that it is in.
-        script: That draws the data.
-        later: More of it, which is there when the document is loaded.
+    All text from outside is escaped in the body already. The script finds the data as JSON, each
+    in the element with its name as `id`, and `later` when the document is loaded.
     """
     scripts = [get_plotlyjs(), script]
     hashes = ' '.join(f"'sha256-{_digest(script)}'" for script in scripts)

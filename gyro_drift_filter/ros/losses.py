@@ -30,12 +30,7 @@ class Losses:
     """
 
     def __init__(self, take: Callable[[bytes], None], received: Callable[[], int]) -> None:
-        """Start.
-
-        Args:
-            take: What the node does with a message.
-            received: Returns how many messages it has taken.
-        """
+        """Start, by what the node does with a message, and what tells how many it has taken."""
         self._take = take
         self._received = received
         self._reported = 0  # by the event

@@ -100,14 +100,9 @@ def measure(
     noise: Noise,
     moved: Floats | float = 0.0,
 ) -> Measured:
-    """Return what a sensor shows of a motion.
+    """Return what a sensor with faults and noise shows of a motion.
 
-    Args:
-        random: Of noise and wander.
-        motion: What the sensor goes through.
-        faults: Of the sensor.
-        noise: Of the sensor.
-        moved: (n, 3) by how much the bias is another one at each time, in rad/s.
+    Its bias is another one by `moved` (n, 3) at each time, in rad/s.
     """
     of_rates, of_accelerations, steps = random.standard_normal((3, *motion.rates.shape))
     root = np.sqrt(0.5 * motion.sample_rate)

@@ -109,14 +109,9 @@ def search(
     budget: int,
     seed: int,
 ) -> Floats:
-    """Return the best place found in the unit cube.
+    """Return the best place found in the unit cube: first all over it, then down from the best.
 
-    Args:
-        cost: Of a place.
-        start: Where the search starts, a place among the others.
-        evaluations: That `cost` makes.
-        budget: How many times `cost` is called at most.
-        seed: Of the random numbers.
+    `cost` makes the evaluations, and is called `budget` times at most.
 
     Raises:
         TimeIsUpError: There was no time for any place.
@@ -136,12 +131,9 @@ def search(
 
 
 def downhill(cost: Callable[[Floats], float], start: Floats, budget: int) -> Floats:
-    """Return the best place found in the unit cube on the way down from a place.
+    """Return the best place found in the unit cube on the way down from the start.
 
-    Args:
-        cost: Of a place.
-        start: Where the way begins.
-        budget: How many times `cost` is called at most.
+    `cost` is called `budget` times at most.
 
     Raises:
         TimeIsUpError: There was no time for any place.
