@@ -20,7 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.rests import Rest, Rests, Track
@@ -291,7 +291,9 @@ class _Blocks:
     def __init__(self, sources: int) -> None:
         self.sources = sources
         self.rows: list[NDArray[np.int64]] = []
-        self._parts: list[tuple[Floats, Floats, Floats, Floats]] = []
+        # Of no residuals, so that there is something to concatenate.
+        nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), np.zeros((0, sources)), np.zeros((0, 0))
+        self._parts: list[tuple[Floats, Floats, Floats, Floats]] = [nothing]
         self._count = 0
 
     def add(self, values: Floats, jacobian: Floats, noise: Floats, own: Floats) -> None:
@@ -302,13 +304,10 @@ class _Blocks:
 
     def finished(self, variances: Floats) -> '_Blocks':
         """Put all together, by the variances of the sources."""
-        self.values, self.jacobian = np.zeros(self._count), np.zeros((self._count, UNKNOWNS))
-        noise = np.zeros((self._count, self.sources))
-        for rows, (values, jacobian, by_source, _) in zip(self.rows, self._parts, strict=True):
-            self.values[rows], self.jacobian[rows], noise[rows] = values, jacobian, by_source
-        self.covariance = (noise * variances) @ noise.T
-        for rows, (_, _, _, own) in zip(self.rows, self._parts, strict=True):
-            self.covariance[np.ix_(rows, rows)] += own
+        values, jacobians, noises, own = zip(*self._parts, strict=True)
+        self.values, self.jacobian = np.concatenate(values), np.concatenate(jacobians)
+        noise = np.concatenate(noises)
+        self.covariance = (noise * variances) @ noise.T + block_diag(*own)
         return self
 
 

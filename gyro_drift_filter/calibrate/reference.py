@@ -344,8 +344,11 @@ class ReferenceOfOneRecording:
         jacobian[:, :, LATE] = np.einsum('kai,ki->ka', turns, now)
         return vectors, jacobian, by_bias @ matrix
 
-    def _rows(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return values (n, c), dependence (n, c, UNKNOWNS), nuisances (n, c, 3 + c), whitener."""
+    def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
+        """Return values and dependence side by side (n c, 1 + UNKNOWNS), and nuisances (n c, ...).
+
+        There are c = 3 values for each orientation, 1 of a reference that never tilts.
+        """
         vectors, jacobian, by_bias = self._differences(span, unknowns)
         if self.level:
             up = self._up()
@@ -354,7 +357,7 @@ class ReferenceOfOneRecording:
             by_bias = np.einsum('a,kab,b->k', up, by_bias, up)[:, None, None]
         count = vectors.shape[1]
         start = np.broadcast_to(np.eye(count), (len(vectors), count, count))
-        nuisances = np.concatenate([by_bias, start], axis=2)
+        both = np.concatenate([vectors[:, :, None], jacobian, by_bias, start], axis=2)
         at = self._seconds[span.first : span.stop]
         # White noise of the reference, and the gyroscope's summed up.
         ahead = at - at[0]
@@ -362,20 +365,15 @@ class ReferenceOfOneRecording:
             ahead, ahead
         )
         covariance[~span.used, ~span.used] += 1e6 * self._variance
-        return vectors, jacobian, nuisances, np.linalg.cholesky(covariance)
+        factor = np.linalg.cholesky(covariance)
+        columns = both.reshape(len(at), -1)
+        white = solve_triangular(factor, columns, lower=True, check_finite=False)
+        white = white.reshape(-1, both.shape[2])
+        return white[:, : 1 + UNKNOWNS], white[:, 1 + UNKNOWNS :]
 
     def _up(self) -> Floats:
         """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
         return np.asarray(Rotation.from_quat(self._mount.rotation).as_matrix()[:, 2])
-
-    def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
-        """Return values, dependence and nuisances side by side (n c, ...), and nuisances' count."""
-        vectors, jacobian, nuisances, factor = self._rows(span, unknowns)
-        n = len(vectors)
-        both = np.concatenate([vectors[:, :, None], jacobian, nuisances], axis=2).reshape(n, -1)
-        white = solve_triangular(factor, both, lower=True, check_finite=False)
-        white = white.reshape(-1, 1 + UNKNOWNS + nuisances.shape[2])
-        return white[:, : 1 + UNKNOWNS], white[:, 1 + UNKNOWNS :]
 
     def _free(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
         """Return values and dependence of a span with its nuisances projected out."""
