@@ -17,7 +17,6 @@
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +40,6 @@ from gyro_drift_filter.whole_file import write_whole
 if TYPE_CHECKING:
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.core import Parameters
-    from gyro_drift_filter.recordings.filtered import Filtered
     from gyro_drift_filter.report.page import DrawnRecording
 
 
@@ -91,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
         import tsdownsample  # noqa: F401
     if options.png:
         with needing('--png', 'matplotlib'):
-            import matplotlib as mpl  # noqa: F401
+            from gyro_drift_filter.report.pictures import draw
     from gyro_drift_filter.bags.selection import Selection
     from gyro_drift_filter.report.page import page
     from gyro_drift_filter.report.wording import as_text
@@ -105,22 +103,20 @@ def run(options: argparse.Namespace) -> None:
     for bag, name in zip(options.bag, names, strict=True):
         all_parameters = [parameters.with_names({'method': method}) for method in methods]
         recordings.append(_recording(bag, name, all_parameters, selection, options))
-    verdicts = {recording.name: list(recording.verdicts.values()) for recording in recordings}
-    text = ''
-    if not options.quiet:
-        texts = [
-            f'{name}, {verdict.method}\n\n{as_text(verdict, in_colour)}'
-            for name, of_methods in verdicts.items()
-            for verdict in of_methods
-        ]
-        text = '\n\n'.join(texts)
+    texts = [
+        f'{recording.name}, {method}\n\n{as_text(verdict, in_colour)}'
+        for recording in recordings
+        for method, verdict in recording.verdicts.items()
+    ]
+    text = '' if options.quiet else '\n\n'.join(texts)
     bags = [(bag, r.verdicts.values()) for bag, r in zip(options.bag, recordings, strict=True)]
-    results = verdicts_of(bags)
-    with saying(text, options.json, results) as written:
+    with saying(text, options.json, verdicts_of(bags)) as written:
         write_whole(options.output, page(recordings))
         written.append(options.output)
         if options.png:
-            _draw(options.png, recordings)
+            several = len(recordings) > 1
+            for recording in recordings:
+                draw(options.png / recording.name if several else options.png, recording)
             written.append(options.png)
 
 
@@ -147,7 +143,7 @@ def _recording(
     """Return what the page shows of a bag."""
     from gyro_drift_filter.recordings.filtered import filter_recording
     from gyro_drift_filter.report.figures import Drawer
-    from gyro_drift_filter.report.page import DrawnRecording, points_for
+    from gyro_drift_filter.report.page import DrawnRecording, points_for, when_recorded
 
     with Progress(enabled=not options.quiet) as progress:
         filtered = filter_recording(bag, parameters, selection, progress)
@@ -160,35 +156,18 @@ def _recording(
             'Its own filtered topic is another one than the filter makes here: it was made with '
             'other parameters, another version, or began elsewhere. Both are drawn.'
         )
+    summary = next(iter(filtered.summaries.values()))
     drawer = Drawer(
         filtered.signals,
-        next(iter(filtered.summaries.values())).start,
+        summary.start,
         points_for(len(options.bag)),
         None if recorded is None else (recorded.times, recorded.rates),
     )
-    command = shlex.join(['gyro_drift', *sys.argv[1:]])
-    facts = _facts(bag, filtered, command)
-    return DrawnRecording(name, drawer, filtered.summaries, parameters[0], facts, notes)
-
-
-def _facts(bag: Path, filtered: 'Filtered', command: str) -> list[tuple[str, str]]:
-    """Return where the report comes from: pairs of what and which."""
-    from gyro_drift_filter.report.page import when_recorded
-
-    summary = next(iter(filtered.summaries.values()))
-    period = next(iter(filtered.signals.values())).watch.period
-    return [
+    facts = [
         ('bag', str(bag)),
         ('topic', f'{summary.topic}, frame {filtered.frame}'),
-        when_recorded(summary, period, f' of {filtered.messages}'),
-        ('command', command),
+        when_recorded(summary, drawer.main.watch.period, f' of {filtered.messages}'),
+        ('command', shlex.join(['gyro_drift', *sys.argv[1:]])),
         ('made', f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC'),
     ]
-
-
-def _draw(folder: Path, recordings: Sequence['DrawnRecording']) -> None:
-    """Write pictures, of several recordings into a folder for each."""
-    from gyro_drift_filter.report import pictures
-
-    for recording in recordings:
-        pictures.draw(folder / recording.name if len(recordings) > 1 else folder, recording)
+    return DrawnRecording(name, drawer, filtered.summaries, parameters[0], facts, notes)
