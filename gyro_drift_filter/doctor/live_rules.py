@@ -263,10 +263,6 @@ def _figures(name: str, span: Span) -> str:
     return _FIGURES[name](span) if name in _FIGURES else ''
 
 
-def _without_rates(count: int) -> str:
-    return f', {count} of them without angular velocity' if count else ''
-
-
 def _rate(span: Span) -> str:
     known = math.isfinite(span.expected_rate)
     return f'{span.expected_rate:.4g} Hz' if known else 'too short to know the rate'
@@ -275,13 +271,13 @@ def _rate(span: Span) -> str:
 def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
+    without = f', {now.not_reported} of them without angular velocity' if now.not_reported else ''
     return [
         (
             {'malformed', 'not reported', 'no usable rate', 'unusable', 'changing frame'},
             sound(
                 'messages',
-                f'{now.received} messages, all whole{_without_rates(now.not_reported)}, frame '
-                f'{now.frame or "unnamed"}',
+                f'{now.received} messages, all whole{without}, frame {now.frame or "unnamed"}',
             ),
         ),
         (
