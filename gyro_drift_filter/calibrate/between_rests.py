@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import Rotation
 
-from gyro_drift_filter.calibrate.rests import Rest, Rests, Track
+from gyro_drift_filter.calibrate.rests import Rest, Rests
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
 from gyro_drift_filter.calibrate.unknowns import (
@@ -43,14 +43,6 @@ Floats = NDArray[np.float64]
 EDGE_DEVIATION = float(np.radians(0.3))
 # What comes back to the same side of a table, in rad, after a turn of more than this, in rad.
 SAME_SIDE, WHOLE_TURN = float(np.radians(5.0)), float(np.radians(180.0))
-
-
-@dataclass(frozen=True)
-class Session:
-    """A recording with its rests: one sensor, one time after power-on."""
-
-    track: Track
-    rests: Rests
 
 
 @dataclass(frozen=True)
@@ -94,29 +86,29 @@ class RestsOfOneRecording:
     def __init__(
         self,
         number: int,
-        session: Session,
+        found: Rests,
         sensitivity: AccelerationSensitivity,
         *,
         turns: bool,
     ) -> None:
-        """Take a recording by its number and itself, and what acceleration does to its rates."""
-        self._rests: Sequence[Rest] = session.rests.rests
-        self._found = session.rests
+        """Take a recording by its number and rests, and what acceleration does to its rates."""
+        self._rests: Sequence[Rest] = found.rests
+        self._found = found
         self.turns = turns
-        self.measured = session.track.accelerations is not None
+        self.measured = found.track.accelerations is not None
         self._sensitivity = sensitivity
         self.legs: list[Leg] = []
         self.gaps: list[float] = []
         self.clipped: list[float] = []
         for k, (before, behind) in enumerate(pairwise(self._rests)):
             span = slice(before.stop - 1, behind.first)
-            if session.track.clipped[span].any():
+            if found.track.clipped[span].any():
                 self.clipped.append(before.time)
-            elif session.track.broken[span].any():
+            elif found.track.broken[span].any():
                 self.gaps.append(before.time)
             else:
                 leg = make_leg(
-                    session.track, number, (k, k + 1), (before, behind), sensitivity.matrix
+                    found.track, number, (k, k + 1), (before, behind), sensitivity.matrix
                 )
                 if self.measured or (turns and turn_alone(leg, np.eye(3)).angle > WHOLE_TURN):
                     self.legs.append(leg)

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording, Session
+from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
-from gyro_drift_filter.calibrate.rests import find_rests, make_track
+from gyro_drift_filter.calibrate.rests import Rests, find_rests, make_track
 from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_left_out
 from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
@@ -79,45 +79,44 @@ def calibrate(
     Raises:
         CalibrationError: They tell nothing of it; the text says what to do.
     """
-    sessions, rests, references = [], [], []
-    for samples in recordings:
-        track = make_track(samples.stamps, samples.rates, samples.accelerations)
-        sessions.append(Session(track, find_rests(track)))
-    sensitivity = find_sensitivity([session.rests for session in sessions])
-    for number, (samples, session) in enumerate(zip(recordings, sessions, strict=True)):
-        if session.rests.rests:
-            rests.append(RestsOfOneRecording(number, session, sensitivity, turns=turns))
+    all_rests = [
+        find_rests(make_track(samples.stamps, samples.rates, samples.accelerations))
+        for samples in recordings
+    ]
+    sensitivity = find_sensitivity(all_rests)
+    rests, references = [], []
+    for number, (samples, found) in enumerate(zip(recordings, all_rests, strict=True)):
+        if found.rests:
+            rests.append(RestsOfOneRecording(number, found, sensitivity, turns=turns))
         if samples.reference is not None:
-            track, density = session.track, session.rests.rate_density
-            reference = samples.reference
-            references.append(ReferenceOfOneRecording(number, track, reference, density))
-    evidence = Evidence(rests, references, _up(sessions))
-    _check(sessions, evidence, turns=turns)
-    return make_result(sessions, evidence, solve(evidence, progress), sensitivity)
+            references.append(
+                ReferenceOfOneRecording(number, found.track, samples.reference, found.rate_density)
+            )
+    evidence = Evidence(rests, references, _up(all_rests))
+    _check(all_rests, evidence, turns=turns)
+    return make_result(all_rests, evidence, solve(evidence, progress), sensitivity)
 
 
-def _up(sessions: Sequence[Session]) -> Floats | None:
+def _up(all_rests: Sequence[Rests]) -> Floats | None:
     """Return the mean direction (3,) of gravity at rest."""
-    means = [rest.acceleration for session in sessions for rest in session.rests.rests]
+    means = [rest.acceleration for found in all_rests for rest in found.rests]
     up = np.mean(means, axis=0) if means else np.full(3, np.nan)
     return np.asarray(up / np.linalg.norm(up)) if np.isfinite(up).all() else None
 
 
-def _check(sessions: Sequence[Session], evidence: Evidence, *, turns: bool) -> None:
+def _check(all_rests: Sequence[Rests], evidence: Evidence, *, turns: bool) -> None:
     """Look whether there is anything to be found.
 
     Raises:
         CalibrationError: There is not.
     """
-    measured = [session for session in sessions if session.track.accelerations is not None]
+    measured = [found for found in all_rests if found.track.accelerations is not None]
     if not (measured or turns or evidence.references):
         raise CalibrationError(
             'no acceleration in the recording: turns are measured by gravity. Without it, turn the '
             'sensor by whole turns against an edge (--turns), or name a reference (--reference)'
         )
-    sizes = [
-        np.linalg.norm(rest.acceleration) for session in measured for rest in session.rests.rests
-    ]
+    sizes = [np.linalg.norm(rest.acceleration) for found in measured for rest in found.rests]
     if sizes and not GRAVITIES[0] < np.median(sizes) < GRAVITIES[1]:
         raise CalibrationError(
             f'the acceleration at rest is {np.median(sizes):.3g} where gravity is {GRAVITY:.3g} '
@@ -135,7 +134,7 @@ def _check(sessions: Sequence[Session], evidence: Evidence, *, turns: bool) -> N
             'seconds, turn it onto another side, and so on'
         )
     if why := _why_no_turn(evidence, turns=turns):
-        raise CalibrationError('; '.join([why, *what_is_left_out(sessions, evidence.rests)]))
+        raise CalibrationError('; '.join([why, *what_is_left_out(all_rests, evidence.rests)]))
 
 
 def _why_no_turn(evidence: Evidence, *, turns: bool) -> str:

@@ -111,6 +111,7 @@ class Rests:
     """The rests of a track.
 
     Attributes:
+        track: The recording: of one sensor, one time after power-on.
         rests: In order.
         moved: Time in s of stretches that looked like rest but moved evenly.
         rate_density: (3,) of the gyroscope's noise, (rad/s)^2 s: the variance of a mean over a
@@ -118,6 +119,7 @@ class Rests:
         acceleration_density: (3,) of the accelerometer's noise, (m/s^2)^2 s.
     """
 
+    track: Track
     rests: tuple[Rest, ...]
     moved: tuple[float, ...]
     rate_density: Floats
@@ -305,7 +307,8 @@ def find_rests(track: Track) -> Rests:
         rests += [_rest(track, a, b) for a, b in pairwise(cuts)]
     rests, turning = _of_one_rate(rests)
     acceleration_density = density[3:] if track.accelerations is not None else np.full(3, np.nan)
-    return Rests(tuple(rests), tuple(sorted(moved + turning)), density[:3], acceleration_density)
+    moved = sorted(moved + turning)
+    return Rests(track, tuple(rests), tuple(moved), density[:3], acceleration_density)
 
 
 def _resolution(values: Floats) -> Floats:

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording, Session
+from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise
-from gyro_drift_filter.calibrate.rests import LARGEST_TILT
+from gyro_drift_filter.calibrate.rests import LARGEST_TILT, Rests
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, Solution
 from gyro_drift_filter.calibrate.unknowns import (
@@ -38,6 +38,7 @@ from gyro_drift_filter.calibrate.unknowns import (
 )
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.errors import ParameterError
+from gyro_drift_filter.phrases import plain
 
 Floats = NDArray[np.float64]
 
@@ -132,7 +133,7 @@ class Calibration:
 
 
 def make_result(
-    sessions: Sequence[Session],
+    all_rests: Sequence[Rests],
     evidence: Evidence,
     solution: Solution,
     sensitivity: AccelerationSensitivity,
@@ -148,7 +149,7 @@ def make_result(
     _check_matrix(matrix, after, evidence, unknowns)
     deviations = np.sqrt(np.diag(solution.covariance))
     deviation = deviations[MATRIX].reshape(3, 3)
-    warnings = what_is_wrong(sessions, parts)
+    warnings = what_is_wrong(all_rests, parts)
     _check_known_at_all(matrix, deviation, warnings)
     accelerometer = None
     if any(part.measured for part in parts):
@@ -160,7 +161,7 @@ def make_result(
     legs = [(leg.track, leg.time, leg.seconds) for part in parts for leg in part.legs]
     for reference in evidence.references:
         legs += [(reference.number, *span) for span in reference.spans]
-    rests = [rest for session in sessions for rest in session.rests.rests]
+    rests = [rest for found in all_rests for rest in found.rests]
     return Calibration(
         matrix=matrix,
         deviation=deviation,
@@ -176,7 +177,7 @@ def make_result(
         warnings=tuple(warnings),
         reference=_fit(evidence, solution, deviations),
         sensitivity=sensitivity if sensitivity.is_found else None,
-        noise=_noise(sessions, parts),
+        noise=_noise(all_rests, parts),
     )
 
 
@@ -202,16 +203,16 @@ def _fit(evidence: Evidence, solution: Solution, deviations: Floats) -> Referenc
     )
 
 
-def _noise(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> Noise:
+def _noise(all_rests: Sequence[Rests], parts: Sequence[RestsOfOneRecording]) -> Noise:
     """Return the noise of the noisiest axes; the walk of the bias is rough, as rests are few."""
-    rate = np.mean([session.rests.rate_density for session in sessions], axis=0).max()
-    acceleration = np.mean([session.rests.acceleration_density for session in sessions], axis=0)
+    rate = np.mean([found.rate_density for found in all_rests], axis=0).max()
+    acceleration = np.mean([found.acceleration_density for found in all_rests], axis=0)
     walks = [part.bias_walk for part in parts if part.legs]
     return Noise(
         float(rate**0.5),
         float(np.mean(walks)) ** 0.5 if walks else None,
         float(acceleration.max() ** 0.5) if np.isfinite(acceleration).all() else None,
-        1.0 / sessions[0].track.period,
+        1.0 / all_rests[0].track.period,
     )
 
 
@@ -291,7 +292,7 @@ def _unknown(
                 )
             else:
                 advice = f'lay it down in more poses, best in {POSES}'
-            known = f'is known to {_percent(deviation[row, column])} % only'
+            known = f'is known to {plain(100.0 * deviation[row, column], 1)} % only'
             entries.setdefault(advice, []).append(f'{name_of_entry(row, column)} {known}')
     return [f'{advice}: {", ".join(known)}' for advice, known in entries.items()]
 
@@ -303,15 +304,10 @@ def name_of_entry(row: int, column: int) -> str:
     return f'{AXES[row]} against {AXES[column]}'
 
 
-def _percent(share: float) -> str:
-    """Return a share in per cent with one digit that counts, and no exponent."""
-    return f'{float(f"{100.0 * share:.1g}"):g}'
-
-
-def what_is_wrong(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]) -> list[str]:
+def what_is_wrong(all_rests: Sequence[Rests], parts: Sequence[RestsOfOneRecording]) -> list[str]:
     """Return in words what of the recordings could not be used, or not as it is."""
-    out = what_is_left_out(sessions, parts)
-    if any(session.track.even for session in sessions):
+    out = what_is_left_out(all_rests, parts)
+    if any(found.track.even for found in all_rests):
         out.append('the stamps are those of arrival: samples are taken as evenly spaced')
     for part in parts:
         legs = zip(part.legs, part.excess[len(part.excess) - len(part.legs) :], strict=True)
@@ -320,20 +316,18 @@ def what_is_wrong(sessions: Sequence[Session], parts: Sequence[RestsOfOneRecordi
     return out
 
 
-def what_is_left_out(
-    sessions: Sequence[Session], parts: Sequence[RestsOfOneRecording]
-) -> list[str]:
+def what_is_left_out(all_rests: Sequence[Rests], parts: Sequence[RestsOfOneRecording]) -> list[str]:
     """Return in words which rests and turns could not be used."""
     out = [
         f'the sensor moved in what looked like rest, which is left out: {_times(moved)}'
-        for session in sessions
-        if (moved := session.rests.moved)
+        for found in all_rests
+        if (moved := found.moved)
     ]
     out += [
         f'the clock of the stamps was set back by {by:.2f} s at {when:.1f} s after the start: a '
         'turn across it is left out, and what is behind it counts'
-        for session in sessions
-        for when, by in session.track.set_back
+        for found in all_rests
+        for when, by in found.track.set_back
     ]
     for part in parts:
         if part.gaps:
