@@ -39,7 +39,7 @@ LEAST_BLOCK = 5  # samples, to know how they vary
 SHORTEST_SECONDS = 1.0
 # A bias wanders while the sensor warms up: longer rests are taken as several.
 LONGEST_SECONDS = 20.0
-# The share of a recording that is at rest at the least: the noise is that of its quietest blocks.
+# At least this share of a recording is at rest: its noise is that of the quietest blocks.
 QUIETEST = 0.1
 # How far the deviation within blocks of some ten samples scatters, and how far means do.
 DEVIATIONS, MEANS = 3.0, 6.0
@@ -137,7 +137,7 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     used = np.isfinite(rates).all(axis=1) & (measured | (not alive))
     begins = _where_set_back(stamps, rates)
     seconds, stretches = _going_on(stamps, begins)
-    # Of what is repeated or late, the first and the latest.
+    # What is repeated or late is left out: its time is not beyond all before it.
     advancing = np.concatenate([[True], seconds[1:] > np.maximum.accumulate(seconds)[:-1]])
     used &= advancing
     if used.sum() < 2 * LEAST_BLOCK:
@@ -278,7 +278,7 @@ def find_rests(track: Track) -> Rests:
         )
     blocks = values[: count * size].reshape(count, size, -1)
     means, deviations = blocks.mean(axis=1), blocks.std(axis=1)
-    # Of a sensor that is coarser than its noise, that of its counts.
+    # Where counts are coarser than the noise, it is rounding that makes the deviation.
     level = np.maximum(np.quantile(deviations, QUIETEST, axis=0), _resolution(values) / 12**0.5)
     still = (deviations <= DEVIATIONS * level).all(axis=1)
     lost = np.add.reduceat(track.broken, np.arange(0, count * size, size)) > 0
@@ -286,7 +286,7 @@ def find_rests(track: Track) -> Rests:
     steps = np.diff(means, axis=0)[still[1:] & still[:-1]]
     noise = level / size**0.5
     if len(steps):
-        # Of the mean of a block: median of the absolute value of a normal variable times this.
+        # A deviation is 1.4826 times the median size of normal values; a step is one of two means.
         noise = np.maximum(noise, 1.4826 * np.median(np.abs(steps), axis=0) / 2**0.5)
     density = noise**2 * size * period
     rests, moved = [], []

@@ -48,7 +48,7 @@ POSES = 'the twelve poses of docs/calibration.md'
 # The recordings tell something of an entry where its standard error is below this share of that of
 # data sheets: a sensor that is turned on one side of a table alone does not get there.
 HARDLY_KNOWN = 0.5
-# Turned less about an axis in all, in rad, gravity has not been carried over by it.
+# A sensor that has turned about an axis by less in all, in rad, has not been turned over by it.
 TURNED_ABOUT = float(np.pi)
 # The turns of a sensor with its axes in order close to this.
 OPEN = float(np.radians(10.0))

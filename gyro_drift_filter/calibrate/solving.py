@@ -38,11 +38,11 @@ from gyro_drift_filter.calibrate.unknowns import (
 
 Floats = NDArray[np.float64]
 
-# Nominal scales that are tried first: half a turn by hand tells those apart, and with so many more
-# between them, three whole turns.
+# Nominal scales that are tried first: so many lie near enough together for half a turn by hand, and
+# so many times more of them for three whole turns.
 LARGEST_SCALE, TRIALS, FINER = 2.0, 15, 3
-# Whole turns close with several scales: by so many rad a turn may close worse with a scale that is
-# off by a factor e less.
+# Whole turns close with several scales, of which that nearest to 1 is likeliest: with one that is
+# off by a factor of e, turns have to close better by so many rad.
 PLAUSIBLE = 0.3
 ROUNDS = 12
 SETTLED, NEAR = 1e-6, 1e-2  # of entries, rad and s

@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Before numpy is loaded: it starts a thread for each processor, which waits busily for products
     # of matrices, and takes 70 ms for that. None is large enough here to gain by them.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    # Loading takes a second, in which nothing has begun that could be told of an interrupt.
+    # Loading takes a second. Where it is interrupted, nothing has begun that had to be cleaned up.
     try:
         from gyro_drift_filter.cli.command import run
 

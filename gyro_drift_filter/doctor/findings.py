@@ -33,7 +33,7 @@ class Finding:
     """One line of the page.
 
     Attributes:
-        name: What was looked at, its own among all lines of one verdict.
+        name: What was looked at; no two lines of one verdict have the same.
         verdict: What came of it.
         text: What was found, with figures.
         advice: What to do about it; empty where there is nothing to be done.

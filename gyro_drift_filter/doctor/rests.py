@@ -42,7 +42,7 @@ _UNITS = (
     (1000.0 * GRAVITY, 'mm/s^2', 'divide by 1000'),
 )
 _UNIT_MARGIN = 0.2
-# Of gravity taken off at rest nothing is left but the accelerometer's own error.
+# Where gravity was taken off, nothing is left at rest but the accelerometer's own error.
 _NO_GRAVITY = 0.15 * GRAVITY
 # Rounded to counts that are three times the deviation of the noise, most values are one count, so
 # that up to half a count of the bias is never seen.

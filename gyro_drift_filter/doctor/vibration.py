@@ -53,8 +53,8 @@ class Line:
 def judge_vibration(rates: tuple[Values, ...], period: float) -> Finding:
     """Say at which frequencies the rates, three columns (n,) in rad/s, vibrate.
 
-    A line is a fault where it is as strong as all other noise above the frequencies of motion: it
-    then is what the rates show at rest, and shifts the bias by its rectification in the sensor.
+    A line is a fault where it is as strong as all other noise above the frequencies of motion: the
+    rates at rest then show little else, and the sensor rectifies it, which shifts the bias.
     """
     name, nyquist = 'vibration', 0.5 / period
     if len(rates[0]) * period < _SHORTEST:

@@ -59,7 +59,7 @@ _RATE_ERROR = 0.2, 0.1
 # Of the messages in a window of so many seconds or more: a driver that starts up leaves the rates
 # out of a few.
 _NOT_REPORTED_SHARE, _NOT_REPORTED_SECONDS = (0.02, 0.01), 5.0
-# By chance none comes where so many would be one in a thousand times.
+# Where so many are to be expected, none comes by chance once in a thousand times.
 _SURELY_ONE = 7.0
 # What may leave a gap in the stamps of the rates, as well as what is lost.
 WITHOUT_RATES = 'messages come without rates (covariance starts with -1)'

@@ -32,7 +32,7 @@ class Rule(NamedTuple):
     """A level and a message, and when they apply.
 
     Attributes:
-        name: Its own among the rules of both tables.
+        name: No two rules have the same, in both tables.
         applies: Says whether the rule applies; None leaves that as it was at the last report.
         text: The message, or what makes it.
         level: The level of the status.

@@ -119,14 +119,14 @@ class Drawer:
         Args:
             runs: By method; the first one kept all, the others what is compared.
             start: Log time in ns of the first message of the recording.
-            points: That all traces together may have.
+            points: How many all traces together may have.
             recorded: (times (n,) in s, rates (n, 3) in rad/s) of a filtered topic that the
                 recording holds, where it is another one.
         """
         self.runs, self._recorded = runs, recorded
         self._method, self.main = next(iter(runs.items()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
-        # First and behind the last index of each.
+        # The first index of each, and the one behind its last.
         self.rests = runs_of(np.asarray(self.main.resting) > 0).tolist()
         others = len(runs) - 1 + (recorded is not None)
         total = 3.0 * (

@@ -42,7 +42,7 @@ class FlaggedSequence:
     Attributes:
         axis: 0, 1 or 2.
         log_time: Of the first one, in ns.
-        number: Of the first one, among all messages with a rate that have come, from 0 on.
+        number: Of the first one, as messages with a rate are counted from 0 on.
         samples: How many.
         rate: The first one as it came, rad/s.
         innovation: The first one minus its prediction, rad/s; 0 where it was no usable number.
@@ -53,7 +53,7 @@ class FlaggedSequence:
         outcome_name: What the code calls the outcome.
         innovation_threshold: What the size of the innovation had to exceed by `outlier.threshold`,
             rad/s; None where there was no such limit.
-        least_jump: And what it had to exceed by what a body does.
+        least_jump: What it had to exceed by what a body can do, likewise.
     """
 
     axis: int

@@ -50,7 +50,7 @@ class HeldBack:
         is_seen = filtered[:, None] & (np.abs(rates) <= LARGEST_RATE)
         longest = max(_SPIKE_SAMPLES, _LONGEST_SPIKE / period)
         for axis in range(3):
-            # What is no usable number says neither that a row ends nor that it goes on.
+            # A value that is no usable number neither ends a row nor lengthens it.
             self._take_axis(axis, flagged[is_seen[:, axis], axis], longest)
 
     def _take_axis(self, axis: int, flagged: NDArray[np.bool_], longest: float) -> None:

@@ -103,7 +103,7 @@ def when_recorded(summary: Summary, period: float, among: str = '') -> tuple[str
 
 
 def points_for(recordings: int) -> int:
-    """Return how many points all traces of one of so many recordings may have."""
+    """Return how many points a recording may have on a page of so many, all traces together."""
     room = LARGEST_PAGE - len(get_plotlyjs().encode()) - _BESIDE
     return int(room / _POINT_BYTES / recordings)
 

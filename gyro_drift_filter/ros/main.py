@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         asked.append(number)
         signal.signal(number, signal.SIG_DFL)  # a second one ends it at once
 
-    # Not rclpy's own handlers: they invalidate what is being set up, and an exception besides
+    # Not rclpy's own handlers, as they invalidate what is being set up. Nor an exception, as it
     # leaves EventsExecutor half made, which aborts.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)

@@ -115,8 +115,8 @@ def lay_down(
         way: Between two, s.
         rate: Of the samples, Hz.
         wobble: Of the hand on the way, rad.
-        turns: Of each way its rotation vector in rad, in the axes of the pose before; else the
-            shortest.
+        turns: Rotation vector of each way in rad, in the axes of the pose before it; None for the
+            shortest ways.
     """
     period = rest + way
     count = round((len(poses) * period - way) * rate)
