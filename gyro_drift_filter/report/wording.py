@@ -16,7 +16,6 @@
 
 import textwrap
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,13 +48,6 @@ _USUAL_REST = 10
 _NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
 
-class Statement(NamedTuple):
-    """One line of the verdict: what it is about, and what is said."""
-
-    about: str
-    text: str
-
-
 def headline(verdict: Verdict) -> str:
     """Return the verdict in a sentence or two."""
     if verdict.outcome == Outcome.HARMED:
@@ -84,33 +76,31 @@ def headline(verdict: Verdict) -> str:
     return f'It helped: {_listed(parts)}.'
 
 
-def statements(verdict: Verdict) -> list[Statement]:
-    """Return what was found, one statement for each question."""
+def statements(verdict: Verdict) -> list[tuple[str, str]]:
+    """Return what was found, one statement for each question: what it is about, and the text."""
     if all(verdict.silent):
-        found = [Statement('rates', f'no figures: {_why_silent(verdict)}')]
+        found = [('rates', f'no figures: {_why_silent(verdict)}')]
     else:
         found = [
-            Statement('rest', _about_rest(verdict)),
-            Statement('bias', _about_bias(verdict.bias, verdict.rests.needed)),
-            Statement('heading', _about_heading(verdict)),
-            Statement('outliers', _about_outliers(verdict)),
+            ('rest', _about_rest(verdict)),
+            ('bias', _about_bias(verdict.bias, verdict.rests.needed)),
+            ('heading', _about_heading(verdict)),
+            ('outliers', _about_outliers(verdict)),
         ]
     for finding in verdict.findings:
         advice = f' -> {finding.advice}' if finding.advice else ''
-        found.append(Statement('unsound', f'{finding.text}{advice}'))
+        found.append(('unsound', f'{finding.text}{advice}'))
     lags = verdict.outcome != Outcome.HARMED and verdict.lagging > _LAG_SHARE
     if lags:
-        found.append(
-            Statement(
-                'lag',
-                f'for {100.0 * verdict.lagging:.0f} % of the time the rates changed more than '
-                f'method {verdict.method} expects',
-            )
+        text = (
+            f'for {100.0 * verdict.lagging:.0f} % of the time the rates changed more than '
+            f'method {verdict.method} expects'
         )
+        found.append(('lag', text))
     if not (verdict.findings or lags or all(verdict.silent) or verdict.outcome == Outcome.HARMED):
         text = "nothing unsound was seen on the way; 'gyro_drift doctor' looks closer"
-        found.append(Statement('sound', text))
-    return [Statement(about, printable(text)) for about, text in found]
+        found.append(('sound', text))
+    return [(about, printable(text)) for about, text in found]
 
 
 def as_text(verdict: Verdict, painted: Callable[[str, str], str] = lambda text, _: text) -> str:
