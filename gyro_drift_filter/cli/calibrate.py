@@ -165,17 +165,10 @@ def _read(bag: Path, options: argparse.Namespace) -> tuple[str, 'Samples']:
         found = read_samples(bag, options.topic, between(options), progress)
     for note in found.notes():
         tell(f'note: {bag}: {note}')
-    clocks, reference = [found.stamps[:]], None
+    going_on, reference = found.going_on(), None
     if options.reference:
         seen = read_orientations(bag, options.reference)
-        clocks.append(seen.stamps)
-    stamps, *others = found.going_on(*clocks)
-    if others:
-        reference = Reference(others[0], seen.orientations)
-    samples = Samples(
-        stamps,
-        stacked(found.rates),
-        stacked(found.accelerations),
-        reference,
-    )
+        reference = Reference(going_on(seen.stamps), seen.orientations)
+    stamps = going_on(found.stamps[:])
+    samples = Samples(stamps, stacked(found.rates), stacked(found.accelerations), reference)
     return found.topic, samples

@@ -84,8 +84,8 @@ class StoredSamples:
             notes.append(f'{left_out} left out, as damaged or without an angular velocity')
         return notes
 
-    def going_on(self, *clocks: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """Return times in ns of the stamps' clock as if that had never been set forward.
+    def going_on(self) -> Callable[[NDArray[np.int64]], NDArray[np.int64]]:
+        """Return what makes times in ns of the stamps' clock as if that was never set forward.
 
         How long it took to set it is not known: a gap stays in place of it. A single stamp of the
         future is no clock that was set, as the stamps come back.
@@ -101,7 +101,7 @@ class StoredSamples:
                     middles.append(before + forward // 2)
                     steps.append(forward)
         total = np.cumsum(steps)
-        return [times - total[np.searchsorted(middles, times)] for times in clocks]
+        return lambda times: times - total[np.searchsorted(middles, times)]
 
 
 def read_samples(
