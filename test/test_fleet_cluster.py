@@ -14,12 +14,16 @@
 
 """Fleets on a cluster of other processes, one of which dies, and bags on an object store."""
 
+import os
 import signal
 import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from functools import partial
 
+import psutil
 import pytest
 from distributed import Client
 
@@ -119,6 +123,35 @@ def test_processes_that_end_say_nothing(monkeypatch, capfd):
         assert client.submit(sum, (1, 2)).result() == 3
         time.sleep(1.5)
     assert capfd.readouterr() == ('', '')
+
+
+def test_an_interrupt_while_processes_start_says_nothing(robots, tmp_path):
+    """Ctrl-C reaches all processes; one that starts takes a second in which it is not ready."""
+    with subprocess.Popen(
+        [sys.executable, '-m', 'gyro_drift_filter.cli.main', 'fleet', str(robots),
+         '-o', str(tmp_path / 'out'), '--workers', '2', '--quiet'],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # Tests that run in the background inherit that interrupts are ignored.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    ) as process:  # fmt: skip
+        end = time.monotonic() + 60
+        while not any('spawn_main' in ' '.join(child.cmdline()) for child in started_by(process)):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        time.sleep(0.2)
+        os.killpg(process.pid, signal.SIGINT)
+        _, log = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert log.startswith('gyro_drift fleet: interrupted')
+    assert log.count('\n') == 1
+
+
+def started_by(process):
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(process.pid).children()
+    return []
 
 
 @pytest.fixture

@@ -15,8 +15,10 @@
 """A Dask cluster on this machine, or the one that users have."""
 
 import logging
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 import dask
 from distributed import Client, LocalCluster
@@ -39,10 +41,14 @@ def local_cluster(workers: int, memory_limit: int) -> Iterator[Client]:
     """Yield a client of processes on this machine, each of one thread and so many bytes at most."""
     # What the cluster says of itself in passing is not for who only waits for a table.
     logging.getLogger('distributed').setLevel(logging.ERROR)
-    with (
-        dask.config.set(_BY_THE_CLOCK),
-        LocalCluster(
-            n_workers=workers,
+    with dask.config.set(_BY_THE_CLOCK):
+        # What it starts inherits this: Ctrl-C, and a terminal that is closed, reach all processes,
+        # and those that end for that print tracebacks. This one ends them. The tracker is started
+        # before, as starting it takes the interrupt from the mask.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+        cluster = LocalCluster(
+            n_workers=0,  # but below, where an interrupt meanwhile, of seconds, closes them
             threads_per_worker=1,
             processes=True,
             memory_limit=memory_limit,
@@ -53,10 +59,12 @@ def local_cluster(workers: int, memory_limit: int) -> Iterator[Client]:
             # Of its processes. They outlive the scheduler by a moment, and each that meanwhile asks
             # it prints a traceback; what fails with a bag is in the table.
             silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+        )
+        with cluster:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            with Client(cluster) as client:
+                cluster.scale(workers)
+                yield client
 
 
 @contextmanager
