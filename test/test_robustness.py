@@ -192,6 +192,19 @@ def test_a_signal_ends_the_node_and_keeps_the_bias(number, tmp_path, monkeypatch
 
 
 @pytest.mark.node
+@pytest.mark.parametrize('pause', [0.0, 0.05, 0.1, 0.2, 0.3, 0.4])
+def test_a_second_interrupt_while_the_node_ends_changes_nothing(pause, tmp_path):
+    """Ctrl-C beneath `ros2 launch` sends two."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        pytest.skip('these tests ignore interrupts, and so does their node')
+    with LiveNode(LOSSLESS, home=tmp_path) as live:
+        live.process.send_signal(signal.SIGINT)
+        time.sleep(pause)
+        live.process.send_signal(signal.SIGINT)
+        assert live.process.wait(timeout=20) == 0
+
+
+@pytest.mark.node
 def test_sim_time_that_stands_jumps_and_runs_fast():
     """Nothing in the node waits for it: filter, reports and stamps of the output go on."""
     data = simulated(900)

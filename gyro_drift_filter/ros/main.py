@@ -16,6 +16,7 @@
 
 import signal
 import sys
+import time
 from collections.abc import Sequence
 
 import rclpy
@@ -40,6 +41,9 @@ except ImportError:
 
 # How long a signal may wait, where no message comes.
 _LATEST_SECONDS = 0.2
+# How long the node may take to end. Until then another signal changes nothing, as Ctrl-C beneath
+# `ros2 launch` sends two, and what was learned has to be kept. A later one ends it at once.
+_END_SECONDS = 1.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,11 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         one line on stderr.
     """
     arguments = sys.argv if arguments is None else arguments
-    asked: list[int] = []
+    asked: list[float] = []
 
     def stop(number: int, frame: object) -> None:
-        asked.append(number)
-        signal.signal(number, signal.SIG_DFL)  # a second one ends it at once
+        asked.append(time.monotonic())
+        if asked[-1] > asked[0] + _END_SECONDS:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
     # Not rclpy's own handlers, as they invalidate what is being set up. Nor an exception, as it
     # leaves EventsExecutor half made, which aborts.
@@ -81,6 +87,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        # While Python ends, a handler of its own is none any more.
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
@@ -94,8 +103,8 @@ def _start(arguments: Sequence[str]) -> Node:
     return GyroDriftFilterNode(parameter_files(arguments))
 
 
-def spin(node: Node, asked: Sequence[int]) -> None:
-    """Run the node's callbacks until `asked` holds a signal's number."""
+def spin(node: Node, asked: Sequence[float]) -> None:
+    """Run the node's callbacks until `asked` holds the time of a signal."""
     if EventsExecutor is None:
         node.get_logger().warning(
             'this rclpy has no EventsExecutor: falling back to SingleThreadedExecutor, at several '
