@@ -505,6 +505,64 @@ def test_the_page_in_a_browser(browser, source, tmp_path):
     check_quiet(browser, tmp_path / 'page.html')
 
 
+def displayed(browser, selector):
+    return browser.execute_script(
+        f'return [...document.querySelectorAll({selector!r})].map(n => getComputedStyle(n).display)'
+    )
+
+
+@pytest.mark.slow
+def test_the_printed_page_has_its_legend_and_all_parameters(browser, source, tmp_path):
+    report(source, tmp_path)
+    opened(browser, tmp_path / 'page.html')
+    click(browser, 'button[data-role=raw]')
+    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'media': 'print'})
+    shown = {
+        role: displayed(browser, f'button[data-role={role}]')[0] != 'none'
+        for role in ('raw', 'adaptive', 'outlier', 'rest')
+    }
+    assert shown == {'raw': False, 'adaptive': True, 'outlier': True, 'rest': True}
+    assert set(displayed(browser, '#theme, [data-axis], [data-action]')) == {'none'}
+    is_open = "return document.querySelector('details').open"
+    assert browser.execute_script(is_open)
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'media': ''})
+    browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    assert not browser.execute_script(is_open)
+    assert 'none' not in displayed(browser, '#theme')
+
+
+@pytest.mark.slow
+def test_without_scripts_the_page_says_what_is_missing(browser, source, tmp_path):
+    report(source, tmp_path)
+    browser.execute_cdp_cmd('Emulation.setScriptExecutionDisabled', {'value': True})
+    try:
+        browser.get((tmp_path / 'page.html').as_uri())
+        said = browser.find_element('css selector', 'noscript p')
+        assert said.is_displayed()
+        assert 'The figures are missing' in said.text
+        dead = browser.find_elements('css selector', 'button, figure')
+        assert dead
+        assert not any(element.is_displayed() for element in dead)
+        assert browser.find_element('css selector', 'td[data-name]').is_displayed()
+    finally:
+        browser.execute_cdp_cmd('Emulation.setScriptExecutionDisabled', {'value': False})
+
+
+@pytest.mark.slow
+def test_labels_of_the_allan_deviation_are_powers_of_ten(browser, source, tmp_path):
+    report(source, tmp_path)
+    opened(browser, tmp_path / 'page.html')
+    node = "document.querySelector('figure[id^=allan] .plot')"
+    browser.execute_script(f'{node}.scrollIntoView()')
+    wait_for(browser, lambda: browser.execute_script(f'return Boolean({node}.drawn)'))
+    labels = browser.execute_script(
+        f"return [...{node}.querySelectorAll('.ytick text')].map(t => t.textContent)"
+    )
+    assert len(labels) >= 2
+    assert not [label for label in labels if not label.startswith(('1', '0.1'))], labels
+
+
 @pytest.mark.slow
 def test_what_the_bag_names_runs_nothing_in_a_browser(browser, tmp_path):
     report(evil_bag(tmp_path / 'in'), tmp_path)

@@ -128,6 +128,12 @@
     return out;
   };
 
+  // Whole decades, which have a label each: of less than two the library would label 2 and 5, too.
+  const decades = (panel) => {
+    const logs = panel.traces.filter(isShown).flatMap((trace) => [...trace.y]).filter((y) => y > 0).map(Math.log10);
+    const low = Math.floor(Math.min(...logs)), high = Math.ceil(Math.max(...logs));
+    return logs.length ? { range: [low, high], autorange: false, dtick: Math.ceil((high - low) / 4) } : {};
+  };
   const heightOf = (figure, count) => 90 + (printing ? 100 : figure.inTime ? 150 : 125) * count;
 
   const layout = (figure, data, width) => {
@@ -146,7 +152,7 @@
       const height = (1 - gap * (count - 1)) / count, top = 1 - k * (height + gap), isLog = figure.logarithmic.includes('y');
       out[k ? `yaxis${k + 1}` : 'yaxis'] = {
         ...line, domain: [Math.max(top - height, 0), top], title: { text: `${panel.name}, ${figure.y}`, font: { size: 12 }, standoff: 6 },
-        ...(figure.limits ? { range: figure.limits, autorange: false } : {}), type: isLog ? 'log' : 'linear', fixedrange: figure.inTime, nticks: 5, exponentformat: 'power', ...(figure.name === 'allan' ? { dtick: 'D2' } : {}),
+        ...(figure.limits ? { range: figure.limits, autorange: false } : {}), type: isLog ? 'log' : 'linear', fixedrange: figure.inTime, nticks: 5, exponentformat: 'power', ...(figure.name === 'allan' ? decades(panel) : {}),
       };
     });
     return out;
@@ -240,8 +246,21 @@
 
   const dark = matchMedia('(prefers-color-scheme: dark)');
   dark.addEventListener('change', () => setTheme(dark.matches ? 'dark' : 'light'));
-  addEventListener('beforeprint', () => { printing = true; root.dataset.printed = root.dataset.theme; root.dataset.theme = 'light'; nodes().forEach(draw); });
-  addEventListener('afterprint', () => { printing = false; root.dataset.theme = root.dataset.printed; refresh(); });
+  let closed = [];
+  addEventListener('beforeprint', () => {
+    printing = true;
+    root.dataset.printed = root.dataset.theme;
+    root.dataset.theme = 'light';
+    closed = [...document.querySelectorAll('details:not([open])')];
+    closed.forEach((part) => { part.open = true; });
+    tint();
+    nodes().forEach(draw);
+  });
+  addEventListener('afterprint', () => {
+    printing = false;
+    closed.forEach((part) => { part.open = false; });
+    setTheme(root.dataset.printed);
+  });
 
   // What comes into sight is drawn then: the first figure at once, however many there are.
   const watcher = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => {

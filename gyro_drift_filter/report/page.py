@@ -46,6 +46,10 @@ _POLICY = (
     "default-src 'none'; script-src {}; style-src 'unsafe-inline'; img-src data: blob:; "
     "font-src data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
 )
+# Buttons would do nothing, and of several recordings the others could not be chosen.
+_WITHOUT_SCRIPT = (
+    '#bar, figure, .plot { display: none; } section.bag { display: block !important; }'
+)
 
 
 class DrawnRecording:
@@ -152,8 +156,11 @@ def document(
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f'<title>{text_of(title)}</title>',
             f'<style>{_resource("page.css")}</style>',
+            f'<noscript><style>{_WITHOUT_SCRIPT}</style></noscript>',
             '</head>',
             '<body>',
+            '<noscript><p class="headline unsure">The figures are missing: this browser does not '
+            'run the JavaScript that draws them. All else is here.</p></noscript>',
             *body,
             *_data_elements(data),
             *(f'<script>{script}</script>' for script in scripts),
