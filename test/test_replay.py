@@ -181,6 +181,16 @@ def test_the_choice_among_several_imu_topics(tmp_path):
     assert read(tmp_path / 'out')[0]['/right/imu_filtered'] == expected(imu)
 
 
+def test_an_imu_topic_without_messages_is_no_choice(tmp_path):
+    imu = simulated(20)
+    spare = ('/imu/spare', IMU_TYPE)
+    source = write(tmp_path / 'in', {spare: [], (TOPIC, IMU_TYPE): imu})
+    assert run(source, tmp_path / 'out').topic == TOPIC
+    source = write(tmp_path / 'empty', {spare: [], (TOPIC, IMU_TYPE): []})
+    with pytest.raises(BagError, match=r'the Imu topics have no messages: /imu/data_raw, /imu/sp'):
+        run(source, tmp_path / 'none')
+
+
 def test_a_bag_that_holds_our_own_output_is_filtered_anew(tmp_path):
     imu = simulated(300)
     source = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): imu})

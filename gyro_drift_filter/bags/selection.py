@@ -178,7 +178,7 @@ class Selection:
 
 
 def choose_topic(recording: Recording, wanted: str | None) -> str:
-    """Return the Imu topic to filter: the one wanted, or the only one.
+    """Return the Imu topic to filter: the one wanted, or the only one that has messages.
 
     Raises:
         BagError: There is none, there are several, or the wanted one is of another type; the text
@@ -194,8 +194,12 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
             raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not {IMU_TYPE}')
         return topic
     inputs = _all_imus(recording)
-    if len(inputs) == 1:
-        return inputs[0]
+    counted = {connection.topic for connection in recording.connections if connection.msgcount}
+    filled = [topic for topic in inputs if topic in counted] or inputs
+    if len(filled) == 1:
+        return filled[0]
+    if not recording.message_count:
+        raise BagError(f'the Imu topics have no messages: {", ".join(imus)}')
     raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
 
 
