@@ -41,7 +41,7 @@ from gyro_drift_filter.cli.result_files import as_plain, saying
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.motion_hint import HINT_TYPES
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages
-from support.bags import simulated, write
+from support.bags import read, simulated, write
 from support.messages import NOT_REPORTED, TEXT, even_stamps, imu_fields, text
 from support.processes import run_command
 
@@ -535,6 +535,18 @@ def test_the_offline_tools_run_without_ros(tmp_path):
     ros = 'rclpy,sensor_msgs,std_msgs,geometry_msgs,diagnostic_msgs'
     done = run_without(ros, 'replay', bag, '-o', tmp_path / 'out')
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_a_topic_beyond_ascii_is_read_in_any_locale(tmp_path):
+    topic = '/imu/d\u00e4t\u00e4'
+    bag = write(tmp_path / 'in', {(topic, IMU_TYPE): simulated(50)})
+    locale = {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONCOERCECLOCALE': '0'}
+    out = tmp_path / 'out'
+    done = run_command(COMMAND, 'replay', bag, '-o', out, environment=locale)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    assert len(read(out)[0][f'{topic}_filtered']) == 50
 
 
 @pytest.mark.slow

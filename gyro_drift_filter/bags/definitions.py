@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
 from io import BytesIO
+from pathlib import Path, PosixPath
 from threading import Lock
 from typing import Any, BinaryIO
 
@@ -35,6 +36,7 @@ from gyro_drift_filter.bags.library import (
     MessageDefinitionFormat,
     Ros1LibraryReader,
     Ros2LibraryReader,
+    RPath,
     Sqlite3Reader,
     Stores,
     Typestore,
@@ -162,10 +164,21 @@ def _utf8_text(*definition: Any) -> str:
     return _utf8(*definition).decode()
 
 
+class _Utf8Path(PosixPath):
+    """A path whose text is read as UTF-8: rosbags reads metadata.yaml as the locale has text."""
+
+    def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
+        """Return what a file holds as text."""
+        return super().read_text(encoding or 'utf-8', errors)
+
+
 class _Folder(DirectoryReader):
     """A folder of rosbag2."""
 
     STORAGE_PLUGINS: Mapping[str, Any] = {'mcap': _Mcap, 'sqlite3': _Sqlite3}
+
+    def __init__(self, path: RPath) -> None:
+        super().__init__(_Utf8Path(path) if isinstance(path, Path) else path)
 
 
 class LibraryOfRos2(Ros2LibraryReader):
