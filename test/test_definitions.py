@@ -219,6 +219,14 @@ def test_a_type_that_the_bag_has_with_other_fields_is_read_by_them(tmp_path):
     assert read_orientations(source, '/it').orientations.tolist() == [[0.9, 0.2, 0.3, 0.1]]
 
 
+@pytest.mark.parametrize('definition', ['float64 angle', 'builtin_interfaces/Time stamp'])
+def test_an_orientation_without_what_it_is_read_for_is_told_in_a_line(definition, tmp_path):
+    kind, data = 'geometry_msgs/msg/QuaternionStamped', b'\0\1\0\0' + bytes(8)
+    source = of_one_topic(tmp_path / 'in.mcap', kind, definition, data)
+    with pytest.raises(BagError, match='^1 message of /it can not be read$'):
+        read_orientations(source, '/it')
+
+
 @pytest.mark.parametrize('definition', ['', '# none', 'what is this !!', 'std_msgs/Header header'])
 def test_a_type_that_the_bag_does_not_define_is_that_of_ros_2(definition, tmp_path):
     data = serialize(TEMPERATURE, TEMPERATURE_TYPE)

@@ -74,12 +74,13 @@ def read_orientations(bag: Path, topic: str) -> OrientationArrays:
                 continue
             try:
                 message = read_message(data, connection)
+                if kind == IMU_TYPE and message.orientation_covariance[0] == -1.0:
+                    continue  # not reported (REP-145)
+                # A type that the bag defines may lack what it is read for.
+                stamp, quaternion = orientation_of(message, kind)
             except Exception:  # whatever the bytes of others bring about
                 damaged += 1
                 continue
-            if kind == IMU_TYPE and message.orientation_covariance[0] == -1.0:
-                continue  # not reported (REP-145)
-            stamp, quaternion = orientation_of(message, kind)
             stamps.append(stamp)
             rows.append(quaternion)
     unread = f'{counted(damaged, "message")} of {name} can not be read'
