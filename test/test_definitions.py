@@ -223,7 +223,7 @@ def test_a_type_that_the_bag_has_with_other_fields_is_read_by_them(tmp_path):
 def test_an_orientation_without_what_it_is_read_for_is_told_in_a_line(definition, tmp_path):
     kind, data = 'geometry_msgs/msg/QuaternionStamped', b'\0\1\0\0' + bytes(8)
     source = of_one_topic(tmp_path / 'in.mcap', kind, definition, data)
-    with pytest.raises(BagError, match='^1 message of /it can not be read$'):
+    with pytest.raises(BagError, match=r'^1 message of /it can not be read$'):
         read_orientations(source, '/it')
 
 
