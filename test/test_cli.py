@@ -590,6 +590,50 @@ def test_progress_tells_rate_and_time_left(terminal, monkeypatch, capsys):
     assert told.endswith('\r\x1b[K')
 
 
+def test_progress_takes_one_row_of_a_narrow_terminal(monkeypatch, capsys):
+    """What is wider takes two, of which the next one writes over the last one alone."""
+    now = [0.0]
+    monkeypatch.setattr(progress, 'is_terminal', lambda: True)
+    monkeypatch.setattr(progress, 'terminal_columns', lambda: 40)
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    with progress.Progress(enabled=True) as shown:
+        now[0] = 11.0
+        shown(1000, 16_500)
+    assert capsys.readouterr().err == '\r6 % of 16500 messages, 91 a second, 2 m\x1b[K\r\x1b[K'
+
+
+def test_progress_has_no_time_left_at_its_end_alone(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(progress, 'is_terminal', lambda: False)
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    with progress.Progress(enabled=True) as shown:
+        for now[0], done in ((20.0, 199), (40.0, 200)):
+            shown(done, 200)
+    assert capsys.readouterr().err.splitlines() == [
+        '99 % of 200 messages, 9.9 a second, 1 s left',
+        '100 % of 200 messages, 5 a second',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('options', 'left_out'),
+    [
+        ((), ''),
+        (('--json', '-'), ''),
+        (('--json', 'found.json'), ': what was not complete is not written'),
+    ],
+)
+def test_an_interrupt_tells_of_files_where_some_were_to_be_written(
+    options, left_out, monkeypatch, capsys
+):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('gyro_drift_filter.cli.doctor.run', interrupted)
+    assert main(['doctor', 'drive', *options]) == 130
+    assert capsys.readouterr().err == f'gyro_drift doctor: interrupted{left_out}\n'
+
+
 @pytest.mark.slow
 def test_one_message_is_one(tmp_path, capsys):
     write(tmp_path / 'in', {(TOPIC, IMU_TYPE): [simulated()[0]]})

@@ -38,8 +38,6 @@ _SUBCOMMANDS = {
     'simulate': 'make a bag with known truth',
     'compile': 'compile ahead of the first start',
 }
-# Of several files some may stand already: each is written whole, or not at all.
-_LEFT_OUT = ': what was not complete is not written'
 
 
 def parser(loaded: str | None = None) -> argparse.ArgumentParser:
@@ -86,9 +84,17 @@ def run(arguments: Sequence[str]) -> int:
         tell(f'{name}: there is not enough memory for so many samples')
         return 1
     except KeyboardInterrupt:
-        tell(f'{name}: interrupted{_LEFT_OUT}')
+        tell(f'{name}: interrupted{_left_out(options)}')
         return 130
     except signals.EndedBySignal as error:
-        tell(f'{name}: ended by {error}{_LEFT_OUT}')
+        tell(f'{name}: ended by {error}{_left_out(options)}')
         return 128 + error.number
     return status or 0
+
+
+def _left_out(options: argparse.Namespace) -> str:
+    """Return what became of the files that were to be written, as the end of a sentence."""
+    if all(str(getattr(options, name, None)) in ('None', '-') for name in ('output', 'json')):
+        return ''
+    # Of several files some may stand already: each is written whole, or not at all.
+    return ': what was not complete is not written'

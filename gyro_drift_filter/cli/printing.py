@@ -73,3 +73,10 @@ def tell(text: str, end: str = '\n') -> None:
 def is_terminal() -> bool:
     """Tell whether somebody reads remarks as they are made, where a line can be written over."""
     return sys.stderr is not None and sys.stderr.isatty() and os.environ.get('TERM') != 'dumb'
+
+
+def terminal_columns() -> int:
+    """Return how wide the terminal of remarks is; endless where it does not say so."""
+    with suppress(OSError, ValueError):
+        return os.get_terminal_size(sys.stderr.fileno()).columns or sys.maxsize
+    return sys.maxsize

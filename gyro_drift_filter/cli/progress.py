@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from typing import Self
 
 from gyro_drift_filter.accelerate.kernels import has_to_compile, spare_linear_algebra
-from gyro_drift_filter.cli.printing import is_terminal, tell
+from gyro_drift_filter.cli.printing import is_terminal, tell, terminal_columns
 from gyro_drift_filter.cli.signals import ending_at_once
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.phrases import plain
@@ -53,10 +53,11 @@ class Progress:
         pace = _pace(done, now - self._start)
         text = f'{done} {self._unit}, {pace}'
         if 0 < done <= total:
+            text = f'{100 * done // total} % of {total} {self._unit}, {pace}'
+        if 0 < done < total:
             left = (total - done) * (now - self._start) / done
-            text = f'{100 * done // total} % of {total} {self._unit}'
-            text += f', {pace}, {_duration(left)} left'
-        tell(f'\r{text}\x1b[K' if self._terminal else text, end='' if self._terminal else '\n')
+            text += f', {_duration(left)} left'
+        _tell_over(text, terminal=self._terminal)
         self._shown = True
 
     def __enter__(self) -> Self:
@@ -69,6 +70,15 @@ class Progress:
             tell('\r\x1b[K', end='')
 
 
+def _tell_over(text: str, *, terminal: bool) -> None:
+    """Tell in a line that the next one is written over; elsewhere than on a terminal in its own."""
+    if not terminal:
+        tell(text)
+        return
+    # What is wider takes two rows, of which only the last one would be written over.
+    tell(f'\r{text[: terminal_columns() - 1]}\x1b[K', end='')
+
+
 def _pace(done: int, seconds: float) -> str:
     """Return how fast work is, in the shortest unit of time that has one or more of it."""
     units = ('a second', 1.0), ('a minute', 60.0), ('an hour', 3600.0)
@@ -77,8 +87,8 @@ def _pace(done: int, seconds: float) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """Return a time in words: 8 s, 3 min 20 s, 2 h 5 min."""
-    whole = round(seconds)
+    """Return a time that is not over in words: 8 s, 3 min 20 s, 2 h 5 min."""
+    whole = max(round(seconds), 1)
     if whole < 60:
         return f'{whole} s'
     if whole < 3600:
@@ -126,7 +136,7 @@ def _telling(share: Callable[[], float]) -> Iterator[None]:
     def tell_on() -> None:
         while not over.wait(_TERMINAL_SECONDS if terminal else _LINE_SECONDS):
             text = f'compiled: {100.0 * share():.0f} % in {time.monotonic() - start:.0f} s'
-            tell(f'\r{text}' if terminal else text, end='' if terminal else '\n')
+            _tell_over(text, terminal=terminal)
 
     thread = threading.Thread(target=tell_on)
     thread.start()
