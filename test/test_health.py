@@ -289,6 +289,21 @@ def test_a_time_without_rates_is_not_said_to_be_a_clock_that_was_set(random):
     assert told[-1] == {}
 
 
+@pytest.mark.parametrize('silent', [1, 2, 15])
+def test_a_driver_that_paused_is_not_said_to_have_set_its_clock(silent, random):
+    """It has been told before that no message came."""
+    messages = quiet(4000, 1e-2, random)
+    health, filter_, told = Health(), MessageFilter(Parameters()), []
+    for second in range(40):
+        if not 12 <= second < 12 + silent:
+            filter_all(filter_, messages[100 * second : 100 * (second + 1)])
+        span, of_input, _ = health.rules(filter_.report(), 1.0)
+        told.append({rule.name: rule.message(span) for rule in of_input})
+    text = 'no message came for longer than gap_limit: the filter has started anew from there'
+    assert [said['restarted'] for said in told if 'restarted' in said] == [text]
+    assert all('silent' in said for said in told[12 : 12 + silent])
+
+
 @pytest.mark.parametrize(('begin', 'end', 'seconds'), [(0, 20, 0), (0, 200, 2), (1000, 2000, 10)])
 def test_a_time_without_rates_is_told_for_as_long_as_it_lasts(begin, end, seconds, random):
     """And not for as long as the window holds some of it, nor where a driver starts up."""

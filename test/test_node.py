@@ -72,7 +72,9 @@ def fresh(live):
     for name, value in Parameters().names().items():
         value = list(value) if isinstance(value, tuple) else value
         assert set_parameters(live, **{name.replace('.', '__'): value})[0].successful
-    assert call(live, Trigger, 'reset', Trigger.Request()).success
+    answer = call(live, Trigger, 'reset', Trigger.Request())
+    assert answer.success
+    assert answer.message.endswith('parameters and bias are kept')
     return live
 
 

@@ -109,10 +109,18 @@ class Health:
             # After a silence what came is no rate: a part of the time, or all that was kept.
             self._window.clear()
         self._window.append((last + seconds, now))
+        after_silence = self._silent and before.received > 0
         self._silent = now.received == before.received
         # A partial second at either end is a small share of this.
         is_long = last + seconds - self._window[0][0] >= _LEAST_SECONDS
-        span = span_of(first, before, now, last + seconds - start, is_rate_judged=paced and is_long)
+        span = span_of(
+            first,
+            before,
+            now,
+            last + seconds - start,
+            is_rate_judged=paced and is_long,
+            after_silence=after_silence,
+        )
         of_input = applying(INPUT_RULES, span, self._applied)
         of_filter = applying(FILTER_RULES, span, self._applied)
         self._applied = {rule.name for rule in of_input + of_filter}

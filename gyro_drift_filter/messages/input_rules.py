@@ -235,6 +235,8 @@ def _gap_text(span: Span) -> str:
 
 def _restart_text(span: Span) -> str:
     anew = 'the filter has started anew from there'
+    if span.after_silence:
+        return f'no message came for longer than gap_limit: {anew}'
     if _are_some_not_reported(span):
         return (
             f'stamps of rates jumped by more than gap_limit: {WITHOUT_RATES}, or a clock was set; '

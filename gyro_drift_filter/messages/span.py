@@ -43,6 +43,7 @@ class Span(NamedTuple):
         not_reported_share: Share of the messages in the window that report no rate.
         expected_rate: The rate of messages in Hz that was given or learned, NaN before it is.
         is_rate_judged: Whether messages came long enough, and at the pace of the clock.
+        after_silence: Whether messages came once, and none between the two reports before.
         outlier_shares: Of the samples in the window, for each axis; NaN where there are few. What
             was no usable number is flagged by the filter, too, but is no outlier here.
         nis: Mean normalised innovation squared in the window, for each axis; NaN likewise.
@@ -65,6 +66,7 @@ class Span(NamedTuple):
     not_reported_share: float
     expected_rate: float
     is_rate_judged: bool
+    after_silence: bool
     outlier_shares: list[float]
     nis: list[float]
     residuals: list[float]
@@ -116,6 +118,7 @@ def span_of(
     seconds: float,
     *,
     is_rate_judged: bool,
+    after_silence: bool = False,
 ) -> Span:
     """Return the span of three reports, of which the first and the last are `seconds` apart."""
     state, state_first = now.telemetry, first.telemetry
@@ -142,6 +145,7 @@ def span_of(
         not_reported_share=not_reported / received if received > 0 else 0.0,
         expected_rate=expected_rate,
         is_rate_judged=is_rate_judged,
+        after_silence=after_silence,
         outlier_shares=[_share(max(a - b, 0), recent) for a, b in outliers],
         nis=[_share(a - b, count) for a, b, count in nis],
         residuals=[_share(a - b, count) for a, b, count in residuals],

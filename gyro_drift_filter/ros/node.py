@@ -232,7 +232,7 @@ class GyroDriftFilterNode(Node):
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._cold_start.call(lambda _: self._messages.filter.reset(), None, is_command=True)
         response.success = True
-        response.message = 'the filter starts from the next sample; parameters are kept'
+        response.message = 'the filter starts from the next sample; parameters and bias are kept'
         return response
 
     def _calibrate(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
