@@ -338,7 +338,7 @@ def test_an_interrupt_in_mid_exchange_leaves_the_old_bag(tmp_path, random, monke
     assert sorted(p.name for p in tmp_path.iterdir()) == ['in.mcap', 'out']
 
 
-def test_a_link_to_the_output_stays_one(tmp_path, random):
+def test_a_link_to_the_output_stays_one(tmp_path, random, caplog):
     source = write_mcap(tmp_path / 'in.mcap', mixed(random))
     bag, link = tmp_path / 'disk' / 'bag', tmp_path / 'link'
     replay(source, bag, parameters=Parameters())
@@ -346,6 +346,7 @@ def test_a_link_to_the_output_stays_one(tmp_path, random):
     link.symlink_to(bag)
     replay(source, link, parameters=Parameters(method='kalman'), force=True)
     assert link.readlink() == bag
+    assert f'{link} is a link: the bag {bag} is replaced' in caplog.text  # it is what is lost
     assert sorted(p.name for p in bag.iterdir()) == ['bag.mcap', 'metadata.yaml']
     assert (bag / 'bag.mcap').read_bytes() != before
     nowhere = tmp_path / 'nowhere'

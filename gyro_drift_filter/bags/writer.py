@@ -14,6 +14,7 @@
 
 """Write a bag: a rosbag2 folder, by rosbags, with an MCAP file of our own in it."""
 
+import logging
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -50,6 +51,7 @@ from gyro_drift_filter.bags.recording import (
 from gyro_drift_filter.bags.unfinished import UnfinishedFolder, remove_abandoned
 from gyro_drift_filter.errors import reason
 
+_log = logging.getLogger(__name__)
 _METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 
 
@@ -96,6 +98,8 @@ class BagWriter:
             remove_abandoned(self._path)
             if self._path.exists():
                 self._check_replacement()
+                if path.is_symlink():
+                    _log.warning('%s is a link: the bag %s is replaced', path, self._path)
             self._folder = UnfinishedFolder(self._path)
             # The MCAP file is named after the final folder, as `ros2 bag` names it.
             self._written = self._folder.path / self._path.name
