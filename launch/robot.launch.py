@@ -70,7 +70,12 @@ def generate_launch_description() -> LaunchDescription:
             ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(PathJoinSubstitution(filter_launch)),
-                launch_arguments={'input': 'imu/data_raw', 'motion_hint': 'odom'}.items(),
+                launch_arguments={
+                    'namespace': '',
+                    'input': 'imu/data_raw',
+                    'output': 'imu/data_filtered',  # which the others take
+                    'motion_hint': 'odom',
+                }.items(),
             ),
             Node(
                 package='imu_filter_madgwick',

@@ -17,6 +17,9 @@
 /front/imu/data_raw becomes /front/imu/data_filtered, and so for /rear.
 
 ros2 launch gyro_drift_filter two_imus.launch.py rear_params_file:=rear.yaml
+
+Other arguments are those of both filters: name topics without a slash before them, as
+input:=imu/raw.
 """
 
 from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
