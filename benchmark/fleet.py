@@ -142,6 +142,7 @@ def speed(folder: Path) -> Iterator[Figure]:
         for workers in times:
             # One cluster at a time: a cluster that waits takes processor time, too.
             with local_cluster(workers, _LIMIT) as client:
+                client.wait_for_workers(workers)
                 _run(bags[: 4 * workers], client)
                 before = client.run(time.process_time)
                 times[workers].append(_run(bags, client))
@@ -181,6 +182,7 @@ def scheduler(folder: Path, count: int) -> Iterator[Figure]:
         shutil.copytree(folder / 'robots' / '0', folder / 'robots' / str(k))
     bags = find_bags([str(folder / 'robots')], None)
     with local_cluster(2, _LIMIT) as client:
+        client.wait_for_workers(2)
         _run(bags[:8], client)
         before, own = client.run(time.process_time), time.process_time()
         _run(bags, client)
