@@ -73,6 +73,7 @@ def head(set_back=()):
     begins, spans = [20.0 * k for k in range(87)], [range(1000)] * 87
     result = SimpleNamespace(
         begins=begins,
+        ends=[begin + 10.0 for begin in begins],
         seconds=870.0,
         timing=SimpleNamespace(
             period=0.01, uneven=0.0, breaks=set_back, set_back=np.array(set_back)
@@ -230,6 +231,24 @@ def test_a_rest_at_another_rate_is_told(tmp_path, capsys):
     printed = capsys.readouterr()
     assert re.search(r'left out: 3\d\.\d s in 1 span at other rates', printed.out)
     assert 'differs by up to 0.57 deg/s: a slow turn, or the bias has moved' in printed.err
+
+
+@pytest.mark.slow
+def test_of_a_sensor_that_changes_its_rate_one_rate_is_identified(tmp_path, capsys):
+    """The rate in the file was one that the sensor never had, and rests longer than the bag."""
+    data = simulate(SimulationSettings(static_seconds=80, dynamic_seconds=0, white_deviation=1e-4))
+    kept = np.sort(np.concatenate([np.arange(2000), np.arange(2000, 8000, 4)]))
+    values = (v[kept] for v in (data.stamps, data.angular_velocity, data.linear_acceleration))
+    assert identify(tmp_path, write_imus(tmp_path / 'in', *values)) == 0
+    printed = capsys.readouterr()
+    assert 'rest: 60.0 s in 1 span' in printed.out
+    assert ': 20.0 to 80.0 s\n' in printed.out
+    assert 'time: 25 Hz' in printed.out
+    said = 'the sensor changed its rate from 100 to 25 Hz at 20.0 s: the figures are those at 25 Hz'
+    assert said in printed.err
+    assert '20 s of rest at other sample rates are left out' in printed.err
+    assert read_parameters(tmp_path / 'model.yaml').sample_rate == pytest.approx(25.0)
+    assert '60 s of rest at 25 Hz' in (tmp_path / 'model.yaml').read_text()
 
 
 def test_a_rate_that_can_be_none_is_told(tmp_path, capsys):

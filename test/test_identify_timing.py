@@ -17,10 +17,11 @@
 import numpy as np
 import pytest
 
+from benchmark import drivers
 from gyro_drift_filter.fleet.noise import identify_noise
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import columns
-from gyro_drift_filter.identify.timing import learn_timing
+from gyro_drift_filter.identify.timing import learn_timing, learn_timings
 
 PERIOD_NS = 10_000_000
 
@@ -110,6 +111,80 @@ def test_the_trend_of_a_bias_is_that_of_the_time_that_goes_on(random):
         plain, again = (axis.trend for axis in axes)
         assert plain == pytest.approx(2e-5, rel=0.05)
         assert again == pytest.approx(plain, rel=0.05)
+
+
+def delivered(rates, random, jitter=0.0):
+    """Return stamps of a sensor that has each of some rates in Hz for 30 s."""
+    steps = np.concatenate([[0.0], *(np.full(30 * rate, 1.0 / rate) for rate in rates)])
+    seconds = np.cumsum(steps) + jitter * steps * random.normal(size=len(steps))
+    return 10**18 + np.sort((1e9 * seconds).astype(np.int64))
+
+
+@pytest.mark.parametrize('jitter', [0.0, 0.1])
+@pytest.mark.parametrize('rates', [(100, 50), (100, 25, 100), (50, 60, 50), (25, 200)])
+def test_each_rate_of_a_sensor_has_its_timing(rates, jitter, random):
+    stamps = delivered(rates, random, jitter)
+    timings = learn_timings(stamps)
+    found = sorted(1.0 / timing.period for timing in timings)
+    np.testing.assert_allclose(found, sorted(set(rates)), rtol=0.01)
+    borders = [stretch.first for stretch in timings[0].stretches]
+    expected = np.cumsum([0, *(30 * rate for rate in rates[:-1])])
+    np.testing.assert_allclose(borders, expected, atol=0 if jitter == 0.0 else 5)
+    assert all(timing.uneven < 0.01 and not len(timing.breaks) for timing in timings)
+    said = f'the sensor changed its rate from {rates[0]} to {rates[1]} Hz at 30.0 s'
+    assert jitter or timings[0].rate_changes(stamps).startswith(said)
+
+
+def test_where_the_rate_changes_across_a_pause_and_a_setting_of_the_clock(random):
+    stamps = delivered((100, 50), random)
+    stamps[3001:] += 20_000_000_000
+    # Which the log does not know: there the time goes on by one period.
+    stamps[4000:] -= 7_000_000_000
+    slow = learn_timings(stamps)[-1]
+    assert [stretch.first for stretch in slow.stretches] == [0, 3000]
+    assert slow.breaks.tolist() == [3001, 4000]
+    assert slow.seconds_of(stamps, 3001, 4501) == pytest.approx(29.98)
+
+
+def unchanged(kind, rate, random):
+    """Return stamps over two minutes, the second of which is not as even as the first."""
+    n = 120 * rate
+    stamps = 10**18 + np.arange(n) * (10**9 // rate)
+    late, half = np.arange(n) >= n // 2, n // 2
+    name, _, amount = kind.partition(' ')
+    if name == 'jitter':
+        return np.sort(
+            stamps + (late * random.normal(size=n) * float(amount) * 1e9 / rate).astype(int)
+        )
+    if name == 'losses':
+        return stamps[~late | (random.random(n) > float(amount))]
+    if name == 'bursts':
+        last = np.arange(n) // int(amount) * int(amount) + int(amount) - 1
+        return stamps[np.where(late, np.minimum(last, n - 1), np.arange(n))]
+    if name == 'coarse':
+        return np.where(late, stamps // int(amount) * int(amount), stamps)
+    for k in random.integers(half, n, 20):
+        stamps[k:] += int(2e9 * random.exponential())
+    return stamps
+
+
+@pytest.mark.parametrize('rate', [10, 50, 200])
+@pytest.mark.parametrize(
+    'kind',
+    [
+        *('jitter 0.1', 'jitter 0.5', 'jitter 1'),
+        *('losses 0.05', 'losses 0.1', 'losses 0.2', 'losses 0.5', 'losses 0.8'),
+        *('bursts 2', 'bursts 5', 'coarse 4000000', 'gaps'),
+    ],
+)
+def test_what_makes_stamps_uneven_is_no_other_rate(kind, rate, random):
+    assert len(learn_timings(unchanged(kind, rate, random))) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('world', sorted(drivers.WORLDS))
+def test_no_driver_changes_its_rate(world, random):
+    assert len(learn_timings(drivers.WORLDS[world](1.0, random).stamps)) == 1
 
 
 def test_a_slow_sensor_has_no_gaps():

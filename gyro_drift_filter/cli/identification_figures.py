@@ -114,10 +114,8 @@ def _recording(
     result: Identification,
 ) -> None:
     panel.plot(seconds, rate, linewidth=0.4, color=_RAW, label='raw')
-    for begin, span in zip(result.begins, result.quiet.spans, strict=True):
-        panel.axvspan(
-            begin, begin + len(span) * result.timing.period, color=_REST, alpha=0.12, linewidth=0
-        )
+    for begin, end in zip(result.begins, result.ends, strict=True):
+        panel.axvspan(begin, end, color=_REST, alpha=0.12, linewidth=0)
     bias = float(np.degrees(axis.preprocessed.bias))
     panel.axhline(bias, color=_MODEL, linewidth=1.0, label='bias')
     # The rests are the subject: motion may leave the frame.

@@ -84,8 +84,7 @@ def _head(result: Identification) -> str:
 def _times(result: Identification) -> list[str]:
     """Return the times of the rests in s from the first sample."""
     return [
-        f'{begin:.1f} to {begin + len(span) * result.timing.period:.1f} s'
-        for begin, span in zip(result.begins, result.quiet.spans, strict=True)
+        f'{begin:.1f} to {end:.1f} s' for begin, end in zip(result.begins, result.ends, strict=True)
     ]
 
 
@@ -236,10 +235,12 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
     }
     bias_deviation = per_axis(lambda axis: axis.preprocessed.bias_deviation, (0.0, 0.0, 0.0))
     dead = [n for n, axis in zip(AXES, result.axes, strict=True) if isinstance(axis, DeadAxis)]
+    # The figures of a sensor that changes its rate hold at one of its rates only.
+    rate = f' at {1.0 / result.timing.period:.4g} Hz' if result.timing.stretches else ''
     head = [
         'Noise model of a gyroscope, for the node and `gyro_drift replay --params`.',
         'SI units; per axis x, y, z.',
-        f'Identified from {source}, {result.seconds:.0f} s of rest, on {today()}.',
+        f'Identified from {source}, {result.seconds:.0f} s of rest{rate}, on {today()}.',
     ]
     if dead:
         head.append(f"Dead: {named_axes(dead)}; the package's defaults stand there.")

@@ -63,7 +63,7 @@ from gyro_drift_filter.identify.series import (
     mean_square,
     parts,
 )
-from gyro_drift_filter.identify.timing import Timing, learn_timing
+from gyro_drift_filter.identify.timing import Timing, learn_timings
 from gyro_drift_filter.identify.tones import Tone, find_tones
 from gyro_drift_filter.phrases import counted, named_axes, rounded_down, without_rate
 
@@ -124,6 +124,7 @@ class Identification:
         timing: How the samples lie in time.
         quiet: The motionless spans.
         begins: Begin of each span in s from the first sample.
+        ends: End of each span likewise.
         seconds: Length of all of them together.
         axes: One per axis; not all of them are dead.
         warnings: Sentences on how far it can be trusted.
@@ -132,9 +133,27 @@ class Identification:
     timing: Timing
     quiet: Quiet
     begins: tuple[float, ...]
+    ends: tuple[float, ...]
     seconds: float
     axes: tuple[AxisModel | DeadAxis, ...]
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Rests:
+    """The rests at one sample rate; `stamps` (n,) in ns are those of the whole recording."""
+
+    timing: Timing
+    quiet: Quiet
+    stamps: NDArray[np.int64] | Stored
+
+    def length(self, span: Span) -> float:
+        """Return how long a span lasts in s."""
+        return self.timing.seconds_of(self.stamps, span.first, span.stop)
+
+    def seconds(self) -> float:
+        """Return how long all rests last in s."""
+        return sum(map(self.length, self.quiet.spans))
 
 
 def identify(
@@ -160,11 +179,19 @@ def identify(
         IdentificationError: There is no rest of `SHORTEST_QUIET` s, an axis shows no noise at rest
             though it is not dead, or all are dead.
     """
-    timing = learn_timing(stamps, log_times)
     rates, accelerations = columns(rates), columns(accelerations)
-    quiet = find_quiet(timing, rates, accelerations)
+    found = [
+        _Rests(timing, find_quiet(timing, rates, accelerations), stamps)
+        for timing in learn_timings(stamps, log_times)
+    ]
+    rests = max(found, key=_Rests.seconds)
+    timing, quiet, seconds = rests.timing, rests.quiet, rests.seconds()
     begins = tuple(timing.seconds_at(stamps, span.first) for span in quiet.spans)
-    seconds = _require_rest(quiet, stamps, rates, timing)
+    lengths = map(rests.length, quiet.spans)
+    ends = tuple(begin + length for begin, length in zip(begins, lengths, strict=True))
+    about_rates = _about_sample_rates(rests, sum(map(_Rests.seconds, found)) - seconds)
+    if seconds < SHORTEST_QUIET:
+        raise IdentificationError('; '.join([_why_too_short(rests, rates), *about_rates]))
     dead = [dead_value(rate) for rate in rates]
     if None not in dead:
         raise IdentificationError(
@@ -185,51 +212,37 @@ def identify(
     )
     warnings = [
         *_about_recording(seconds, count_repeats(rates, accelerations)),
-        *_about_other_rates(quiet, timing.period),
+        *about_rates,
+        *_about_other_rates(rests),
         *_about_axes(axes),
     ]
-    return Identification(timing, quiet, begins, seconds, axes, tuple(warnings))
+    return Identification(timing, quiet, begins, ends, seconds, axes, tuple(warnings))
 
 
-def _require_rest(
-    quiet: Quiet, stamps: NDArray[np.int64] | Stored, rates: Sequence[Values], timing: Timing
-) -> float:
-    """Return the length of all rests in s.
-
-    Raises:
-        IdentificationError: It is too short; the text says which was the longest rest.
-    """
-    period = timing.period
-    seconds = sum(map(len, quiet.spans)) * period
-    if seconds >= SHORTEST_QUIET:
-        return seconds
+def _why_too_short(rests: _Rests, rates: Sequence[Values]) -> str:
+    """Return why the rests are too short, and which was the longest one."""
+    quiet, timing, stamps = rests.quiet, rests.timing, rests.stamps
     needed = f'{SHORTEST_QUIET:g} s of rest are needed: let it lie still for a minute'
     if quiet.open and not quiet.spans:
-        raise IdentificationError(
+        return (
             'no rest can be told: the rates change as slowly as those of a body, and the recording '
             "does not show that this is the sensor's own filter; let it lie still for ten minutes"
         )
-    if quiet.longest is None and len(stamps) * period < SHORTEST_QUIET:
-        raise IdentificationError(
-            f'the recording has no more than {len(stamps) * period:.2g} s: {needed}'
-        )
+    recorded = timing.seconds_of(stamps, 0, len(stamps))
+    if quiet.longest is None and recorded < SHORTEST_QUIET:
+        return f'the recording has no more than {recorded:.2g} s: {needed}'
     if quiet.longest is None:
         known = [any(np.isfinite(part).any() for part in parts(rate)) for rate in rates]
         if why := without_rate(known, LARGEST_RATE):
-            raise IdentificationError(f'{why}: the gyroscope or its driver does not work')
-        raise IdentificationError(
-            f'no rest: even the quietest second of the recording moves; {needed}'
-        )
+            return f'{why}: the gyroscope or its driver does not work'
+        return f'no rest: even the quietest second of the recording moves; {needed}'
     begin = timing.seconds_at(stamps, quiet.longest.first)
-    longest = f'{rounded_down(len(quiet.longest) * period)} s, from {begin:.1f} s after the start'
+    longest = f'{rounded_down(rests.length(quiet.longest))} s, from {begin:.1f} s after the start'
     if not quiet.spans:
-        raise IdentificationError(
-            f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
-        )
-    others = ''.join(f'; {text}' for text in _about_other_rates(quiet, period))
-    raise IdentificationError(
-        f'only {rounded_down(seconds)} s of rest, the longest {longest}{others}; {needed}'
-    )
+        return f'no rest that lasts {SHORTEST_SECONDS:g} s: the longest is {longest}; {needed}'
+    others = ''.join(f'; {text}' for text in _about_other_rates(rests))
+    seconds = rounded_down(rests.seconds())
+    return f'only {seconds} s of rest, the longest {longest}{others}; {needed}'
 
 
 def _about_recording(seconds: float, repeats: Repeats) -> list[str]:
@@ -248,16 +261,27 @@ def _about_recording(seconds: float, repeats: Repeats) -> list[str]:
     return warnings
 
 
-def _about_other_rates(quiet: Quiet, period: float) -> list[str]:
+def _about_sample_rates(rests: _Rests, others: float) -> list[str]:
+    """Return in words what is left out, with so many s of rest, as the sensor changed its rate."""
+    changes = rests.timing.rate_changes(rests.stamps)
+    if not changes:
+        return []
+    return [
+        f'{changes}: the figures are those at {1.0 / rests.timing.period:.4g} Hz, which has the '
+        f'longest rest; {others:.0f} s of rest at other sample rates are left out'
+    ]
+
+
+def _about_other_rates(rests: _Rests) -> list[str]:
     """Return in words which quiet stretches are no rest of this bias, and why."""
     out = []
     for turns_not, why in (
         (True, 'gravity stood, so the bias has moved; bias.initial is that of the other rests'),
         (False, 'a slow turn, or the bias has moved'),
     ):
-        others = [other for other in quiet.other_rates if other.turns_not == turns_not]
+        others = [other for other in rests.quiet.other_rates if other.turns_not == turns_not]
         if others:
-            lasting = sum(len(other.span) for other in others) * period
+            lasting = sum(rests.length(other.span) for other in others)
             largest = max(max(map(abs, other.step)) for other in others)
             out.append(
                 f'{counted(len(others), "span")} without motion, {rounded_down(lasting)} s in all, '

@@ -14,8 +14,8 @@
 
 """Where a recording is motionless, judged against the sensor's own noise.
 
-The recording is cut at gaps of its stamps, and the parts into windows of about a second. A window
-is motionless if, on every axis of the gyroscope and of the accelerometer,
+The recording is cut at gaps of its stamps, and the parts at one sample rate into windows of about a
+second. A window is motionless if, on every axis of the gyroscope and of the accelerometer,
 
 - the deviation of the samples about the window's mean is that of the quietest windows, and
 - the mean has not moved from that of the window before by more than the noise moves it.
@@ -136,7 +136,7 @@ def find_quiet(
         for samples in zip(*map(parts, rates), strict=True)
     )
     size = max(LEAST_WINDOW, round(WINDOW_SECONDS / period))
-    windows = cut(n, timing.breaks, size)
+    windows = cut(timing.parts(n), size)
     if not len(windows.first):
         noise = (0.0, 0.0, 0.0)
         return Quiet((), None, missing, noise, accelerometer=False, other_rates=(), open=False)

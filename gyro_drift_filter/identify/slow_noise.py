@@ -109,7 +109,7 @@ def _lengthen(slow: _Slow, axes: Sequence[Values], timing: Timing) -> _Slow | No
     size = windows.size
     while not all(map(_has_settled, looks)):
         size *= 2
-        windows = cut(len(axes[0]), timing.breaks, size)
+        windows = cut(timing.parts(len(axes[0])), size)
         if size * timing.period > LONGEST_WINDOW or len(windows.first) < LEAST_WINDOWS:
             return None
         looks = [look(axis, windows, timing.period) for axis in axes]
@@ -133,7 +133,7 @@ def _judge(slow: _Slow, axes: Sequence[Values], timing: Timing) -> Cause:
         if len(axes) == 3 and size == _WALK_TIMES * slow[0].size:
             return Cause.NOISE if turned > _WALK_GROWTH * first else Cause.OPEN
         least, size = turned, 2 * size
-        windows = cut(len(axes[0]), timing.breaks, size)
+        windows = cut(timing.parts(len(axes[0])), size)
         if size * timing.period > _LONGEST_COMPARED or len(windows.first) < LEAST_WINDOWS:
             return Cause.OPEN
         looks = [look(axis, windows, timing.period) for axis in axes]

@@ -16,7 +16,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,11 +94,10 @@ class Look:
     settled: float
 
 
-def cut(n: int, breaks: Integers, size: int) -> Windows:
-    """Cut n samples at the breaks, and each part into windows of `size` samples or a bit more."""
-    borders = [0, *breaks.tolist(), n]
+def cut(parts: Sequence[tuple[int, int]], size: int) -> Windows:
+    """Cut parts, from a first sample to before another, into windows of `size` or a bit more."""
     first, stop, part = [], [], []
-    for index, (begin, end) in enumerate(pairwise(borders)):
+    for index, (begin, end) in enumerate(parts):
         count = (end - begin) // size
         edges = begin + (np.arange(count + 1) * (end - begin)) // max(count, 1)
         first.append(edges[:-1])
