@@ -214,13 +214,13 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
         of: Callable[[AxisModel], float], otherwise: Sequence[float]
     ) -> tuple[float, float, float]:
         x, y, z = (
-            otherwise[i] if isinstance(axis, DeadAxis) else of(axis)
+            otherwise[i] if isinstance(axis, DeadAxis) else _rounded(of(axis))
             for i, axis in enumerate(result.axes)
         )
         return x, y, z
 
     values = {
-        'sample_rate': 1.0 / result.timing.period,
+        'sample_rate': _rounded(1.0 / result.timing.period),
         **bias_parameters(per_axis(lambda axis: axis.preprocessed.bias, default.bias_initial)),
         'model.phi': per_axis(lambda axis: axis.phi, default.model_phi),
         'model.process_noise': per_axis(
@@ -257,6 +257,11 @@ def parameter_file(result: Identification, source: str, noise: str) -> str:
         'model.noise_deviation': ['Standard deviation of the noise at rest, for adaptive, rad/s'],
     }
     return parameter_text(head, values, remarks)
+
+
+def _rounded(value: float) -> float:
+    """Return a value with nine digits: no recording tells as many."""
+    return float(f'{value:.9g}')
 
 
 def noise_of(result: Identification) -> Noise:
