@@ -378,6 +378,29 @@ def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('rate', [50, 20])
+def test_a_rate_that_changes_is_told_and_rests_last_as_long_as_they_do(rate, found):
+    """Lengths were samples times the last period: 89 s of rest in a recording of a minute."""
+    data = simulate(SimulationSettings(static_seconds=40, dynamic_seconds=0))
+    kept = np.concatenate([np.arange(2000), np.arange(2000, 4000, 100 // rate)])
+    findings = found(
+        replace(
+            data,
+            stamps=data.stamps[kept],
+            angular_velocity=data.angular_velocity[kept],
+            linear_acceleration=data.linear_acceleration[kept],
+        )
+    )
+    # `write` states the noise of another sensor.
+    assert faults(findings) <= {'invented covariance of angular velocity'}
+    told = {finding.name: finding for finding in findings}
+    said = f'the sensor changed its rate from 100 to {rate} Hz at 20.0 s'
+    assert told['sample rate'].text == said
+    assert 25.0 < told['rests'].values['seconds'] < 40.0
+    assert 'even to' in told['stamp times'].text
+
+
+@pytest.mark.slow
 def test_one_missing_sample_is_no_fault_and_told_as_one(found):
     simulation = handled()
     kept = np.arange(len(simulation.stamps)) != len(simulation.stamps) // 2

@@ -15,6 +15,8 @@
 """All that is looked at in a recording, in the order of the page."""
 
 import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +43,9 @@ from gyro_drift_filter.doctor.rests import (
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.series import Values, parts
-from gyro_drift_filter.identify.timing import learn_timing
+from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.series import Stretch, Values, parts
+from gyro_drift_filter.identify.timing import OneRate, Timing, learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted, time_to_stand, why_no_rest
 
@@ -118,10 +121,13 @@ _FOLLOWS = {
 
 def examine(seen: Examined) -> list[Finding]:
     """Return a line for each question: faults first, then what is open, then what is sound."""
-    state, period = seen.telemetry, _message_period(seen)
-    rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
-    has_stamps = state.has_stamps
+    state, has_stamps = seen.telemetry, seen.telemetry.has_stamps
     stamps = seen.stamps if has_stamps else seen.log_times
+    timing = _learned(stamps, seen.log_times)
+    # Of stamps the filter has learned more. The log times it does not know.
+    period = state.message_period if has_stamps or timing is None else timing.period
+    rates = timing.stretches if timing else ()
+    rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
     findings = [
         judge_axes(carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)),
         judge_accelerometer(rests, seen.accelerations),
@@ -129,7 +135,9 @@ def examine(seen: Examined) -> list[Finding]:
     for reference in seen.references if has_stamps else ():
         turns = compare_turns(reference, stamps, seen.rates, seen.accelerations, state.bias)
         findings.append(judge_reference(reference, turns))
-    evenness = [judge_evenness(stamps, period)] if has_stamps else []
+    if timing and rates:
+        findings.append(_changed_rate(timing.rate_changes(stamps), rates))
+    evenness = [_judge_evenness(stamps, period, rates)] if has_stamps else []
     refuted = set()
     if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
         refuted |= {'gaps', 'wrong order'}
@@ -146,7 +154,11 @@ def examine(seen: Examined) -> list[Finding]:
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
-    of_rests = _judge_rests(state, rests, period)
+    everything = Span(0, len(seen.stamps))
+    recorded, rested = (
+        _seconds(spans, rates, period) for spans in ((everything,), rests.stretches)
+    )
+    of_rests = _judge_rests(state, rests, recorded, rested)
     if not (of_rests.is_fault and starts_anew(findings)):
         findings.append(of_rests)
     if not state.segments and (noisy := judge_unrested_noise(seen.rates, seen.accelerations)):
@@ -154,15 +166,40 @@ def examine(seen: Examined) -> list[Finding]:
     return _sorted(findings)
 
 
-def _message_period(seen: Examined) -> float:
-    """Return the time in s from one message to the next, by the log without stamps."""
-    state = seen.telemetry
-    if state.has_stamps:
-        return state.message_period
-    try:
-        return learn_timing(seen.log_times).period
-    except IdentificationError:  # they do not advance either
-        return state.message_period
+def _learned(stamps: Values, log_times: Values) -> Timing | None:
+    """Return how samples lie in time by these stamps (n,) in ns, None where they do not advance."""
+    with suppress(IdentificationError):
+        return learn_timing(stamps, log_times)
+    return None
+
+
+def _changed_rate(changes: str, rates: Sequence[OneRate]) -> Finding:
+    return unknown(
+        'sample rate',
+        changes,
+        'is that meant, as to save power at rest? Else look for what slows the driver. What '
+        '`gyro_drift identify` finds holds at one of the rates only',
+        {'changes': len(rates) - 1, 'rates': [1.0 / rate.period for rate in rates]},
+    )
+
+
+def _judge_evenness(stamps: Values, period: float, rates: Sequence[OneRate]) -> Finding:
+    """Say whether stamps are even, those of the longest time of one rate where there are more."""
+    if not rates:
+        return judge_evenness(stamps, period)
+    longest = max(rates, key=lambda rate: (rate.stop - rate.first) * rate.period)
+    return judge_evenness(Stretch(stamps, longest.first, longest.stop), longest.period)
+
+
+def _seconds(spans: Sequence[Span], rates: Sequence[OneRate], period: float) -> float:
+    """Return how long samples last in s, each of them a period or that of its time."""
+    if not rates:
+        return sum(map(len, spans)) * period
+    return sum(
+        max(min(span.stop, rate.stop) - max(span.first, rate.first), 0) * rate.period
+        for span in spans
+        for rate in rates
+    )
 
 
 def _is_constant(values: Values) -> bool:
@@ -200,15 +237,14 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
     return sorted(left.values(), key=lambda finding: order.index(finding.verdict))
 
 
-def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
-    """Say whether the sensor rested, and what the bias and the noise are."""
+def _judge_rests(state: Telemetry, rests: AtRest, recorded: float, rested: float) -> Finding:
+    """Say whether the sensor rested, for so many s, and what the bias and the noise are."""
     advice = (
         f'let it stand still for {time_to_stand(state.first_rest)} at the start of a recording, '
         'and at its end'
     )
-    seconds = state.samples * period
     if not state.segments:
-        what = why_no_rest(seconds, state.least_rest_seconds)
+        what = why_no_rest(recorded, state.least_rest_seconds)
         known = 'known for the time being only' if state.bias_provisional else 'not known'
         return fault('rests', f'{what}: its bias is {known}', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))
@@ -219,14 +255,13 @@ def _judge_rests(state: Telemetry, rests: AtRest, period: float) -> Finding:
             f'{math.degrees(max(state.bias_deviation)):.2g} deg/s',
             advice,
         )
-    seconds = rests.samples * period
     return sound(
         'rests',
-        f'{counted(len(rests.stretches), "rest")}, {seconds:.0f} s together; '
+        f'{counted(len(rests.stretches), "rest")}, {rested:.0f} s together; '
         f'bias {_listed(bias)} deg/s, noise {_listed(noise)} deg/s',
         values={
             'rests': len(rests.stretches),
-            'seconds': seconds,
+            'seconds': rested,
             'bias': list(state.bias),
             'bias_deviation': list(state.bias_deviation),
             'noise': rests.noise.tolist(),
