@@ -40,9 +40,11 @@ def time_to_stand(needed: int) -> str:
     return 'ten seconds' if seconds <= 10 else f'{seconds} seconds'
 
 
-def why_no_rest(seconds: float, needed: float) -> str:
+def why_no_rest(seconds: float, needed: float, messages: int) -> str:
     """Return why there was no rest in a recording of so many s, where the first needs so many."""
     whole = math.ceil(needed)
+    if messages == 1:
+        return f'one message is too short a recording for a rest of {whole} s'
     if seconds >= needed:
         return f'the sensor never stood still for {whole} s'
     return f'the recording of {seconds:.3g} s is too short for a rest of {whole} s'

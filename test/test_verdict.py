@@ -380,6 +380,19 @@ def test_a_recording_that_is_too_short_for_a_rest_is_not_said_to_move(tmp_path, 
     assert 'stood still for' not in text
 
 
+def test_one_message_has_no_rate(tmp_path, random, capsys):
+    rates, accelerations = at_rest(random, 0.01)
+    source = bag(tmp_path / 'in', rates, accelerations)
+    assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    assert '1 message, 1 written This filter did' in text
+    assert text.count('one message is too short a recording for a rest of 3 s') == 2
+    main(['doctor', str(source)])
+    text = ' '.join(capsys.readouterr().out.split())
+    assert 'messages: 1 message, all whole' in text
+    assert 'rests: one message is too short a recording for a rest of 3 s' in text
+
+
 def test_a_recording_that_is_long_enough_for_a_rest_is_not_said_to_be_too_short(tmp_path, random):
     """A rest takes less than the three seconds that are told."""
     turn, push = by_hand(random, 2.9)

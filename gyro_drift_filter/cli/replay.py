@@ -158,10 +158,11 @@ def describe(verdict: 'Verdict') -> str:
     from gyro_drift_filter.report.wording import as_text
 
     passed_on = f' ({verdict.not_reported} of them unfiltered)' if verdict.not_reported else ''
+    rate = f', {1.0 / verdict.period:.4g} Hz' if verdict.received > 1 else ''
     head = (
         f'{printable(verdict.topic)} -> {printable(verdict.output_topic)}: '
         f'{counted(verdict.received, "message")}, '
-        f'{verdict.written} written{passed_on}, {1.0 / verdict.period:.4g} Hz'
+        f'{verdict.written} written{passed_on}{rate}'
     )
     return f'{head}\n\n{as_text(verdict, in_colour)}\n\n{_table(verdict)}'
 

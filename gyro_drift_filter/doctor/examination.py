@@ -244,7 +244,7 @@ def _judge_rests(state: Telemetry, rests: AtRest, recorded: float, rested: float
         'and at its end'
     )
     if not state.segments:
-        what = why_no_rest(recorded, state.least_rest_seconds)
+        what = why_no_rest(recorded, state.least_rest_seconds, state.samples)
         known = 'known for the time being only' if state.bias_provisional else 'not known'
         return fault('rests', f'{what}: its bias is {known}', advice)
     bias, noise = (np.degrees(values) for values in (state.bias, rests.noise))

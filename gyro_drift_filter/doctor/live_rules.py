@@ -277,7 +277,8 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             {'malformed', 'not reported', 'no usable rate', 'unusable', 'changing frame'},
             sound(
                 'messages',
-                f'{now.received} messages, all whole{without}, frame {now.frame or "unnamed"}',
+                f'{counted(now.received, "message")}, all whole{without}, frame '
+                f'{now.frame or "unnamed"}',
             ),
         ),
         (

@@ -30,6 +30,7 @@ from plotly.offline import get_plotlyjs
 from gyro_drift_filter.core.parameters import AXES, FIELDS, Parameters
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.messages.summary import Summary
+from gyro_drift_filter.phrases import counted
 from gyro_drift_filter.report.figures import Drawer, Figure, Trace
 from gyro_drift_filter.report.verdict import BiasSource, Verdict
 from gyro_drift_filter.report.wording import headline, per_minute, statements
@@ -100,9 +101,10 @@ def when_recorded(summary: Summary, period: float, among: str = '') -> tuple[str
         among: What its Imu messages are among, as the end of a clause.
     """
     begin = datetime.fromtimestamp(summary.start * 1e-9, UTC)
+    rate = f', {1.0 / period:.4g} Hz' if summary.received > 1 else ''
     return 'recorded', (
         f'{begin:%Y-%m-%d %H:%M:%S} UTC by its log times, {summary.seconds:.1f} s, '
-        f'{summary.received} Imu messages{among}, {1.0 / period:.4g} Hz'
+        f'{counted(summary.received, "Imu message")}{among}{rate}'
     )
 
 

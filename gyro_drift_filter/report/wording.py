@@ -203,7 +203,8 @@ def _why_no_rest(verdict: Verdict) -> str:
         return 'while the sensor was steady, its rate was beyond bias.max'
     if starts_anew(verdict.findings):
         return 'the filter starts anew all the time, as stamps lie gap_limit or more apart'
-    return why_no_rest(verdict.received * verdict.period, verdict.rests.least)
+    seconds = verdict.received * verdict.period
+    return why_no_rest(seconds, verdict.rests.least, verdict.received)
 
 
 def _why_silent(verdict: Verdict) -> str:
