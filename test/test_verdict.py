@@ -110,6 +110,7 @@ def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, rand
     assert verdict.sampled_seconds == pytest.approx(60, abs=0.1)
     text = ' '.join(as_text(verdict).split())
     assert re.search(r'it stood still for 5\d of 60 s, in 2 rests', text)
+    assert 'with its pauses the recording lasts for 660 s' in text
     assert re.search(r'gap_limit \(1 time; for [12] of 6[012] s, first at 30 s\)', text)
 
 
@@ -183,6 +184,7 @@ def test_log_times_that_stand_contradict_nothing(tmp_path, random):
     assert verdict.bias.known_at is None
     text = ' '.join(as_text(verdict).split())
     assert re.search(r'it stood still for 5\d of 60 s, in 1 rest', text)
+    assert 'pauses' not in text
     assert 'deg/s, found at rest; at the end known to' in text
     assert '3 samples flagged as outliers (x 3, y 0, z 0), 3 of them at rest' in text
     assert 'from 0.0' not in text

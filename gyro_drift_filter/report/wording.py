@@ -45,6 +45,8 @@ _LAG_SHARE = 0.005
 _SCALE = 0.01
 # A robot that stops stands for so long, in s: where a rest has to last longer, that is told.
 _USUAL_REST = 10
+# s without samples that are worth a word.
+_PAUSE_SECONDS = 1.0
 _NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
 
@@ -221,6 +223,9 @@ def _about_rest(verdict: Verdict) -> str:
         f'it stood still for {rests.seconds:.0f} of {verdict.sampled_seconds:.0f} s, in '
         f'{counted(rests.count, "rest")}'
     )
+    # Other times, as of outliers, count the pauses.
+    if verdict.seconds - verdict.sampled_seconds >= _PAUSE_SECONDS:
+        text += f'; with its pauses the recording lasts for {verdict.seconds:.0f} s'
     passed_over = ''
     if rests.needed > _USUAL_REST:
         rate = f'{1.0 / verdict.period:.2g} Hz'
