@@ -15,6 +15,7 @@
 """The report page: its figures, its text, and how it does in a real browser."""
 
 import errno
+import itertools
 import json
 import re
 import shutil
@@ -42,11 +43,13 @@ from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample
 from gyro_drift_filter.report.signals import Signals
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message, imu_messages, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
-from support.bags import write
+from gyro_drift_filter.simulation.sensor import START
+from support.bags import write, write_imus
 from support.browser import check_quiet, opened, wait_for
 from support.chunks import filtered_imus
 from support.messages import EVIL
 from support.paths import PACKAGE
+from support.sensor import at_rest
 
 
 @pytest.fixture(scope='module')
@@ -328,17 +331,18 @@ def test_page_and_row_are_by_log_times_where_stamps_are_zero(tmp_path, random):
     assert 25.0 < row['rest'] < 41.0
 
 
-def figures_of(rates, step, stamp_step):
+def figures_of(rates, step, stamp_step, pauses=()):
     """Return the figures by name, and what the filter made of the samples.
 
-    Steps are those of log times and of stamps, in ns.
+    Steps are those of log times and of stamps, in ns. Samples (n,) of stamps come late by pauses.
     """
     n = len(rates)
-    stamps = 10**18 + stamp_step * np.arange(n)
+    late = np.zeros(n, np.int64) if not len(pauses) else np.asarray(pauses)
+    stamps = 10**18 + stamp_step * np.arange(n) + late
     filter_ = Filter()
     imus = filtered_imus(filter_, stamps, rates, np.tile([0.0, 0.0, 9.8], (n, 1)))
     signals = Signals(filter_)
-    signals.take(imus, 10**18 + step * np.arange(n))
+    signals.take(imus, 10**18 + step * np.arange(n) + late)
     drawer = Drawer({'adaptive': signals}, 10**18, 10_000)
     return {figure.name: figure for figure in drawer.figures()}, imus['result']
 
@@ -346,6 +350,22 @@ def figures_of(rates, step, stamp_step):
 def test_the_spectrum_is_by_log_times_where_stamps_stand(random):
     figures, _ = figures_of(0.002 * random.standard_normal((800, 3)), 5 * 10**7, 5 * 10**4)
     assert figures['spectrum'].panels['x'][0].x[-1] == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('pause', 'breaks'), [(0.5, 0), (20.0, 1)])
+def test_a_line_ends_where_samples_are_missing_for_long(pause, breaks, random):
+    """A slope across 20 s without a sample showed what no filter had said."""
+    late = np.where(np.arange(6000) < 2500, 0, int(1e9 * pause))
+    figures, _ = figures_of(0.002 * random.standard_normal((6000, 3)), 10**7, 10**7, late)
+    for figure in figures.values():
+        for trace in itertools.chain(*figure.panels.values()) if figure.in_time else ():
+            if trace.style == 'line':
+                missing = np.flatnonzero(np.isnan(trace.y))
+                assert len(missing) == breaks
+                assert (np.abs(trace.x[missing] - 25.5 - pause) <= 0.5).all()
+                assert (np.diff(trace.x) >= 0.0).all()
+                assert (trace.x[missing - 1] < 25.0).all()
 
 
 @pytest.mark.slow
@@ -561,6 +581,26 @@ def test_labels_of_the_allan_deviation_are_powers_of_ten(browser, source, tmp_pa
     )
     assert len(labels) >= 2
     assert not [label for label in labels if not label.startswith(('1', '0.1'))], labels
+
+
+@pytest.mark.slow
+def test_a_line_that_ends_in_a_pause_does_so_in_a_browser(browser, tmp_path, random):
+    rates, accelerations = at_rest(random, 60)
+    stamps = START + 10**7 * np.arange(len(rates))
+    stamps[2500:] += 20 * 10**9
+    report(write_imus(tmp_path / 'in', stamps, rates, accelerations), tmp_path)
+    opened(browser, tmp_path / 'page.html')
+    wait_for(
+        browser,
+        lambda: browser.execute_script("return Boolean(document.querySelector('.plot').drawn)"),
+    )
+    trace = "document.querySelector('.plot').data.find(t => t.name === 'x raw')"
+    values = f'return {trace}.y.map(Number.isNaN).map(Number)'
+    times = f'return {trace}.x'
+    missing = np.flatnonzero(browser.execute_script(values))
+    assert len(missing) == 1
+    assert browser.execute_script(times)[missing[0] - 1] == pytest.approx(25.0, abs=0.2)
+    check_quiet(browser, tmp_path / 'page.html')
 
 
 @pytest.mark.slow

@@ -32,6 +32,7 @@ from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.series import Stretch
 from gyro_drift_filter.identify.spectrum import spectrum
+from gyro_drift_filter.identify.timing import GAP_PERIODS
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS
 from gyro_drift_filter.report.signals import Signals
 
@@ -61,7 +62,7 @@ class Trace:
     Attributes:
         role: What it is: it has the colour of that, and is shown and hidden with it.
         x: (n,).
-        y: (n,).
+        y: (n,); NaN breaks a line.
         style: 'line', 'marks', 'bars', or 'band': from `-y` to `y`, or about `middle` where there
             is one.
         middle: (n,) for a band.
@@ -126,6 +127,10 @@ class Drawer:
         self.runs, self._recorded = runs, recorded
         self._method, self.main = next(iter(runs.items()))
         self.times: Floats = (np.asarray(self.main.log_times) - start) * 1e-9
+        # s: the filter coasts no longer, and a slow sensor takes its time.
+        self._longest_step = max(
+            self.main.filter.parameters.gap_limit, GAP_PERIODS * self.main.watch.period
+        )
         # The first index of each, and the one behind its last.
         self.rests = runs_of(np.asarray(self.main.resting) > 0).tolist()
         others = len(runs) - 1 + (recorded is not None)
@@ -170,9 +175,18 @@ class Drawer:
         return [(float(self.times[a]), float(self.times[b - 1])) for a, b in self.rests]
 
     def _trace(self, role: str, kind: str, y: Any, scale: float = DEGREES) -> Trace:
-        values = np.asarray(y)
-        where = reduced(values, self._room[kind])
-        return Trace(role, self.times[where], scale * values[where].astype(np.float64))
+        return self._line(role, self.times, np.asarray(y), self._room[kind], scale)
+
+    def _line(
+        self, role: str, times: Floats, values: NDArray[Any], room: int, scale: float = DEGREES
+    ) -> Trace:
+        """Return a line through values (n,), broken where no sample came for long."""
+        behind = 1 + np.flatnonzero(np.diff(times) > self._longest_step)
+        where = reduced(values, room - min(len(behind), room // 2))
+        breaks = np.unique(np.searchsorted(where, behind))
+        breaks = breaks[(breaks > 0) & (breaks < len(where))]
+        x, y = times[where], scale * values[where].astype(np.float64)
+        return Trace(role, np.insert(x, breaks, x[breaks]), np.insert(y, breaks, np.nan))
 
     def _rates(self) -> Figure:
         figure = Figure(
@@ -188,8 +202,8 @@ class Drawer:
             traces = [self._trace('raw', 'rate', raw)]
             if self._recorded is not None:
                 times, rates = self._recorded
-                where = reduced(rates[:, axis], self._room['rate'])
-                traces.append(Trace('recorded', times[where], DEGREES * rates[where, axis]))
+                room = self._room['rate']
+                traces.append(self._line('recorded', times, rates[:, axis], room))
             # The first method stands in front.
             for method, run in reversed(self.runs.items()):
                 traces.append(self._trace(method, 'rate', run.columns['filtered'][axis]))

@@ -68,13 +68,16 @@
     }
     for (let part = 0; part < PARTS; part++) {
       const a = first + Math.floor((stop - first) * part / PARTS), b = first + Math.floor((stop - first) * (part + 1) / PARTS);
-      let least = a, largest = a;
+      // What is no number breaks the line.
+      let least, largest;
+      const some = new Set();
       for (let i = a; i < b; i++) {
-        if (y[i] < y[least]) least = i;
-        if (y[i] > y[largest]) largest = i;
+        if (Number.isNaN(y[i])) { some.add(i); continue; }
+        if (!(y[i] >= y[least])) least = i;
+        if (!(y[i] <= y[largest])) largest = i;
       }
-      where.push(Math.min(least, largest));
-      if (least !== largest) where.push(Math.max(least, largest));
+      if (least !== undefined) some.add(least).add(largest);
+      where.push(...[...some].sort((i, k) => i - k));
     }
     return where;
   };
