@@ -387,7 +387,7 @@ def test_one_message_has_no_rate(tmp_path, random, capsys):
     source = bag(tmp_path / 'in', rates, accelerations)
     assert main(['replay', str(source), '-o', str(tmp_path / 'out')]) == 0
     text = ' '.join(capsys.readouterr().out.split())
-    assert '1 message, 1 written This filter did' in text
+    assert '1 message, 1 written, too short to know the rate This filter did' in text
     assert text.count('one message is too short a recording for a rest of 3 s') == 2
     main(['doctor', str(source)])
     text = ' '.join(capsys.readouterr().out.split())

@@ -158,11 +158,14 @@ def describe(verdict: 'Verdict') -> str:
     from gyro_drift_filter.report.wording import as_text
 
     passed_on = f' ({verdict.not_reported} of them unfiltered)' if verdict.not_reported else ''
-    rate = f', {1.0 / verdict.period:.4g} Hz' if verdict.received > 1 else ''
+    # As the doctor says of it.
+    rate = (
+        f'{1.0 / verdict.period:.4g} Hz' if verdict.received > 1 else 'too short to know the rate'
+    )
     head = (
         f'{printable(verdict.topic)} -> {printable(verdict.output_topic)}: '
         f'{counted(verdict.received, "message")}, '
-        f'{verdict.written} written{passed_on}{rate}'
+        f'{verdict.written} written{passed_on}, {rate}'
     )
     return f'{head}\n\n{as_text(verdict, in_colour)}\n\n{_table(verdict)}'
 
