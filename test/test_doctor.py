@@ -45,7 +45,7 @@ from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
-from gyro_drift_filter.simulation.bag import TOPIC
+from gyro_drift_filter.simulation.bag import TOPIC, write_simulation
 from gyro_drift_filter.simulation.experiments import SimulationSettings, simulate
 from gyro_drift_filter.simulation.sensor import START
 from support.bags import write as write_rows
@@ -398,6 +398,13 @@ def test_a_rate_that_changes_is_told_and_rests_last_as_long_as_they_do(rate, fou
     assert told['sample rate'].text == said
     assert 25.0 < told['rests'].values['seconds'] < 40.0
     assert 'even to' in told['stamp times'].text
+
+
+@pytest.mark.slow
+def test_the_simulation_of_the_package_has_no_fault(tmp_path):
+    """Gravity did not follow the turns, as of a sensor that stands without a rest."""
+    write_simulation(tmp_path / 'bag', simulate(SimulationSettings(dynamic_seconds=120.0)))
+    assert faults(examined(tmp_path / 'bag')) == set()
 
 
 @pytest.mark.slow

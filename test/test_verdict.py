@@ -192,12 +192,18 @@ def test_log_times_that_stand_contradict_nothing(tmp_path, random):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
-@pytest.mark.parametrize('kind', ['level', 'handled'])
+@pytest.mark.parametrize('kind', ['level', 'turned', 'handled'])
 def test_the_drift_of_the_heading_is_that_of_the_truth(kind, seed, tmp_path):
     if kind == 'level':
         # Gravity stays on z there, whatever the rates are.
         data = simulate(SimulationSettings(seed=seed, static_seconds=15, dynamic_seconds=15))
+        noise = 0.02 * np.random.default_rng(seed).standard_normal((len(data.stamps), 3))
+        data = replace(data, linear_acceleration=np.array([0.0, 0.0, 9.80665]) + noise)
         truth = data.bias[2]
+    elif kind == 'turned':
+        settings = SimulationSettings(seed=seed, static_seconds=15, dynamic_seconds=15)
+        data = simulate(replace(settings, bias=(0.01, -0.02, 0.03)))
+        truth = heading_drift(data)
     else:
         bias = (0.03, -0.02, 0.04)
         data = simulate_handling(HandlingSettings(seed=seed, motions=1, bias=bias))

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.gravity import GRAVITY
+from gyro_drift_filter.rotations import from_vectors, rotate
 from gyro_drift_filter.simulation.sensor import even_stamps
 
 
@@ -31,7 +32,7 @@ class Simulation:
     Attributes:
         stamps: (n,) in ns.
         angular_velocity: (n, 3) as the gyroscope measures it, in rad/s.
-        linear_acceleration: (n, 3) in m/s^2.
+        linear_acceleration: (n, 3) in m/s^2: gravity, as the true rates turn it, and noise.
         truth: (n, 3) true rate plus bias, in rad/s: what a filter that leaves the bias in can
             reach.
         outliers: (n, 3), True where an outlier was added.
@@ -95,7 +96,12 @@ def simulate(settings: SimulationSettings) -> Simulation:
     bias = np.array(settings.bias)
 
     phase = 2 * np.pi * settings.frequency * (time - time[static] if static < n else time)
-    truth = np.where(moving, settings.amplitude * np.sin(phase), 0.0)[:, None] + bias
+    rate = np.where(moving, settings.amplitude * np.sin(phase), 0.0)
+    truth = rate[:, None] + bias
+    # All axes have one rate, so that the body turns about one axis.
+    angles = np.cumsum(rate) / settings.sample_rate
+    back = from_vectors(-angles[:, None] * np.ones(3))
+    gravity = rotate(back, np.array([0.0, 0.0, GRAVITY]))
     drift = autoregressive(random, n, settings.phi, settings.drift_deviation)
     white = settings.white_deviation * random.standard_normal((n, 3))
     measured = truth + drift + white
@@ -105,8 +111,7 @@ def simulate(settings: SimulationSettings) -> Simulation:
     return Simulation(
         stamps=even_stamps(n, settings.sample_rate),
         angular_velocity=measured,
-        linear_acceleration=np.tile([0.0, 0.0, GRAVITY], (n, 1))
-        + 0.02 * random.standard_normal((n, 3)),
+        linear_acceleration=gravity + 0.02 * random.standard_normal((n, 3)),
         truth=truth,
         outliers=outliers,
         moving=moving,
