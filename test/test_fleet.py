@@ -656,8 +656,8 @@ def test_a_copy_of_a_bag_is_not_counted(random, content):
 
 
 @pytest.mark.parametrize('content', ['0/9', 'of its replay'])
-def test_a_copy_in_the_folder_of_another_robot_is_not_counted(random, content):
-    """It counted for both, and a folder of copies was one more robot."""
+def test_a_bag_that_two_robots_have_is_told(random, content):
+    """It counts for both, as nothing tells whose it is: a partial backup must take no history."""
     rows = rows_of_fleet(random)
     copy = [
         row | {'robot': '00', 'source': '00/09', 'content': content}
@@ -666,18 +666,23 @@ def test_a_copy_in_the_folder_of_another_robot_is_not_counted(random, content):
     ]
     found = {sensor.robot: sensor for sensor in judged(rows + copy)}
     assert {robot: len(sensor.bags) for robot, sensor in found.items()} == {
-        '00': 0, '0': 10, '1': 10, '2': 10, '3': 10, '4': 10
+        '00': 1, '0': 10, '1': 10, '2': 10, '3': 10, '4': 10
     }  # fmt: skip
-    assert found['00'].notes == ['00/09 is not counted, as it is a copy of 0/09 of robot 0']
-    assert not found['0'].notes
-    backup = [row | {'robot': 'all', 'source': f'all/{row["source"]}'} for row in rows]
+    what = 'leave out what is no folder of one robot, as a backup'
+    assert found['00'].notes == [f'00/09 is a bag of robot 0 as well: {what}']
+    assert found['0'].notes == [f'0/09 is a bag of robot 00 as well: {what}']
+    assert not found['1'].notes
+    backup = [
+        row | {'robot': 'all', 'source': f'all/{row["source"]}'}
+        for row in rows
+        if row['source'][0] in '01'
+    ]
+    rows = [row for row in rows if row['source'] != '1/00']
     found = {sensor.robot: sensor for sensor in judged(rows + backup)}
     assert {robot: len(sensor.bags) for robot, sensor in found.items()} == {
-        'all': 0, '0': 10, '1': 10, '2': 10, '3': 10, '4': 10
+        'all': 20, '0': 10, '1': 9, '2': 10, '3': 10, '4': 10
     }  # fmt: skip
-    assert found['all'].notes == [
-        'all/0/00 is not counted, as it is a copy of 0/00 of robot 0; nor are 49 more'
-    ]
+    assert found['0'].notes == [f'0/00 is a bag of robot all as well, and so are 9 more: {what}']
 
 
 def test_bags_of_a_clock_that_was_not_set_have_no_place_in_time(random):

@@ -14,7 +14,6 @@
 
 """Which bags of a sensor are its history: no copy, and none whose time is not known."""
 
-from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -39,62 +38,36 @@ def split_histories(rows: Sequence[Row]) -> dict[SensorKey, tuple[list[Row], lis
             and `duration` in s are among the columns.
     """
     by_sensor: dict[SensorKey, list[Row]] = {}
-    for row in rows:
-        by_sensor.setdefault(_key(row), []).append(row)
-    originals = _originals(rows)
-    return {key: _split_history(of_sensor, originals) for key, of_sensor in by_sensor.items()}
-
-
-def _key(row: Row) -> SensorKey:
-    """Return whose sensor a row is of."""
-    return row['robot'], row['topic'], row['frame_id']
-
-
-def _originals(rows: Sequence[Row]) -> dict[tuple[SensorKey, str], Row]:
-    """Return by sensor and address the bag that counts for a bag: itself, if it is no copy.
-
-    Of two robots it is that of the one that has bags of its own, as a folder with some picked ones
-    has none, and then that of the one with fewer, as a backup has those of many.
-    """
-    bags = [row for row in rows if row['axis'] == 'x']
-    sizes = Counter(bag['robot'] for bag in bags)
     robots: dict[Hashable, set[str]] = {}
-    for bag in bags:
-        for key in _identities(bag):
-            robots.setdefault(key, set()).add(bag['robot'])
-    with_own = {
-        bag['robot'] for bag in bags if all(len(robots[key]) == 1 for key in _identities(bag))
-    }
-    originals: dict[tuple[SensorKey, str], Row] = {}
-    known: dict[Hashable, Row] = {}
-    for bag in sorted(
-        bags, key=lambda bag: (bag['robot'] not in with_own, sizes[bag['robot']], by_time(bag))
-    ):
-        keys = _identities(bag)
-        original = next((known[key] for key in keys if key in known), bag)
-        known |= dict.fromkeys(keys, original)
-        originals[_key(bag), bag['source']] = original
-    return originals
+    for row in rows:
+        by_sensor.setdefault((row['robot'], row['topic'], row['frame_id']), []).append(row)
+        for identity in _identities(row):
+            robots.setdefault(identity, set()).add(row['robot'])
+    return {key: _split_history(of_sensor, robots) for key, of_sensor in by_sensor.items()}
 
 
-def _identities(bag: Row) -> list[Hashable]:
-    """Return what a bag shares with its copies, either of it."""
+def _identities(row: Row) -> list[Hashable]:
+    """Return what a row of a bag shares with those of its copies, either of it."""
     # A replay leaves the raw topic in its output: the same figures of the same time.
-    figures = tuple(value for name, value in bag.items() if name not in _PLACE)
-    content = bag['content'], bag['topic'], bag['frame_id']
-    return [figures, content] if bag['content'] else [figures]
+    figures = tuple(value for name, value in row.items() if name not in _PLACE)
+    content = row['content'], row['topic'], row['frame_id']
+    return [figures, content] if row['content'] else [figures]
 
 
 def _split_history(
-    rows: Sequence[Row], originals: Mapping[tuple[SensorKey, str], Row]
+    rows: Sequence[Row], robots: Mapping[Hashable, set[str]]
 ) -> tuple[list[Row], list[str]]:
     """Return the rows of one sensor that are its history, and notes on what the others are."""
     unset, copies, bags = [], [], []
+    known: dict[Hashable, Row] = {}
     for bag in sorted((row for row in rows if row['axis'] == 'x'), key=by_time):
-        original = originals[_key(bag), bag['source']]
         if bag['start'] < EARLIEST * 10**9:
             unset.append(bag)
-        elif original is bag:
+            continue
+        keys = _identities(bag)
+        original = next((known[key] for key in keys if key in known), bag)
+        known |= dict.fromkeys(keys, original)
+        if original is bag:
             bags.append(bag)
         else:
             copies.append((bag, original))
@@ -105,9 +78,9 @@ def _split_history(
         notes.append(_not_counted(unset[0], why, len(unset)))
     if copies:
         copy, original = copies[0]
-        whose = '' if original['robot'] == copy['robot'] else f' of robot {original["robot"]}'
-        why = f'it is a copy of {original["source"]}{whose}'
-        notes.append(_not_counted(copy, why, len(copies)))
+        notes.append(_not_counted(copy, f'it is a copy of {original["source"]}', len(copies)))
+    if shared := _shared(bags, robots):
+        notes.append(shared)
     if overlap := _overlap(bags):
         one, other = overlap
         notes.append(
@@ -117,6 +90,26 @@ def _split_history(
         )
     sources = {bag['source'] for bag in bags}
     return [row for row in rows if row['source'] in sources], notes
+
+
+def _shared(bags: Sequence[Row], robots: Mapping[Hashable, set[str]]) -> str:
+    """Return a note on bags that another robot has as well; empty where there is none.
+
+    Nothing tells whose they are: all bags of a robot may be in a backup, and all of a folder with
+    some picked ones are of a robot.
+    """
+    others = [
+        set.union(*(robots[key] for key in _identities(bag))) - {bag['robot']} for bag in bags
+    ]
+    shared = [(bag, min(other)) for bag, other in zip(bags, others, strict=True) if other]
+    if not shared:
+        return ''
+    bag, other = shared[0]
+    more = f', and so {"is" if len(shared) == 2 else "are"} {len(shared) - 1} more'
+    return (
+        f'{bag["source"]} is a bag of robot {other} as well{more if len(shared) > 1 else ""}: '
+        'leave out what is no folder of one robot, as a backup'
+    )
 
 
 def by_time(bag: Row) -> tuple[int, str]:
