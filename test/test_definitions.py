@@ -247,11 +247,38 @@ def test_a_type_of_which_nothing_is_known_but_that_it_is_another_one_is_not_read
         message_of(source)
 
 
-def test_an_imu_that_the_bag_has_with_other_fields_is_refused(tmp_path):
-    definition = swapped(IMU_TYPE, 'Vector3 angular_velocity', 'Vector3 linear_acceleration')
-    source = of_one_topic(tmp_path / 'in.mcap', IMU_TYPE, definition, simulated(9)[0][1])
-    with pytest.raises(BagError, match='of /it is not that of ROS 2, as its definition has other'):
-        read_imu_arrays(source, TOPIC)
+@pytest.mark.parametrize(
+    ('old', 'new', 'messages', 'refused'),
+    [
+        ('Vector3 angular_velocity', 'Vector3 linear_acceleration', 9, True),
+        # That of ROS 1.
+        ('builtin_interfaces/Time stamp', 'uint32 seq\nbuiltin_interfaces/Time stamp', 9, True),
+        ('builtin_interfaces/Time stamp', 'uint32 seq\nbuiltin_interfaces/Time stamp', 0, False),
+        ('string frame_id', 'string<=64 frame_id', 9, False),
+        ('float64[9] orientation_covariance', 'float64[9] orientation_cov', 9, True),
+        ('float64[9] orientation_covariance', 'float64[] orientation_covariance', 9, True),
+        ('float64[9] orientation_covariance', 'float32[9] orientation_covariance', 9, True),
+    ],
+)
+def test_only_the_imu_that_is_read_has_to_be_that_of_ros_2(old, new, messages, refused, tmp_path):
+    odd = swapped(IMU_TYPE, old, new) if new in IMU_DEFINITION else IMU_DEFINITION.replace(old, new)
+    assert odd != IMU_DEFINITION
+    path = tmp_path / 'in.mcap'
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start(profile='ros2')
+        for topic, text, count in (('/good', IMU_DEFINITION, 9), ('/odd', odd, messages)):
+            schema = writer.register_schema(IMU_TYPE, 'ros2msg', text.encode())
+            channel = writer.register_channel(topic, 'cdr', schema)
+            for time, data in simulated(count):
+                writer.add_message(channel, time, data, time)
+        writer.finish()
+    assert len(read_imu_arrays(path, '/good').stamps) == len(simulated(9))
+    if refused:
+        with pytest.raises(BagError, match='the sensor_msgs/msg/Imu of /odd is not that of ROS 2'):
+            read_imu_arrays(path, '/odd')
+    elif messages:
+        assert len(read_imu_arrays(path, '/odd').stamps) == len(simulated(9))
 
 
 def test_a_hash_that_is_null_is_not_known(tmp_path):

@@ -122,20 +122,41 @@ def read_message(data: bytes, connection: Connection) -> Any:
 
 
 def is_another_type(connection: Connection) -> bool:
-    """Tell whether a bag has another type of this name than Jazzy: by its hash, or definition."""
+    """Tell whether a bag has another type of this name than Jazzy: by its hash, or its fields.
+
+    By its fields the bound of a length makes no difference, as messages are the same.
+    """
     name = connection.msgtype
-    digest = connection.digest or _digest(name, types_of(connection))
-    return digest not in ('', _digest(name, types_with(name)))
+    if connection.digest:
+        return connection.digest != _digest(name)
+    return _fields(name, types_of(connection)) not in ((), _fields(name, types_with(name)))
+
+
+@cache
+def _digest(name: str) -> str:
+    """Return the hash of a type of Jazzy, empty where that has none of this name."""
+    with suppress(KeyError):
+        return types_with(name).hash_rihs01(name)
+    return ''
 
 
 @lru_cache
-def _digest(name: str, types: Typestore) -> str:
-    """Return the hash of a type, empty where it is not fully defined, or by an empty text."""
+def _fields(name: str, types: Typestore) -> tuple[Any, ...]:
+    """Return names and types of the fields of a type, nothing where it is not fully defined."""
     with suppress(KeyError):
-        _, ((first, _), *_) = types.fielddefs[name]
-        if first != _NO_FIELD:
-            return types.hash_rihs01(name)
-    return ''
+        fields: tuple[Any, ...] = _content(name, types)
+        return fields if fields[0][0] != _NO_FIELD else ()
+    return ()
+
+
+def _content(of: Any, types: Typestore) -> Any:
+    """Return what a field is made of, down to basic types, by what rosbags has of it."""
+    if isinstance(of, str):
+        fields = types.fielddefs[of][1]
+        return tuple((name, kind, _content(inner, types)) for name, (kind, inner) in fields)
+    inner, size = of
+    # A basic type has a name and a bound; an array or a sequence has what it repeats, and a size.
+    return inner if isinstance(inner, str) else (inner[0], _content(inner[1], types), size)
 
 
 def serialize(message: Any, name: str) -> bytes:

@@ -24,7 +24,6 @@ from typing import Any
 from gyro_drift_filter.bags.definitions import LibraryOfRos1, LibraryOfRos2
 from gyro_drift_filter.bags.library import DirectoryReader, McapReader
 from gyro_drift_filter.bags.mcap_reader import chunk_reader
-from gyro_drift_filter.bags.message_types import is_another_type
 from gyro_drift_filter.bags.recording import ROSBAG2_SUFFIXES, BagError, Recording, StoredPath
 from gyro_drift_filter.bags.ros1_reader import Ros1Reader
 from gyro_drift_filter.bags.rosbags_reader import RosbagsReader
@@ -41,7 +40,6 @@ from gyro_drift_filter.bags.unreadable import (
 from gyro_drift_filter.errors import reason
 from gyro_drift_filter.mcap.records import McapError
 from gyro_drift_filter.mcap.recovery import has_damaged_summary, recover
-from gyro_drift_filter.messages.imu import IMU_TYPE
 
 _log = logging.getLogger(__name__)
 _LARGEST_METADATA = 2**22  # bytes: those of 4,000 topics with their QoS, or of 16,000 files
@@ -64,9 +62,7 @@ def open_bag(path: Path | StoredPath) -> Iterator[Recording]:
         stack.callback(library.close)
         _check_summaries(library, path)
         _note_unlisted(library, path)
-        recording = choose_reader(library)
-        _check_imus(recording)
-        yield recording
+        yield choose_reader(library)
 
 
 def choose_reader(library: LibraryOfRos1 | LibraryOfRos2) -> Recording:
@@ -74,21 +70,6 @@ def choose_reader(library: LibraryOfRos1 | LibraryOfRos2) -> Recording:
     if isinstance(library, LibraryOfRos1):
         return Ros1Reader(library)
     return chunk_reader(library) or RosbagsReader(library)
-
-
-def _check_imus(recording: Recording) -> None:
-    """Look whether Imu messages are of the type that is known.
-
-    Raises:
-        BagError: They are of another one.
-    """
-    for connection in recording.connections:
-        if connection.msgtype == IMU_TYPE and is_another_type(connection):
-            digest = connection.digest
-            raise BagError(
-                f'{recording.path}: the {IMU_TYPE} of {connection.topic} is not that of ROS 2, as '
-                + (f'its hash is {digest}' if digest else 'its definition has other fields')
-            )
 
 
 def _opened(path: Path | StoredPath, name: Path | StoredPath) -> LibraryOfRos1 | LibraryOfRos2:

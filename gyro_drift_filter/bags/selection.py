@@ -20,6 +20,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+from gyro_drift_filter.bags.message_types import is_another_type
 from gyro_drift_filter.bags.recording import BagError, Damage, Piece, Recording, topic_types
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics, absolute_name, topic_named
 from gyro_drift_filter.messages.imu import IMU_TYPE
@@ -76,6 +77,8 @@ class Selection:
         """
         if self.all_imu:
             chosen = _all_imus(recording)
+            for topic in chosen:
+                _check_fields(recording, topic)
         elif self.imu_topics:
             chosen = [choose_topic(recording, topic) for topic in self.imu_topics]
         else:
@@ -192,15 +195,33 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
             raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
         if IMU_TYPE not in types[topic]:
             raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not {IMU_TYPE}')
+        _check_fields(recording, topic)
         return topic
     inputs = _all_imus(recording)
     counted = {connection.topic for connection in recording.connections if connection.msgcount}
     filled = [topic for topic in inputs if topic in counted] or inputs
     if len(filled) == 1:
+        _check_fields(recording, filled[0])
         return filled[0]
     if not recording.message_count:
         raise BagError(f'the Imu topics have no messages: {", ".join(imus)}')
     raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
+
+
+def _check_fields(recording: Recording, topic: str) -> None:
+    """Look whether the Imu messages of a topic are of the type that is known.
+
+    Raises:
+        BagError: They are of another one.
+    """
+    for connection in recording.connections:
+        is_read = (connection.topic, connection.msgtype) == (topic, IMU_TYPE)
+        if is_read and connection.msgcount and is_another_type(connection):
+            digest = connection.digest
+            raise BagError(
+                f'{recording.path}: the {IMU_TYPE} of {topic} is not that of ROS 2, as '
+                + (f'its hash is {digest}' if digest else 'its definition has other fields')
+            )
 
 
 def _all_imus(recording: Recording) -> list[str]:
