@@ -691,6 +691,9 @@ def test_distances_of_clocks_have_no_exponent_and_one_that_was_not_set_is_told()
     unset = judge_log_clock(START + since, 10**10 + since + delays)
     assert unset.name == 'clock offset'
     assert unset.text.endswith('the clock of the recorder was not set')
+    # A recorder whose clock begins in 2000, and a sensor that counts from its start.
+    counted = judge_log_clock(5 * 10**9 + since, 946_684_800 * 10**9 + since + delays)
+    assert counted.text == 'stamps begin at 5 s: they count from the start of sensor or driver'
     both = judge_log_clock(10**10 + since, 10**10 + since + delays)
     assert both.verdict == FindingVerdict.SOUND
     assert both.text.endswith('both before 2007, as in a simulation or where none was set')

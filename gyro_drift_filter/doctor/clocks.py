@@ -36,6 +36,7 @@ _STANDS_OUT = 10.0
 # Recorders log within a tenth of a second, busy ones in two. The future begins behind what clocks
 # of two machines are off by.
 _OFFSET, _AHEAD = 1.0, 0.005
+_YEAR = 3.2e7  # s: no sensor stamps so late, so its clock counts from another time
 # Seconds of a stamp have 32 bits: behind the largest, in January 2038, comes the least.
 _OVERFLOW = 2.0**32
 # The clocks are compared in so many parts of the recording, each of so many samples at least.
@@ -102,7 +103,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         begin = 1e-9 * float(value_at(stamps, 0))
         if is_unset and offset < 0:
             text = 'log times are before 2007: the clock of the recorder was not set'
-        if 0.0 <= begin < EARLIEST < offset:
+        if 0.0 <= begin < EARLIEST and offset > _YEAR:
             text = f'stamps begin at {plain(begin, 4)} s: they count from the start of '
             text += 'sensor or driver'
         return fault(
