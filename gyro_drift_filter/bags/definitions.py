@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The message definitions that a bag holds, of which not each has to be one that rosbags can read.
+"""The message definitions that a bag holds, also those that rosbags can't read.
 
 Those of ROS 2 are copied as they are: `ros2 bag` reads none either. Messages of ROS 1 are converted
 by theirs. rosbags' own readers stop at one that is not UTF-8, or in a language that ROS does not

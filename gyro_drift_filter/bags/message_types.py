@@ -105,11 +105,6 @@ def message_type(name: str) -> Any:
     return types_with(name).types[name]
 
 
-def deserialize(data: bytes, name: str) -> Any:
-    """Return a message of such a class from its CDR; what is damaged raises nearly anything."""
-    return types_with(name).deserialize_cdr(data, name)
-
-
 def read_message(data: bytes, connection: Connection) -> Any:
     """Return a message of a topic from its CDR, with the fields that the bag has for its type.
 

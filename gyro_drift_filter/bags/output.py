@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.bags.layout import BOOL_BYTES, OUTPUT_STATE, lay_out
-from gyro_drift_filter.bags.message_types import deserialize
+from gyro_drift_filter.bags.message_types import types_with
 from gyro_drift_filter.bags.recording import Piece, Recording, is_cdr, length_by_id, why_not_cdr
 from gyro_drift_filter.bags.topics import DIAGNOSTICS, Topics
 from gyro_drift_filter.bags.writer import BagWriter
@@ -187,6 +187,6 @@ class Output:
         if not any(name.encode() in data for name in self._own_statuses):
             return False
         with suppress(Exception):  # whatever the bytes of others bring about
-            message = deserialize(data, DIAGNOSTICS_TYPE)
+            message: Any = types_with(DIAGNOSTICS_TYPE).deserialize_cdr(data, DIAGNOSTICS_TYPE)
             return all(status.name in self._own_statuses for status in message.status)
         return False

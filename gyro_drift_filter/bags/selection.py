@@ -17,7 +17,7 @@
 import logging
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gyro_drift_filter.bags.message_types import is_another_type
@@ -187,25 +187,37 @@ def choose_topic(recording: Recording, wanted: str | None) -> str:
         BagError: There is none, there are several, or the wanted one is of another type; the text
             lists what there is.
     """
+    topic = _only_topic(recording) if wanted is None else _wanted_topic(recording, wanted)
+    _check_fields(recording, topic)
+    return topic
+
+
+def _wanted_topic(recording: Recording, wanted: str) -> str:
     types = topic_types(recording)
-    imus = sorted(topic for topic, kinds in types.items() if IMU_TYPE in kinds)
-    if wanted is not None:
-        topic = topic_named(types, wanted)
-        if topic is None:
-            raise BagError(f'no topic {wanted} in the bag; Imu topics: {", ".join(imus) or "none"}')
-        if IMU_TYPE not in types[topic]:
-            raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not {IMU_TYPE}')
-        _check_fields(recording, topic)
-        return topic
+    topic = topic_named(types, wanted)
+    if topic is None:
+        imus = ', '.join(_imu_topics(types)) or 'none'
+        raise BagError(f'no topic {wanted} in the bag; Imu topics: {imus}')
+    if IMU_TYPE not in types[topic]:
+        raise BagError(f'topic {topic} is of type {" and ".join(types[topic])}, not {IMU_TYPE}')
+    return topic
+
+
+def _only_topic(recording: Recording) -> str:
     inputs = _all_imus(recording)
     counted = {connection.topic for connection in recording.connections if connection.msgcount}
     filled = [topic for topic in inputs if topic in counted] or inputs
     if len(filled) == 1:
-        _check_fields(recording, filled[0])
         return filled[0]
+    imus = ', '.join(_imu_topics(topic_types(recording)))
     if not recording.message_count:
-        raise BagError(f'the Imu topics have no messages: {", ".join(imus)}')
-    raise BagError(f'several Imu topics: choose one with --topic: {", ".join(imus)}')
+        raise BagError(f'the Imu topics have no messages: {imus}')
+    raise BagError(f'several Imu topics: choose one with --topic: {imus}')
+
+
+def _imu_topics(types: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the Imu topics of all with their types."""
+    return sorted(topic for topic, kinds in types.items() if IMU_TYPE in kinds)
 
 
 def _check_fields(recording: Recording, topic: str) -> None:
@@ -227,7 +239,7 @@ def _check_fields(recording: Recording, topic: str) -> None:
 def _all_imus(recording: Recording) -> list[str]:
     """Return all Imu topics but those that an earlier run has written."""
     types = topic_types(recording)
-    imus = sorted(topic for topic, kinds in types.items() if IMU_TYPE in kinds)
+    imus = _imu_topics(types)
     if not types:
         raise BagError('the bag is empty: it holds no topic')
     if not imus:
