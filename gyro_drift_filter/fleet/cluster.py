@@ -44,11 +44,11 @@ def local_cluster(workers: int, memory_limit: int) -> Iterator[Client]:
     with dask.config.set(_BY_THE_CLOCK):
         # What it starts inherits this: Ctrl-C, and a terminal that is closed, reach all processes,
         # and those that end for that print tracebacks. This one ends them. The tracker is started
-        # before, as starting it takes the interrupt from the mask.
+        # before, as starting it lets the interrupt through again.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
         cluster = LocalCluster(
-            n_workers=0,  # but below, where an interrupt meanwhile, of seconds, closes them
+            n_workers=0,  # they start below, in seconds, where an interrupt closes the cluster
             threads_per_worker=1,
             processes=True,
             memory_limit=memory_limit,

@@ -41,13 +41,14 @@ def split_histories(rows: Sequence[Row]) -> dict[SensorKey, tuple[list[Row], lis
     robots: dict[Hashable, set[str]] = {}
     for row in rows:
         by_sensor.setdefault((row['robot'], row['topic'], row['frame_id']), []).append(row)
-        for identity in _identities(row):
-            robots.setdefault(identity, set()).add(row['robot'])
+        if row['axis'] == 'x':
+            for identity in _identities(row):
+                robots.setdefault(identity, set()).add(row['robot'])
     return {key: _split_history(of_sensor, robots) for key, of_sensor in by_sensor.items()}
 
 
 def _identities(row: Row) -> list[Hashable]:
-    """Return what a row of a bag shares with those of its copies, either of it."""
+    """Return keys of a row of a bag: a copy of it has one of them as well."""
     # A replay leaves the raw topic in its output: the same figures of the same time.
     figures = tuple(value for name, value in row.items() if name not in _PLACE)
     content = row['content'], row['topic'], row['frame_id']
@@ -95,8 +96,8 @@ def _split_history(
 def _shared(bags: Sequence[Row], robots: Mapping[Hashable, set[str]]) -> str:
     """Return a note on bags that another robot has as well; empty where there is none.
 
-    Nothing tells whose they are: all bags of a robot may be in a backup, and all of a folder with
-    some picked ones are of a robot.
+    Nothing tells whose they are: a backup may hold all bags of a robot, and a folder of picked bags
+    nothing but those of a robot.
     """
     others = [
         set.union(*(robots[key] for key in _identities(bag))) - {bag['robot']} for bag in bags
