@@ -358,6 +358,16 @@ def test_clocks_that_mix_for_a_while_explain_no_missing_rest(share, explains):
     assert starts_anew([fault('always restarted', '', '', values)]) == explains
 
 
+def of_samples(simulation, kept):
+    """Return what is measured of the samples that are kept."""
+    return replace(
+        simulation,
+        stamps=simulation.stamps[kept],
+        angular_velocity=simulation.angular_velocity[kept],
+        linear_acceleration=simulation.linear_acceleration[kept],
+    )
+
+
 @pytest.mark.slow
 def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
     """With a little jitter some are counted until that is known, and then none."""
@@ -365,13 +375,7 @@ def test_a_driver_that_lowers_its_rate_has_no_gaps(found):
     index = np.arange(len(simulation.stamps))
     kept = (index < len(index) // 2) | (index % 2 == 0)
     late = np.random.default_rng(3).normal(0.0, 2e5, len(index)).astype(np.int64)
-    halved = replace(
-        simulation,
-        stamps=(simulation.stamps + late)[kept],
-        angular_velocity=simulation.angular_velocity[kept],
-        linear_acceleration=simulation.linear_acceleration[kept],
-    )
-    findings = found(halved)
+    findings = found(of_samples(replace(simulation, stamps=simulation.stamps + late), kept))
     assert 'gaps' not in faults(findings)
     (stamps,) = (finding for finding in findings if finding.name == 'stamps')
     assert ' 0 gaps, 0 samples missing' in stamps.text
@@ -383,14 +387,7 @@ def test_a_rate_that_changes_is_told_and_rests_last_as_long_as_they_do(rate, fou
     """Lengths were samples times the last period: 89 s of rest in a recording of a minute."""
     data = simulate(SimulationSettings(static_seconds=40, dynamic_seconds=0))
     kept = np.concatenate([np.arange(2000), np.arange(2000, 4000, 100 // rate)])
-    findings = found(
-        replace(
-            data,
-            stamps=data.stamps[kept],
-            angular_velocity=data.angular_velocity[kept],
-            linear_acceleration=data.linear_acceleration[kept],
-        )
-    )
+    findings = found(of_samples(data, kept))
     # `write` states the noise of another sensor.
     assert faults(findings) <= {'invented covariance of angular velocity'}
     told = {finding.name: finding for finding in findings}
@@ -411,14 +408,7 @@ def test_the_simulation_of_the_package_has_no_fault(tmp_path):
 def test_one_missing_sample_is_no_fault_and_told_as_one(found):
     simulation = handled()
     kept = np.arange(len(simulation.stamps)) != len(simulation.stamps) // 2
-    findings = found(
-        replace(
-            simulation,
-            stamps=simulation.stamps[kept],
-            angular_velocity=simulation.angular_velocity[kept],
-            linear_acceleration=simulation.linear_acceleration[kept],
-        )
-    )
+    findings = found(of_samples(simulation, kept))
     (stamps,) = (finding for finding in findings if finding.name == 'stamps')
     assert ' 1 gap, 1 sample missing, 0 stamps backward' in stamps.text
 
