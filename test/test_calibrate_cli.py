@@ -25,7 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, lacking, to_kalibr
-from gyro_drift_filter.calibrate.rests import find_rests, make_track
+from gyro_drift_filter.calibrate.rests import find_rests
+from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.messages.imu import IMU_TYPE

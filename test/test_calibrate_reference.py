@@ -28,7 +28,7 @@ from gyro_drift_filter.calibrate import turning
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Mount, Reference, ReferenceOfOneRecording
-from gyro_drift_filter.calibrate.rests import make_track
+from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.calibrate.unknowns import MATRIX, start
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_message

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
-from gyro_drift_filter.calibrate.rests import Rests, find_rests, make_track
+from gyro_drift_filter.calibrate.rests import Rests, find_rests
 from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_left_out
 from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
+from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.gravity import GRAVITY
 
 Floats = NDArray[np.float64]

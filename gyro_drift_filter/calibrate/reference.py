@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
-from gyro_drift_filter.calibrate.rests import Track
+from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.calibrate.turning import (
     Together,
     integrals,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a sensor that is turned by hand lies still, and how the recording lies in time.
+"""Where a sensor that is turned by hand lies still.
 
 At rest there is nothing but noise, so a quarter of a second of rest varies as the quietest quarters
 of the recording do, on every axis of gyroscope and accelerometer. The first and the last quarter
@@ -27,12 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.errors import CalibrationError
-from gyro_drift_filter.core.sample import LARGEST_RATE
+from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.gravity import GRAVITY
-from gyro_drift_filter.phrases import without_rate
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 BLOCK_SECONDS = 0.25
 LEAST_BLOCK = 5  # samples, to know how they vary
@@ -47,42 +45,6 @@ DEVIATIONS, MEANS = 3.0, 6.0
 LARGEST_TILT = np.radians(0.1)
 # Beyond what gravity (0.1 deg/s for each g) and warming do to a bias: this is a slow turn.
 LARGEST_BIAS_STEP = np.radians(0.5)
-GAP_PERIODS = 5
-# Stamps of which more steps than this share are off by half a period are those of arrival.
-UNEVEN = 0.05
-LONGEST_BURST = 0.6  # s, that a driver or the network holds messages back
-# No gyroscope is read out more often, in Hz.
-FASTEST_SENSOR = 32_000
-# So many equal values in a row at the largest rate of an axis are the end of its range.
-PLATEAU = 5
-
-
-@dataclass(frozen=True)
-class Track:
-    """A recording: n samples, all finite.
-
-    Attributes:
-        start: Stamp of its first sample in ns.
-        seconds: (n,) since then.
-        rates: (n, 3) in rad/s.
-        accelerations: (n, 3) in m/s^2, or None where there is no accelerometer.
-        broken: (n - 1,) True where between two samples there is a gap, or the range has ended.
-        clipped: (n - 1,) True where it is for the range.
-        even: Whether the time is that of evenly spaced samples, in place of stamps of arrival.
-        period: From one sample to the next in s, gaps apart.
-        set_back: When the clock of the stamps was set back, in s since the start, and by how many
-            s. The seconds go on there, and the samples before and behind are broken apart.
-    """
-
-    start: int
-    seconds: Floats
-    rates: Floats
-    accelerations: Floats | None
-    broken: Bools
-    clipped: Bools
-    even: bool
-    period: float
-    set_back: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -124,140 +86,6 @@ class Rests:
     moved: tuple[float, ...]
     rate_density: Floats
     acceleration_density: Floats
-
-
-def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) -> Track:
-    """Return a track of samples (n,), (n, 3) and (n, 3); stamps in ns, NaN where unknown.
-
-    Raises:
-        CalibrationError: There are too few samples, or their stamps do not advance.
-    """
-    measured = np.isfinite(accelerations).all(axis=1)
-    alive = np.mean(measured) > 0.5 and np.ptp(accelerations[measured], axis=0).any()
-    used = np.isfinite(rates).all(axis=1) & (measured | (not alive))
-    begins = _where_set_back(stamps, rates)
-    seconds, stretches = _going_on(stamps, begins)
-    # What is repeated or late is left out: its time is not beyond all before it.
-    advancing = np.concatenate([[True], seconds[1:] > np.maximum.accumulate(seconds)[:-1]])
-    used &= advancing
-    if used.sum() < 2 * LEAST_BLOCK:
-        why = _why_so_few(rates) if len(stamps) >= 2 * LEAST_BLOCK else ''
-        raise CalibrationError(f'only {used.sum()} of {len(stamps)} samples can be used{why}')
-    # Samples without a rate tell of the stamps as well: without them, these would seem uneven.
-    even = _are_of_arrival(seconds[advancing])
-    since, stretches = (seconds - seconds[used][0])[advancing], stretches[advancing]
-    longest = LONGEST_BURST
-    if even:
-        since = _evenly(since, stretches)
-    since, stretches = since[used[advancing]], stretches[used[advancing]]
-    if not even:
-        longest = GAP_PERIODS * float(np.median(np.diff(since)))
-    gaps = (np.diff(since) > longest) | (np.diff(stretches) > 0)
-    period = float(np.median(np.diff(since)))
-    at_end = _at_the_end_of_the_range(rates[used])
-    clipped = at_end[1:] | at_end[:-1]
-    return Track(
-        start=int(stamps[used][0]),
-        seconds=since,
-        rates=rates[used],
-        accelerations=accelerations[used] if alive else None,
-        broken=gaps | clipped,
-        clipped=clipped,
-        even=even,
-        period=period,
-        set_back=tuple(
-            (float(seconds[k] - seconds[used][0]), float(stamps[k - 1] - stamps[k]) * 1e-9 + period)
-            for k in begins
-        ),
-    )
-
-
-def _where_set_back(stamps: NDArray[np.int64], rates: Floats) -> list[int]:
-    """Return the first samples after the clock of the stamps (n,) was set back.
-
-    A message that comes late, or twice, is followed by one that goes on. Behind a clock that was
-    set back one after the other lies in the past, and in order, unlike stamps that are uneven by
-    many periods. So do messages that were held back together, but not for longer than a burst
-    lasts, and what they fill was empty: a sensor does not measure another time in the same time.
-    """
-    found: list[int] = []
-    fresh = np.flatnonzero(~_are_repeated(stamps, rates))
-    times = stamps[fresh]
-    begin = checked = newest = 0
-    for k in (np.flatnonzero(np.diff(times) < 0) + 1).tolist():
-        latest = int(times[checked:k].max())
-        newest = latest if checked == begin else max(newest, latest)
-        checked = k
-        late = times[k : k + GAP_PERIODS + 1]
-        if len(late) <= GAP_PERIODS or (late > newest).any() or (np.diff(late) < 0).any():
-            continue
-        earlier = times[max(begin, k - round(LONGEST_BURST * FASTEST_SENSOR)) : k]
-        again = (earlier >= late.min()) & (earlier <= late.max())
-        if newest - late[0] > LONGEST_BURST * 1e9 or again.sum() >= 0.5 * len(late):
-            found.append(int(fresh[k]))
-            begin = checked = k
-    return found
-
-
-def _are_repeated(stamps: NDArray[np.int64], rates: Floats) -> Bools:
-    """Tell which samples (n,) have stamp and rates of an earlier one, or the stamp before."""
-    order = np.argsort(stamps, kind='stable')
-    same = np.diff(stamps[order]) == 0
-    same &= (np.diff(rates[order], axis=0) == 0.0).all(axis=1)
-    repeated = np.zeros(len(stamps), bool)
-    repeated[order[1:]] = same
-    repeated[1:] |= np.diff(stamps) == 0
-    return repeated
-
-
-def _going_on(stamps: NDArray[np.int64], begins: list[int]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the time in s since the first of stamps (n,), and how often it was set back (n,).
-
-    How long it took to set the clock back is not known: it counts as no time.
-    """
-    back, count = np.zeros(len(stamps), np.int64), np.zeros(len(stamps), np.int64)
-    for begin in begins:
-        back[begin:] = (stamps[:begin] + back[:begin]).max() + 1 - stamps[begin]
-        count[begin:] += 1
-    return np.asarray((stamps + back - stamps[:1]) * 1e-9, float), count
-
-
-def _why_so_few(rates: Floats) -> str:
-    """Return in words why hardly a sample can be used."""
-    known = np.isfinite(rates)
-    if known.all(axis=1).sum() >= 2 * LEAST_BLOCK:
-        return ': are the stamps zero?'
-    why = without_rate([bool(axis.any()) for axis in known.T], LARGEST_RATE)
-    return f': {why or "hardly a sample has a rate on all axes"}'
-
-
-def _are_of_arrival(seconds: Floats) -> bool:
-    """Tell whether stamps (n,) in s that advance are those of arrival."""
-    steps = np.diff(seconds)
-    period = float(np.median(steps))
-    return bool(np.mean(np.abs(steps - period) > 0.5 * period) > UNEVEN)
-
-
-def _evenly(seconds: Floats, stretches: NDArray[np.int64]) -> Floats:
-    """Return evenly spaced times between gaps, and where the clock was set back."""
-    gaps = (np.diff(seconds) > LONGEST_BURST) | (np.diff(stretches) > 0)
-    out = seconds.copy()
-    edges = [0, *(np.flatnonzero(gaps) + 1).tolist(), len(seconds)]
-    for first, stop in pairwise(edges):
-        out[first:stop] = np.linspace(seconds[first], seconds[stop - 1], stop - first)
-    return out
-
-
-def _at_the_end_of_the_range(rates: Floats) -> Bools:
-    """Tell which samples (n,) lie on a plateau of the largest rate of an axis."""
-    clipped = np.zeros(len(rates), bool)
-    for axis in rates.T:
-        for end in (axis.max(), axis.min()):
-            run = axis == end
-            long = np.convolve(run, np.ones(PLATEAU), 'valid') > PLATEAU - 0.5
-            for k in range(PLATEAU):
-                clipped[k : len(long) + k] |= long & (abs(end) > 0.5)
-    return clipped
 
 
 def find_rests(track: Track) -> Rests:

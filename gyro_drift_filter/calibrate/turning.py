@@ -29,7 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyro_drift_filter.calibrate.rests import Rest, Track
+from gyro_drift_filter.calibrate.rests import Rest
+from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 
 Floats = NDArray[np.float64]
