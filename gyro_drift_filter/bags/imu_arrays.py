@@ -108,7 +108,7 @@ def imu_parts(
 
 
 def usable(values: NDArray[np.float64], largest: float = LARGEST_RATE) -> NDArray[np.float64]:
-    """Return values with NaN for those beyond the largest, which the filter does not use either."""
+    """Return values (n, 3) with NaN for those beyond the largest, as the filter leaves them out."""
     return np.where(np.abs(values) <= largest, values, np.nan)
 
 

@@ -133,12 +133,12 @@ class RestsOfOneRecording:
         return float(self._steps.max() / np.mean(np.diff(times)))
 
     def gravity(self, unknowns: Floats) -> Floats:
-        """Return the acceleration at each rest by the unknowns, (m, 3) in m/s^2."""
+        """Return the acceleration at each rest by the unknowns (UNKNOWNS,): (m, 3) in m/s^2."""
         means = np.array([rest.acceleration for rest in self._rests])
         return np.asarray((means - unknowns[OFFSET]) @ upper(unknowns).T)
 
     def closures(self, unknowns: Floats) -> Closures:
-        """Return how well the legs close."""
+        """Return how well the legs close by the unknowns (UNKNOWNS,)."""
         gravity = self.gravity(unknowns) if self.measured else None
         turns = [turn_alone(leg, unknowns[MATRIX].reshape(3, 3)) for leg in self.legs]
         angles = []
@@ -166,7 +166,7 @@ class RestsOfOneRecording:
         return any(self._is_back(leg, turn_alone(leg, np.eye(3)), means) for leg in self.legs)
 
     def residuals(self, unknowns: Floats) -> Residuals:
-        """Return all residuals at the unknowns."""
+        """Return all residuals at the unknowns (UNKNOWNS,)."""
         blocks = self._blocks(unknowns)
         covariance, values, jacobian = blocks.covariance, blocks.values, blocks.jacobian
         for rows, excess in zip(blocks.rows, self.excess, strict=True):

@@ -99,7 +99,7 @@ class Mount:
         self.rotation = rotation
 
     def turn(self, unknowns: Floats) -> None:
-        """Turn the mount as the unknowns say, which hold no rotation from then on."""
+        """Turn the mount as the unknowns (UNKNOWNS,) say; they hold no rotation from then on."""
         step = from_vectors(unknowns[TURNED][None])
         self.rotation = multiply(step, self.rotation[None])[0]
         unknowns[TURNED] = 0.0
@@ -248,14 +248,17 @@ class ReferenceOfOneRecording:
         return together(steps, self._track.period, *integrals(rates, steps))
 
     def residuals(self, unknowns: Floats) -> Residuals:
-        """Return all residuals at the unknowns, without what a span's start and bias explain."""
+        """Return all residuals at the unknowns (UNKNOWNS,).
+
+        What the start and the bias of a span explain is taken out.
+        """
         found = [self._free(span, unknowns) for span in self._spans]
         values, jacobian = (np.concatenate(part) for part in zip(*found, strict=True))
         scale = self.inflation**-0.5
         return Residuals(scale * values, scale * jacobian)
 
     def renew(self, unknowns: Floats, *, near: bool) -> None:
-        """Take over what is known by now: biases, the reference's noise, what has slipped.
+        """Take over what unknowns (UNKNOWNS,) show: biases, noise of the reference, what slipped.
 
         Only near the solution it can be told whether errors belong together.
         """
@@ -288,7 +291,7 @@ class ReferenceOfOneRecording:
         return [(float(first), float(last - first)) for first, last in ends]
 
     def closures(self, unknowns: Floats) -> Closures:
-        """Return by how much the ends of spans are off, and by how much each turned."""
+        """Return by how many rad the ends of spans are off, and by how many each turned."""
         matrix, out = unknowns[MATRIX].reshape(3, 3), []
         for span in self._spans:
             vectors, *_ = self._differences(span, unknowns)

@@ -50,7 +50,7 @@ class Residuals(NamedTuple):
 
 
 def start() -> Floats:
-    """Return the unknowns of a perfect sensor."""
+    """Return the unknowns (UNKNOWNS,) of a perfect sensor."""
     unknowns = np.zeros(UNKNOWNS)
     unknowns[MATRIX] = np.eye(3).ravel()
     unknowns[UPPER] = np.eye(3)[UPPER_ENTRIES]
@@ -58,12 +58,12 @@ def start() -> Floats:
 
 
 def set_scale(unknowns: Floats, scale: float) -> None:
-    """Set the nominal scale of a gyroscope that is perfect but for that."""
+    """Set in unknowns (UNKNOWNS,) the nominal scale of a gyroscope that is perfect but for that."""
     unknowns[MATRIX], unknowns[SCALE] = scale * np.eye(3).ravel(), np.log(scale)
 
 
 def upper(unknowns: Floats) -> Floats:
-    """Return the matrix (3, 3) of the accelerometer."""
+    """Return the matrix (3, 3) of the accelerometer in unknowns (UNKNOWNS,)."""
     matrix = np.zeros((3, 3))
     matrix[UPPER_ENTRIES] = unknowns[UPPER]
     return matrix

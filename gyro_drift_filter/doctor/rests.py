@@ -126,6 +126,8 @@ def judge_unrested_noise(
 
     Most gyroscopes have too much of it for a rest then. Noise is what differs from sample to
     sample, where the accelerometer is calm: no motion is that fast and as calm.
+
+    Rates and accelerations are three columns (n,) each, in rad/s and m/s^2.
     """
     samples = _some((*rates, *accelerations))
     runs = samples[: len(samples) // _RUN * _RUN].reshape(-1, _RUN, 6)
@@ -146,7 +148,7 @@ def judge_unrested_noise(
 
 
 def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Finding:
-    """Say whether the accelerometer shows gravity in m/s^2, at rest or, without one, at all."""
+    """Say whether accelerations, three (n,), show gravity in m/s^2: at rest, or else at all."""
     name = 'accelerometer'
     forces, where = seen.forces, 'at rest'
     if not len(forces):

@@ -46,7 +46,7 @@ def runs_of(flags: Bools) -> Integers:
 
 
 def row_medians(rows: Floats) -> Floats:
-    """Return the median of what is finite in each row, NaN where nothing is: (w,)."""
+    """Return the median of what is finite in each of rows (w, n), NaN where nothing is: (w,)."""
     ordered = np.sort(rows, axis=1)  # NaN goes to the end
     count = np.isfinite(rows).sum(axis=1)
     number = np.arange(len(rows))
@@ -56,7 +56,7 @@ def row_medians(rows: Floats) -> Floats:
 
 
 def row_means(rows: Floats) -> Floats:
-    """Return the mean of what is finite in each row, NaN where nothing is: (w,)."""
+    """Return the mean of what is finite in each of rows (w, n), NaN where nothing is: (w,)."""
     count = np.isfinite(rows).sum(axis=1)
     total = np.nansum(rows, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

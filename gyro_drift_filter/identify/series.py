@@ -120,7 +120,7 @@ Values = Floats | Stored | Ramp | Stretch
 
 
 def parts(values: Values, largest: int = LARGEST_PART) -> Iterator[Floats]:
-    """Yield a series in parts of about equal length, none longer than `largest`."""
+    """Yield a series (n,) in parts of about equal length, none longer than `largest` samples."""
     count = -(-len(values) // largest)
     for k in range(count):
         yield values[k * len(values) // count : (k + 1) * len(values) // count]
@@ -133,7 +133,7 @@ def all_parts(spans: Sequence[Values]) -> Iterator[Floats]:
 
 
 def thinned(spans: Sequence[Values]) -> Floats:
-    """Return every sample of several series, or every so many that it is one part's worth."""
+    """Return samples (m,) of several series: all, or every so many that it is one part's worth."""
     step = -(-sum(map(len, spans)) // LARGEST_PART)
     return np.concatenate([part[::step] for part in all_parts(spans)] or [np.zeros(0)])
 

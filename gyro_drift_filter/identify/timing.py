@@ -91,14 +91,14 @@ class Timing:
         return out
 
     def seconds_of(self, stamps: Integers | Values, first: int, stop: int) -> float:
-        """Return how long samples last, from a first one to before another, by their stamps."""
+        """Return for how many s samples last, up to before `stop`, by stamps (n,) in ns."""
         if stop <= first:
             return 0.0
         between = self.seconds_at(stamps, stop - 1) - self.seconds_at(stamps, first)
         return between + self.period
 
     def rate_changes(self, stamps: Integers | Values) -> str:
-        """Return in words how the sensor changed its rate; empty where it did not."""
+        """Return in words how the sensor changed its rate, if it did, by stamps (n,) in ns."""
         if not self.stretches:
             return ''
         before, behind, *more = self.stretches
@@ -109,13 +109,16 @@ class Timing:
         )
 
     def seconds_at(self, stamps: Integers | Values, index: int) -> float:
-        """Return the time of a sample in s since the first; it goes on where the clock was set."""
+        """Return the time of a sample in s since the first one, by stamps (n,) in ns.
+
+        It goes on where the clock was set.
+        """
         since = float(value_at(stamps, index) - value_at(stamps, 0)) * 1e-9
         return since + float(self.set_back[self.breaks <= index].sum())
 
 
 def learn_timing(stamps: Integers | Values, log_times: Integers | Values | None = None) -> Timing:
-    """Learn the timing of the rate that the sensor had for longest; see `learn_timings`."""
+    """Learn the timing of the rate that the sensor had for longest, as `learn_timings` does."""
     return learn_timings(stamps, log_times)[0]
 
 

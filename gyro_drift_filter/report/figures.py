@@ -410,7 +410,7 @@ class Drawer:
 
 
 def reduced(values: NDArray[Any], room: int) -> NDArray[np.int64]:
-    """Return the indexes of at most `room` finite values, the least and largest of each part."""
+    """Return indexes of at most `room` finite values (n,): the least and largest of each part."""
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite) <= room:
         return finite

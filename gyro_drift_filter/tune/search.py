@@ -72,7 +72,7 @@ class Evaluations:
         self._pool.shutdown(cancel_futures=True)
 
     def costs(self, parameters: Parameters) -> Floats:
-        """Return the costs of each stretch.
+        """Return the costs of each stretch (STRETCHES,).
 
         Raises:
             TimeIsUpError: The time is up; the first evaluation is always made.
@@ -109,9 +109,10 @@ def search(
     budget: int,
     seed: int,
 ) -> Floats:
-    """Return the best place found in the unit cube: first all over it, then down from the best.
+    """Return the best place (d,) in the unit cube: found all over it, then down from the best.
 
-    `cost` makes the evaluations, and is called `budget` times at most.
+    `start` is a place (d,), and `cost` a function of one, which makes the evaluations. It is called
+    `budget` times at most.
 
     Raises:
         TimeIsUpError: There was no time for any place.
@@ -131,7 +132,7 @@ def search(
 
 
 def downhill(cost: Callable[[Floats], float], start: Floats, budget: int) -> Floats:
-    """Return the best place found in the unit cube on the way down from the start.
+    """Return the best place (d,) found in the unit cube on the way down from the start (d,).
 
     `cost` is called `budget` times at most.
 
