@@ -16,10 +16,10 @@
 
     python -m benchmark.impacts [--data FOLDER]
 
-A simulated foot that swings and strikes the ground, a body that a motor spins up about an axis near
-the sensor (`scenarios.py`), and recordings. The raw rates and the filtered ones, with the bias
-added, are both integrated; the table has the largest angle between the two orientations in deg, and
-the one in the end, with `outlier.enabled` on and off.
+A simulated foot that swings and strikes the ground, a body that is swung against a table, one that
+a motor spins up about an axis near the sensor (`scenarios.py`), and recordings. The raw rates and
+the filtered ones, with the bias added, are both integrated; the table has the largest angle between
+the two orientations in deg, and the one in the end, with `outlier.enabled` on and off.
 
 FOLDER holds a `.npz` for each recording, with `stamps` (n,) in ns, `rates` (n, 3) in rad/s and
 `accelerations` (n, 3) in m/s^2.
@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.scenarios import foot, spun_up, stamps
+from benchmark.scenarios import foot, spun_up, stamps, stopped
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter, Parameters
@@ -58,6 +58,11 @@ def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array,
         for shake in SHAKES:
             name = f'foot, {rate:g} Hz, {shake:g} m/s^2'
             rates, accelerations = foot(np.random.default_rng(0), rate, shake)
+            yield name, stamps(len(rates), rate), rates, accelerations
+    for rate in SAMPLE_RATES:
+        for shake in SHAKES:
+            name = f'stopped, {rate:g} Hz, {shake:g} m/s^2'
+            rates, accelerations = stopped(np.random.default_rng(0), rate, shake)
             yield name, stamps(len(rates), rate), rates, accelerations
     for rate in SAMPLE_RATES:
         for lever in LEVERS:

@@ -239,6 +239,22 @@ def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Array,
     return rates, [0.0, 0.0, GRAVITY] + shaken * random.standard_normal((len(time), 3))
 
 
+def stopped(random: np.random.Generator, rate: float, shake: float) -> tuple[Array, Array]:
+    """Return rates and accelerations (n, 3) of a body that is swung against a table every 2 s.
+
+    It gains 18 rad/s in 0.6 s, stops within a sample, rings by a third of that at 11 Hz for 40 ms,
+    and shakes the accelerometer by a deviation of `shake` in m/s^2, which decays in 30 ms.
+    """
+    time = np.arange(round(12 * rate)) / rate
+    phase = np.where(time < 3.0, 1.9, time % 2.0) - 0.6
+    swing = np.sin(0.5 * np.pi * (phase + 0.6) / 0.6)
+    ring = np.cos(2.0 * np.pi * 11.0 * phase) * np.exp(-phase.clip(0.0) / 0.04) / 3.0
+    rates = 18.0 * np.where(phase < 0.0, swing, ring)[:, None] * [0.02, 1.0, -0.01]
+    struck = np.where(phase < 0.0, 0.5, shake * np.exp(-phase.clip(0.0) / 0.03)).clip(0.02)
+    rates += 0.001 * random.standard_normal(rates.shape)
+    return rates, [0.0, 0.0, GRAVITY] + struck[:, None] * random.standard_normal(rates.shape)
+
+
 def spun_up(random: np.random.Generator, rate: float, lever: float) -> tuple[Array, Array]:
     """Return rates and accelerations (n, 3) of a body that sways, and is spun up each second.
 

@@ -22,7 +22,7 @@ from scipy import signal
 from scipy.linalg import solve_discrete_lyapunov
 
 from benchmark.quality import make_world
-from benchmark.scenarios import foot, stamps
+from benchmark.scenarios import foot, stamps, stopped
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.clock.periods import LONGEST_PERIOD
@@ -175,6 +175,17 @@ def test_what_is_given_back_turns_with_the_body_while_samples_are_missing(random
 @pytest.mark.parametrize('shake', [1.0, 10.0, 30.0])
 def test_a_foot_that_strikes_the_ground_is_followed(rate, largest, shake, random):
     rates, accelerations = foot(random, rate, shake)
+    results = Filter().run(stamps(len(rates), rate), rates, accelerations)
+    lost = np.cumsum(results['angular_velocity'] + results['bias'] - rates, axis=0) / rate
+    assert np.degrees(np.abs(lost)).max() < largest
+    assert np.degrees(np.abs(lost[-1])).max() < 0.1 * largest + 0.3
+
+
+# A sample turns it by 10 deg at 100 Hz; eight of them, which is the longest hold, by 73 deg.
+@pytest.mark.parametrize(('rate', 'largest'), [(100, 20), (200, 10), (400, 14)])
+def test_a_body_that_is_stopped_and_rings_is_followed(rate, largest, random):
+    """Its rates are like no steps, and stay at none."""
+    rates, accelerations = stopped(random, rate, 20.0)
     results = Filter().run(stamps(len(rates), rate), rates, accelerations)
     lost = np.cumsum(results['angular_velocity'] + results['bias'] - rates, axis=0) / rate
     assert np.degrees(np.abs(lost)).max() < largest

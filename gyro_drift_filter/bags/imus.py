@@ -46,7 +46,7 @@ def list_imus(
 def read_imus(piece: 'Piece', is_imu: NDArray[np.bool_]) -> Any:
     """Return an IMU for each message of those channels that are Imu, without a result.
 
-    `is_imu` says so by the `id` of a connection.
+    `is_imu` says so by the `id` of a connection, as `channels_of` does.
     """
     imus: Any = np.empty(len(piece.rows), IMU)
     return imus[: list_imus(piece.data, piece.rows, is_imu, imus)]

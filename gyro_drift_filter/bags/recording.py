@@ -176,14 +176,16 @@ def length_by_id(recording: Recording) -> int:
 
 
 def are_among(recording: Recording, ids: Collection[int]) -> NDArray[np.bool_]:
-    """Return, by the `id` of a connection, whether it is one of these."""
+    """Return by the `id` of a connection whether it is one of these: (`length_by_id`,)."""
     among = np.zeros(length_by_id(recording), np.bool_)
     among[list(ids)] = True
     return among
 
 
 def channels_of(recording: Recording, topic: str, kind: str) -> NDArray[np.bool_]:
-    """Return, by the `id` of a connection, whether it is of a topic and a type, in CDR.
+    """Return by the `id` of a connection whether it is of a topic and a type, in CDR.
+
+    The result is like that of `are_among`.
 
     Raises:
         BagError: No message of the topic is.

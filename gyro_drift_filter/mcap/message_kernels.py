@@ -47,9 +47,10 @@ def list_messages(data: NDArray[np.uint8], numbers: NDArray[np.int64], rows: Seq
     """Write a ROW for each message among records; return how many, or -1 for broken records.
 
     Args:
-        data: The records.
-        numbers: By channel: what stands for it in the rows, or -1 where its messages do not count.
-        rows: As many as could be there, one for each `RECORD_BYTES` of data.
+        data: (bytes,) of the records.
+        numbers: (CHANNELS,) by channel: what stands for it in the rows, or -1 where its messages do
+            not count.
+        rows: (n,) as many as could be there, one for each `RECORD_BYTES` of data.
     """
     offset, count = 0, 0
     while offset < len(data):
@@ -106,7 +107,7 @@ def group_index(
     """Write what MESSAGE_INDEX records hold: log times and offsets of messages, by channel.
 
     Args:
-        rows: The messages of a chunk, in the order in which they stand there.
+        rows: (n,) messages of a chunk, in the order in which they stand there.
         positions: By channel, where its first message goes in the index; moved on.
         index: (n, 2) log time and offset of the record.
         times: (2,) earliest and latest log time; they are widened.

@@ -55,9 +55,10 @@ LARGEST_SHARE_HELD = 0.25  # of the samples: above it the doubt is wrong, not th
 # A foot that strikes the ground, or a body that falls, stops from any rate, with up to 6,000
 # rad/s^2. So in motion a shake excuses a jump of any size, if it explains the jump at this distance
 # from the axis, in levers: 4.5 cm, or 1 cm behind a sample that was held back, as most outliers are
-# alone. But a burst of outliers stays where it has jumped to: there it takes 1.5 cm, unless the
-# body is slower than before, as what stops a body may act close to the sensor.
-FIRST_HIT, CONFIRMED_HIT, STAYING_HIT = 1.5, 1.0 / 3.0, 0.5
+# alone. But a burst of outliers stays where it has jumped to: there it takes 1.5 cm. A body that is
+# slower in both samples has been stopped, and 0.5 cm are enough: what stops it may act close to the
+# sensor, and an accelerometer shows only a part of a blow that is shorter than a sample period.
+FIRST_HIT, CONFIRMED_HIT, STAYING_HIT, STOPPING_HIT = 1.5, 1.0 / 3.0, 0.5, 1.0 / 6.0
 # The steps by which a body stops within 25 ms are alike within this factor at 100 Hz.
 STEADY = 0.4
 # Where more samples may be missing, no extrapolation says where a body has gone.
@@ -163,8 +164,11 @@ def _reason_behind_held(
     small = same_side and abs(offset) <= limits['acceleration_limit']
     if small and change < limits['growth_limit']:
         return Reason.CONFIRMED
-    stays = change <= AGREEMENT * abs(offset) and not _is_slower(sample, last_accepted)
-    hit = STAYING_HIT if stays else CONFIRMED_HIT
+    hit, slower = CONFIRMED_HIT, _is_slower(sample, last_accepted)
+    if slower and _is_slower(doubt['last_sample'], last_accepted):
+        hit = STOPPING_HIT
+    elif not slower and change <= AGREEMENT * abs(offset):
+        hit = STAYING_HIT
     if circumstances['explained_jump'] > hit * size:
         return Reason.PUSHED
     # The first sample of a burst of outliers jumps further than a hit turns a body in a sample.
