@@ -108,21 +108,24 @@ def pytest_runtest_call(item):
         return (yield)
 
 
-# Files whose tests stay together in one of several workers: they wait for the real node, and would
-# only wait for a processor where there were several nodes at once, or share what takes minutes.
+# Files, and tests with parameters, that stay together in one of several workers: they wait for the
+# real node, and would only wait for a processor where there were several nodes at once, or share
+# what takes seconds or minutes, and each worker would make it anew.
 TOGETHER = {
     'test_node.py': 'node',
     'test_node_bias.py': 'node',
     'test_package.py': 'node',
     'test_robustness.py': 'node',
     'test_compiled.py': 'kernels',
+    'test_time_goes_on_where_a_clock_was_set_forward': 'set forward',
 }
 
 
 def together(nodeid):
-    """Return what the test stays together with: a group of files, or nothing but itself."""
-    file, _, _ = nodeid.partition('::')
-    return TOGETHER.get(Path(file).name, nodeid)
+    """Return what the test stays together with: a group of tests, or nothing but itself."""
+    file, _, test = nodeid.partition('::')
+    function, _, _ = test.partition('[')
+    return TOGETHER.get(Path(file).name) or TOGETHER.get(function, nodeid)
 
 
 @pytest.hookimpl(optionalhook=True)

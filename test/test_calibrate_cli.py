@@ -66,43 +66,52 @@ def test_results_for_programs_take_the_place_of_the_text(tmp_path, capsys, rando
     assert (tmp_path / 'kalibr').exists()
 
 
+def walk_and_delay(folder, turns, stamps, logged):
+    """Calibrate by a bag with orientations; return the walk of the bias and how late these are."""
+    imu = [data for _, data in imu_messages(stamps, turns.rates, turns.accelerations)]
+    orientations = [
+        (time, orientation_message(stamp, quaternion))
+        for time, stamp, quaternion in zip(logged, stamps, turns.orientations, strict=True)
+    ]
+    topics = {
+        (TOPIC, IMU_TYPE): zip(logged, imu, strict=True),
+        ('/body', 'geometry_msgs/msg/QuaternionStamped'): orientations,
+    }
+    source = write(folder / 'in', topics)
+    arguments = ['--reference', '/body', '--json', folder / 'found.json']
+    assert calibrate(folder, source, *arguments, '--kalibr', folder / 'kalibr') == 0
+    kalibr = yaml.safe_load((folder / 'kalibr').read_text())
+    found = json.loads((folder / 'found.json').read_text())
+    return kalibr['gyroscope_random_walk'], found['reference']['late']
+
+
+@pytest.fixture(scope='module')
+def even(tmp_path_factory):
+    """Turns, their stamps, and walk and delay by a clock that goes evenly."""
+    random = np.random.default_rng(20170)
+    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
+    stamps = turns.stamps - turns.stamps[0] + 10**11
+    folder = tmp_path_factory.mktemp('even')
+    return turns, stamps, walk_and_delay(folder, turns, stamps, stamps.tolist())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('seconds', 'of_both'),
     [(3600, False), (1_700_000_000, False), (1_700_000_000, True)],
     ids=['by an hour', 'from 1970', 'from 1970 with the log times'],
 )
-def test_time_goes_on_where_a_clock_was_set_forward(seconds, of_both, tmp_path, random):
+def test_time_goes_on_where_a_clock_was_set_forward(seconds, of_both, even, tmp_path):
     """The walk of the bias came out as if it had taken half a century, 4000 times too small."""
-    turns = lay_down(random, sides(random), random_faults(random), rate=50.0)
-    stamps = turns.stamps - turns.stamps[0] + 10**11
+    turns, stamps, (walk, delay) = even
     track = make_track(stamps, turns.rates, turns.accelerations)
     rest = find_rests(track).rests[4]
     later = stamps.copy()
     later[(rest.first + rest.stop) // 2 :] += seconds * 10**9
-    walks, delays = [], []
-    for name, times in (('even', stamps), ('set', later)):
-        imu = [data for _, data in imu_messages(times, turns.rates, turns.accelerations)]
-        logged = (times if of_both else stamps).tolist()
-        orientations = [
-            (time, orientation_message(stamp, quaternion))
-            for time, stamp, quaternion in zip(logged, times, turns.orientations, strict=True)
-        ]
-        topics = {
-            (TOPIC, IMU_TYPE): zip(logged, imu, strict=True),
-            ('/body', 'geometry_msgs/msg/QuaternionStamped'): orientations,
-        }
-        folder = tmp_path / name
-        folder.mkdir()
-        source = write(folder / 'in', topics)
-        arguments = ['--reference', '/body', '--json', folder / 'found.json']
-        assert calibrate(folder, source, *arguments, '--kalibr', folder / 'kalibr') == 0
-        kalibr = yaml.safe_load((folder / 'kalibr').read_text())
-        walks.append(kalibr['gyroscope_random_walk'])
-        found = json.loads((folder / 'found.json').read_text())
-        delays.append(found['reference']['late'])
-    assert walks[1] == pytest.approx(walks[0], rel=0.2)
-    assert delays[1] == pytest.approx(delays[0], abs=1e-3)
+    logged = (later if of_both else stamps).tolist()
+    walk_then, delay_then = walk_and_delay(tmp_path, turns, later, logged)
+    assert walk_then == pytest.approx(walk, rel=0.2)
+    assert delay_then == pytest.approx(delay, abs=1e-3)
 
 
 @pytest.mark.slow
