@@ -17,6 +17,9 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Else each process of the tests, and of the workers, would compile all Python anew where it is set.
 unexport PYTHONDONTWRITEBYTECODE
 
+# Types are checked by two processes, where mypy can do so: in a fresh clone it takes a minute by one.
+export MYPY_NUM_WORKERS ?= 2
+
 .PHONY: demo check test ready lint compile bench quality coverage parameters commands poses docs clean
 
 demo: $(VENV)/.installed
