@@ -26,6 +26,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -64,7 +65,7 @@ def compiled(tmp_path_factory):
         shutil.copytree(
             cache.folder(),
             folder / 'gyro_drift_filter' / cache.folder().name,
-            ignore=shutil.ignore_patterns('build_*', '*.tmp.*'),
+            ignore=shutil.ignore_patterns('build_*', 'unfinished.*'),
         )
     environment = {'XDG_CACHE_HOME': str(folder), 'NUMBA_CACHE_DIR': ''}
     done = run("from gyro_drift_filter.cli.main import main; main(['compile'])", **environment)
@@ -73,16 +74,23 @@ def compiled(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def without_extension_module(compiled, pytestconfig):
-    """Folder with numba's own files alone, which pytest keeps for the next run of the tests."""
-    place = pytestconfig.cache.mkdir('kernels')
+def without_extension_module(compiled, tmp_path_factory):
+    """Folder with numba's own files alone.
+
+    They take minutes, as the extension module does, and are kept beside it for the next run of the
+    tests, of this clone or another one.
+    """
+    place, kept = tmp_path_factory.mktemp('numba'), cache.folder()
     shutil.copytree(
         compiled[0], place, ignore=shutil.ignore_patterns('*.so', '*.npz'), dirs_exist_ok=True
     )
-    for of_kernels in list((place / 'gyro_drift_filter').iterdir()):
-        if of_kernels.name != cache.folder().name:
-            shutil.rmtree(of_kernels)
-    return place
+    yield place
+    unfinished = kept / f'unfinished.{os.getpid()}'
+    with suppress(OSError):  # another run may have removed the folder meanwhile
+        for path in (place / 'gyro_drift_filter' / kept.name).iterdir():
+            if path.is_file() and not (kept / path.name).exists():
+                shutil.copy(path, unfinished)
+                unfinished.replace(kept / path.name)
 
 
 @pytest.fixture(scope='module')
