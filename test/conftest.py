@@ -108,29 +108,30 @@ def pytest_runtest_call(item):
         return (yield)
 
 
-# Files, and tests with parameters, that stay together in one of several workers: they wait for the
-# real node, and would only wait for a processor where there were several nodes at once, or share
-# what takes seconds or minutes, and each worker would make it anew.
+# Files whose tests stay together in one of several workers: they wait for the real node, and would
+# only wait for a processor where there were several nodes at once, or share what takes minutes.
 TOGETHER = {
     'test_node.py': 'node',
     'test_node_bias.py': 'node',
     'test_package.py': 'node',
     'test_robustness.py': 'node',
     'test_compiled.py': 'kernels',
-    'test_time_goes_on_where_a_clock_was_set_forward': 'set forward',
 }
 
 
 def together(nodeid):
-    """Return what the test stays together with: a group of tests, or nothing but itself."""
-    file, _, test = nodeid.partition('::')
-    function, _, _ = test.partition('[')
-    return TOGETHER.get(Path(file).name) or TOGETHER.get(function, nodeid)
+    """Return what the test stays together with: a group of files, or its function's parameters.
+
+    They may share what takes seconds, and each worker would make it anew.
+    """
+    file, _, _ = nodeid.partition('::')
+    function, _, _ = nodeid.partition('[')
+    return TOGETHER.get(Path(file).name, function)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Share tests out one by one, but for those that stay together."""
+    """Share tests out function by function, but for files that stay together."""
     from xdist.scheduler import LoadScopeScheduling
 
     config.option.loadscopereorder = False  # the order is that of `pytest_collection_modifyitems`
@@ -143,7 +144,7 @@ def pytest_collection_modifyitems(items):
     """Begin with what takes longest, so that no worker is left with it in the end."""
 
     def rank(item):
-        if together(item.nodeid) != item.nodeid:
+        if item.path.name in TOGETHER:
             return 0
         return 1 if item.get_closest_marker('slow') else 2
 
