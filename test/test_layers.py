@@ -15,6 +15,7 @@
 """What may import what: layers go one way, the core needs no ROS and no files."""
 
 import ast
+import functools
 import sys
 
 from support.paths import PACKAGE, TESTS
@@ -56,8 +57,15 @@ ALLOWED = {
 ROS = {'rclpy', 'sensor_msgs', 'geometry_msgs', 'diagnostic_msgs', 'std_srvs', 'rcl_interfaces'}
 
 
+@functools.cache
+def statements(path):
+    """Return the imports and functions of a file."""
+    kinds = ast.Import, ast.ImportFrom, ast.FunctionDef
+    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
+
+
 def imports(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -126,7 +134,7 @@ def test_no_function_has_more_than_eight_arguments():
     """More are grouped in a record, a dataclass or a NamedTuple."""
     checked = 0
     for path in PACKAGE.rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in statements(path):
             if isinstance(node, ast.FunctionDef):
                 arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
                 names = [argument.arg for argument in arguments if argument.arg != 'self']
