@@ -109,13 +109,14 @@ def pytest_runtest_call(item):
 
 
 # Files whose tests stay together in one of several workers: they wait for the real node, and would
-# only wait for a processor where there were several nodes at once, or share what takes minutes.
+# only wait for a processor where there were several nodes at once, or share what takes long.
 TOGETHER = {
     'test_node.py': 'node',
     'test_node_bias.py': 'node',
     'test_package.py': 'node',
     'test_robustness.py': 'node',
     'test_compiled.py': 'kernels',
+    'test_identify_cli.py': 'identify',
 }
 
 
