@@ -216,8 +216,8 @@ def main(out, way):
             for name in ('segments', 'segments_turning', 'segments_beyond_max')
         }
     still = Filter(Parameters(bias_initial=(0.01, 0.0, 0.0)))
-    silent = np.full((1500, 3), np.nan)
-    results = still.run(stamps[:1500], np.zeros((1500, 3)), silent)
+    silent = np.full((300, 3), np.nan)
+    results = still.run(stamps[:300], np.zeros((300, 3)), silent)
     saved |= {f'zeros {name}': results[name] for name in results.dtype.names}
     np.savez(out, **saved)
 
