@@ -16,6 +16,7 @@
 
 import json
 import math
+import re
 import tracemalloc
 from dataclasses import replace
 
@@ -221,6 +222,25 @@ def test_a_wrong_measuring_range_is_found_by_gravity(found):
     findings = found(rates_of(simulation, 0.5 * simulation.angular_velocity))
     assert 'scale' in faults(findings)
     assert findings[0].values['factor'] == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('pace', [1.5, 0.5])
+def test_a_wrong_pace_of_the_stamps_looks_like_a_scale_and_is_named_first(found, pace):
+    """As where numbers of packets, or a rate from a data sheet, were taken for the time."""
+    simulation = handled()
+    first = int(simulation.stamps[0])
+    stamps = first + (pace * (simulation.stamps - first)).astype(np.int64)
+    (scale,) = (
+        finding
+        for finding in found(replace(simulation, stamps=stamps), log_times=stamps + 200_000)
+        if finding.name == 'scale'
+    )
+    assert scale.values['factor'] == pytest.approx(1.0 / pace, rel=0.1)
+    assert scale.advice.startswith('are the stamps right?')
+    stamped, fitting = map(float, re.findall(r'(\S+) Hz', scale.advice))
+    assert stamped == pytest.approx(100.0 / pace, rel=0.01)
+    assert fitting == pytest.approx(100.0, rel=0.1)
 
 
 def test_milliseconds_of_jitter_are_no_gaps(found, random):

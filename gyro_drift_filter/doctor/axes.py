@@ -127,10 +127,12 @@ class Carried:
     Attributes:
         turns: (w,) by how much gravity turns in the axes of the sensor, in rad.
         errors: (m, w) by how much it seems to turn in the world, for each way.
+        period: Of the samples in s by which the rates were integrated, NaN where it is not known.
     """
 
     turns: Floats
     errors: Floats
+    period: float = math.nan
 
 
 def carry_gravity(
@@ -162,7 +164,7 @@ def carry_gravity(
             turns.append(turn)
             lasting = _mean_step(stamps, where)
             errors.append(_errors(0.5 * (rate[:-1] + rate[1:]) * lasting, force, matrices))
-    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(WAYS)).T)
+    return Carried(np.array(turns), np.array(errors).reshape(len(turns), len(WAYS)).T, period)
 
 
 def _turning(
@@ -248,7 +250,7 @@ def judge_axes(
         if clearly and np.mean(errors[best] < errors[0]) > _MAJORITY:
             values |= {'way': str(WAYS[best]), 'factor': WAYS[best].factor}
             values['share_left_then'] = float(shares[best])
-            return _otherwise(WAYS[best], name, match, values)
+            return _otherwise(WAYS[best], carried.period, name, match, values)
     turn = f'turns of {math.degrees(float(np.median(turns))):.0f} deg'
     # An axis about which it was not turned may have either sign.
     still = [AXES[axis] for axis in range(3) if good[WAYS.index(_FLIPPED[axis])]]
@@ -269,7 +271,7 @@ def judge_axes(
     )
 
 
-def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Finding:
+def _otherwise(way: Way, period: float, name: str, match: str, values: dict[str, Any]) -> Finding:
     """Return the finding that the rates are meant in another way."""
     if way == FROM_DEGREES:
         return fault(
@@ -290,8 +292,10 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
         return fault(
             'scale',
             f'the rates {match} only if multiplied by about {way.factor:.2g}',
-            'a factor of 2 or 4 is another measuring range than the driver converts by; any other '
-            'one is the scale of the sensor: find it for each axis with `gyro_drift calibrate`',
+            'are the stamps right? Time that runs too fast or too slowly looks the same'
+            f'{_fitting_rate(period, way.factor)}. If they are, a factor of 2 or 4 is another '
+            'measuring range than the driver converts by; any other one is the scale of the '
+            'sensor: find it for each axis with `gyro_drift calibrate`',
             values,
         )
     flipped = [AXES[axis] for axis in range(3) if way.signs[axis] < 0]
@@ -308,6 +312,14 @@ def _otherwise(way: Way, name: str, match: str, values: dict[str, Any]) -> Findi
         'belongs into the transform of the frame, for both sensors alike',
         values,
     )
+
+
+def _fitting_rate(period: float, factor: float) -> str:
+    """Return the rate that would do what the factor does: an angle is a rate times a time."""
+    if math.isnan(period):
+        return ''
+    stamped, fitting = (float(f'{rate:.2g}') for rate in (1.0 / period, 1.0 / period / factor))
+    return f' (they say {stamped:g} Hz, and {fitting:g} Hz would fit)'
 
 
 def _times(count: int) -> str:
