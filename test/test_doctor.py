@@ -610,6 +610,29 @@ def test_a_low_pass_of_the_sensor(found):
     assert faults(findings) == {'low-pass'}
 
 
+def slow_noise_until(simulation, sample):
+    """Return a simulation whose noise has passed a low-pass of 4 Hz before a sample (n,)."""
+    noise = simulation.angular_velocity - simulation.truth
+    noise[:sample] = 3.0 * signal.lfilter(*signal.butter(1, 4.0, fs=100.0), noise[:sample], axis=0)
+    return rates_of(simulation, simulation.truth + noise)
+
+
+@pytest.mark.parametrize(('share', 'expected'), [(0.5, set()), (1.0, {'low-pass'})])
+def test_a_low_pass_of_one_rest_and_not_of_the_next_is_none_of_the_sensor(share, expected, found):
+    """As a motor that runs, or the wind, shakes what stands still."""
+    simulation = handled()
+    sample = round(share * len(simulation.stamps))
+    assert faults(found(slow_noise_until(simulation, sample))) == expected
+
+
+def test_a_low_pass_is_not_withdrawn_where_the_filter_starts_anew(found):
+    simulation = handled()
+    stamps = simulation.stamps.copy()
+    stamps[-100:] += 10_000_000_000
+    slow = slow_noise_until(replace(simulation, stamps=stamps), len(stamps))
+    assert {'low-pass', 'restarted'} <= faults(found(slow, log_times=stamps + 200_000))
+
+
 def test_vibration_has_its_frequency(found):
     simulation = handled()
     line = 0.01 * np.sin(2.0 * np.pi * 37.0 * np.arange(len(simulation.stamps)) / 100.0)

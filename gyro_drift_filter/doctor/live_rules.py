@@ -27,7 +27,7 @@ from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.doctor.steady_rates import SteadyRates
 from gyro_drift_filter.messages.diagnostics import Level
-from gyro_drift_filter.messages.input_rules import WITHOUT_RATES, may_leave_gaps
+from gyro_drift_filter.messages.input_rules import SLOW_LOW_PASS, WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
 from gyro_drift_filter.phrases import by_axis, counted
@@ -137,6 +137,10 @@ class RuleLog:
         # Whatever a bias may be, it scatters by no more than its limit: the body has turned.
         if (self.rates.deviation('no rest') > span.now.parameters.bias_max).any():
             refuted.add('no rest')
+        # A sensor keeps its low-pass: the noise of a later rest would show it, too. A motor that
+        # runs, or wind that sways the body, looks like one in one rest only.
+        if min(state.noise_blocks) > 0 and not span.low_pass < SLOW_LOW_PASS:
+            refuted.add('low-pass')
         if 'slow sensor' in self.applied:
             refuted |= {'always restarted', 'restarted', 'gaps'}
         found = [

@@ -28,7 +28,7 @@ from gyro_drift_filter.messages.span import LEAST_SAMPLES, Span
 from gyro_drift_filter.phrases import named_axes
 
 # Robots turn with up to 10 Hz or so, which a low-pass of so many Hz delays and weakens.
-_SLOW_LOW_PASS = 15.0
+SLOW_LOW_PASS = 15.0
 # Of the stamps in the window: a clock that is set goes backward once, two publishers of one topic
 # or a driver that mixes its messages up do so all the time.
 _BACKWARD_SHARE = 0.05
@@ -435,7 +435,7 @@ INPUT_RULES = (
     ),
     Rule(
         'low-pass',
-        lambda span: span.low_pass < _SLOW_LOW_PASS,
+        lambda span: span.low_pass < SLOW_LOW_PASS,
         'the rates come through a low-pass, of the sensor or its driver, that holds fast motion '
         'back: choose a higher cut-off frequency, unless a machine that runs at some Hz shakes the '
         'sensor at rest',
