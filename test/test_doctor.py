@@ -29,6 +29,7 @@ from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.examination import examine
@@ -131,6 +132,13 @@ def test_wrong_signs_and_axes_are_found_by_gravity(found, name):
     assert faults(findings) == {'axes'}
     assert findings[0].values['way'] == way, findings[0].text
     assert findings[0].values['share_left_then'] < 0.2 < findings[0].values['share_left']
+
+
+def test_turns_to_and_fro_are_told_to_cancel_out():
+    """They may be far larger than what is asked for."""
+    still = judge_axes(Carried(np.zeros(0), np.zeros((len(WAYS), 0))))
+    assert still.verdict == FindingVerdict.UNKNOWN
+    assert 'never by 15 deg from its mean over 2 or 6 s, in which swings cancel out' in still.text
 
 
 def about_y(simulation, signs=(1.0, 1.0, 1.0)):

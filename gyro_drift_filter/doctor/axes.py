@@ -235,7 +235,9 @@ def judge_axes(
         return unknown(
             name,
             f'gravity turns too little to tell signs and axes: {_times(len(turns))} by '
-            f'{math.degrees(_LEAST_TURN):.0f} deg within {2.0 * _HALF_SECONDS[-1]:.0f} s',
+            f'{math.degrees(_LEAST_TURN):.0f} deg from its mean over '
+            f'{" or ".join(f"{seconds:g}" for seconds in _HALF_SECONDS)} s, in which swings cancel '
+            'out, to the next',
             'record the sensor turned by hand about each axis, by 90 deg and more',
             values,
         )
