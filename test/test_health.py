@@ -136,7 +136,8 @@ CASES = {
     'contradicts gravity': (
         {'contradicts_gravity': True},
         {'contradicts_gravity': True, 'zero_stamps': 1000},
-        'are the axes of both sensors the same',
+        'are the axes of both sensors the same, with the same signs, and does neither come late? '
+        'In free fall no gravity is felt',
     ),
     'no rest': ({'standing_seconds': 130.0}, {'standing_seconds': 110.0}, 'no rest is found'),
     'taken for a turn': (

@@ -392,8 +392,9 @@ INPUT_RULES = (
         'contradicts gravity',
         _contradicts_gravity,
         'rates and accelerations are not those of one motion: are the axes of both sensors the '
-        'same, with the same signs, and does neither come late? Until that is mended, gravity '
-        'shows no bias in motion: it is found only while the sensor stands still',
+        'same, with the same signs, and does neither come late? In free fall no gravity is felt, '
+        'and thrust that lasts hides it. Until that ends, gravity shows no bias in motion: it is '
+        'found only while the sensor stands still',
     ),
     Rule(
         'clipped',
