@@ -521,6 +521,30 @@ def test_truncated_counts(found):
 
 
 @pytest.mark.slow
+def test_counts_that_turn_less_than_the_bias_are_no_fault(tmp_path):
+    """Half a count, that is, beside the error of a bias that is known."""
+    simulation = handled(**LONG)
+    count = math.radians(0.25)
+    rates = np.trunc(simulation.angular_velocity / count) * count
+    bag = write(tmp_path / 'bag', rates_of(simulation, rates))
+    _, seen = read_recording(bag, None, (0.0, math.inf), lambda done, total: None)
+
+    def told(**changes):
+        last = seen.rules.last
+        telemetry = last.now.telemetry._replace(**changes)
+        rules = replace(seen.rules, last=last._replace(now=last.now._replace(telemetry=telemetry)))
+        return rules.findings(set(), truncation_refuted=False)
+
+    deviation = seen.telemetry.bias_deviation[0]
+    half_as_large, twice_as_large = ([share * 2.0 * deviation] * 3 for share in (0.5, 2.0))
+    (sound,) = (f for f in told(count_size=half_as_large) if f.name == 'truncation')
+    assert sound.verdict == FindingVerdict.SOUND
+    assert 'turns less than the error of the bias' in sound.text
+    assert 'truncated' in faults(told(count_size=twice_as_large))
+    assert 'truncated' in faults(told(count_size=half_as_large, bias_known=False))
+
+
+@pytest.mark.slow
 def test_counts_that_are_rounded_are_sound(found):
     simulation = handled(1, **LONG)
     count = math.radians(0.25)

@@ -30,6 +30,7 @@ from gyro_drift_filter.messages.diagnostics import Level
 from gyro_drift_filter.messages.input_rules import SLOW_LOW_PASS, WITHOUT_RATES, may_leave_gaps
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
+from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
@@ -58,6 +59,12 @@ def starts_anew(findings: Iterable[Finding]) -> bool:
 def is_truncation_refuted(filter_: Filter) -> bool:
     """Return whether motion has shown that counts are not cut towards zero."""
     return float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
+
+
+def _turns_by_counts(state: Telemetry) -> bool:
+    """Return whether half a count, if it is cut off, turns more than the bias that is left in."""
+    pairs = zip(state.count_size, state.bias_deviation, strict=True)
+    return not state.bias_known or any(0.5 * count > deviation for count, deviation in pairs)
 
 
 @dataclass
@@ -141,6 +148,8 @@ class RuleLog:
         # runs, or wind that sways the body, looks like one in one rest only.
         if min(state.noise_blocks) > 0 and not span.low_pass < SLOW_LOW_PASS:
             refuted.add('low-pass')
+        if not _turns_by_counts(state):
+            refuted.add('truncated')
         if 'slow sensor' in self.applied:
             refuted |= {'always restarted', 'restarted', 'gaps'}
         found = [
@@ -248,9 +257,7 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
         'the samples'
     ),
     'low-pass': lambda span: f'about {span.low_pass:.2g} Hz',
-    'truncated': lambda span: (
-        f'a count is {math.degrees(max(span.now.telemetry.count_size)):.3g} deg/s'
-    ),
+    'truncated': lambda span: f'a count is {_count(span.now.telemetry)}',
     'backward': lambda span: f'{span.now.telemetry.backward_stamps} stamps',
     'wrong order': lambda span: f'{span.now.telemetry.backward_stamps} stamps go backward',
     'restarted': lambda span: counted(span.now.telemetry.restarts, 'time'),
@@ -265,6 +272,10 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
 
 def _figures(name: str, span: Span) -> str:
     return _FIGURES[name](span) if name in _FIGURES else ''
+
+
+def _count(state: Telemetry) -> str:
+    return f'{math.degrees(max(state.count_size)):.3g} deg/s'
 
 
 def _rate(span: Span) -> str:
@@ -314,8 +325,15 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
 
 
 def _about_truncation(span: Span, *, refuted: bool) -> Finding:
-    if not any(span.now.telemetry.count_size):
+    state = span.now.telemetry
+    if not any(state.count_size):
         return sound('truncation', 'no counts are seen that could be cut towards zero')
+    if state.truncated and not _turns_by_counts(state):
+        return sound(
+            'truncation',
+            f'counts of {_count(state)} are cut towards zero, which turns less than the error of '
+            f'the bias, {math.degrees(max(state.bias_deviation)):.2g} deg/s',
+        )
     if refuted:
         return sound('truncation', 'counts are not cut towards zero')
     return unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
