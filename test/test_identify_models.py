@@ -121,6 +121,27 @@ def test_a_weak_drift_in_white_noise_is_called_not_identifiable(ratio):
         assert not fit_drift_and_white([drift + noise]).identifiable
 
 
+@pytest.mark.parametrize(
+    ('phi', 'theta'),
+    [([0.05], [-0.6]), ([0.2], [-0.4]), ([-0.2], [0.4]), ([1.1, -0.4], [])],
+)
+def test_a_drift_of_more_variance_than_the_data_is_another_model(phi, theta):
+    """As of samples that are sent twice, or that have passed a low-pass of second order."""
+    for seed in range(3):
+        assert not fit_drift_and_white([arma(20_000, phi, theta, seed)]).identifiable
+
+
+@pytest.mark.parametrize('phi', [0.9, 0.5, -0.3])
+def test_a_drift_alone_may_seem_to_have_more_variance_than_the_data_by_chance(phi):
+    shares = []
+    for seed in range(10):
+        data = arma(20_000, [phi], [], seed)
+        found = fit_drift_and_white([data])
+        assert found.identifiable
+        shares.append(found.drift_variance / np.var(data))
+    assert min(shares) < 1.0 < max(shares)
+
+
 def quantised(values, step):
     return step * np.round(values / step)
 

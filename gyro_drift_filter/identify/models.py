@@ -52,12 +52,10 @@ _LJUNG_BOX_SAMPLES = 50_000
 _START_SAMPLES = 20_000
 # The drift can be told from white noise where its correlation at lag 1 is so many standard errors
 # from zero and its phi is known this well, or where that correlation is more distinct; and where
-# the drift that explains it has no more than so many times the variance of the whole, and forgets
-# so often within the recording.
+# the drift that explains it forgets so often within the recording.
 _PRESENT = 4.0
 _PRECISE = 0.1
 _DISTINCT = 10.0
-_ABSURD = 10.0
 _LEAST_TIMES = 10.0
 _LEAST_RATIO = 1e-10
 
@@ -267,7 +265,8 @@ def fit_drift_and_white(pieces: Sequence[Values]) -> DriftAndWhite:
     best = climb(data, density, by_moments(likeliest.parameters))
     phi, drift, white = (float(v) for v in best.parameters)
     total = drift + white
-    distinct = abs(drift * phi / total) * math.sqrt(data.samples)
+    correlation = drift * phi / total
+    distinct = abs(correlation) * math.sqrt(data.samples)
     spread = float(best.covariance[0, 0])
     # A variance ends at zero, unless the likeliest value lies below: that is no drift.
     least = 0.0 if drift > 0.0 else -math.inf
@@ -276,12 +275,13 @@ def fit_drift_and_white(pieces: Sequence[Values]) -> DriftAndWhite:
         likelihood_interval(data, density, best, index, bounds[index]) for index in range(3)
     )
     precise = math.sqrt(spread) < _PRECISE * abs(phi)
+    # It is phi times the drift's share of the variance, which is all at most: with a phi that is
+    # nearer to zero than it, or of the other sign, the noise is of another kind.
+    farthest = phi_interval[1] if correlation > 0.0 else -phi_interval[0]
     identifiable = (
         (distinct > _DISTINCT or (distinct > _PRESENT and precise))
-        and abs(drift) < _ABSURD * total
+        and farthest >= abs(correlation)
         and (1.0 - abs(phi)) * data.samples > _LEAST_TIMES
-        # A negative variance is chance where phi may as well be positive, else another model.
-        and (drift > 0.0 or phi_interval[0] < 0.0 < phi_interval[1])
     )
     return DriftAndWhite(
         identifiable=identifiable,
