@@ -43,6 +43,7 @@ from gyro_drift_filter.doctor.rests import (
     look_at_rests,
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
+from gyro_drift_filter.identify import repeats as identify_repeats
 from gyro_drift_filter.identify.series import LARGEST_PART
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.recordings.examined import read_recording
@@ -491,6 +492,18 @@ def test_a_covariance_is_not_compared_with_what_is_not_measured(found):
     assert 'invented covariance of linear acceleration' not in faults(found(none))
 
 
+@pytest.mark.parametrize('together', [6, 7, 50])
+def test_stamps_of_repeats_are_left_out_wherever_parts_end(together, random, monkeypatch):
+    monkeypatch.setattr(identify_repeats, '_TOGETHER', together)
+    rates = random.standard_normal((3, 50))
+    rates[0, 40:] = np.nan
+    again = np.array([6, 7, 12, 13, 41])
+    for k in again:
+        rates[:, k] = rates[:, k - 1]
+    left = identify_repeats.without_repeats(np.arange(50), tuple(rates))
+    assert left.tolist() == [k for k in range(50) if k not in again]
+
+
 def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
     simulation = handled()
     index = np.arange(len(simulation.stamps))
@@ -499,6 +512,19 @@ def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
     findings = found(again(simulation, index))
     assert faults(findings) == {'repeats'}
     assert 10 <= findings[0].values['times'] <= 15
+
+
+@pytest.mark.parametrize(('jitter', 'expected'), [(0.0, 'gaps'), (3e6, 'jitter')])
+def test_a_sample_that_takes_the_place_of_a_lost_one_is_no_jitter(found, random, jitter, expected):
+    """It comes once more, with its stamp."""
+    simulation = handled()
+    index = np.arange(len(simulation.stamps))
+    lost = np.unique(random.integers(10, len(index) - 10, len(index) // 20))
+    index[lost] += 1
+    off = (jitter * random.standard_normal(len(index))).astype(np.int64)
+    stamps = (simulation.stamps + off)[index]
+    told = faults(found(again(replace(simulation, stamps=stamps), index)))
+    assert told == {'repeats', expected}
 
 
 def test_a_share_of_all_has_no_exponent(found):

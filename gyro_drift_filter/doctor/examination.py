@@ -44,6 +44,7 @@ from gyro_drift_filter.doctor.rests import (
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.repeats import without_repeats
 from gyro_drift_filter.identify.series import Stretch, Values, parts
 from gyro_drift_filter.identify.timing import OneRate, Timing, learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
@@ -137,7 +138,10 @@ def examine(seen: Examined) -> list[Finding]:
         findings.append(judge_reference(reference, turns))
     if timing and rates:
         findings.append(_changed_rate(timing.rate_changes(stamps), rates))
-    evenness = [_judge_evenness(stamps, period, rates)] if has_stamps else []
+    repeats = judge_repeats(seen.rates, seen.accelerations)
+    evenness = (
+        [_judge_evenness(seen, period, rates, repeats=repeats.is_fault)] if has_stamps else []
+    )
     refuted = set()
     if any(finding.values.get('jitter_seconds', 0.0) > _LOOSE * period for finding in evenness):
         refuted |= {'gaps', 'wrong order'}
@@ -150,7 +154,7 @@ def examine(seen: Examined) -> list[Finding]:
         findings.append(judge_log_clock(stamps, seen.log_times))
     findings.append(judge_publishers(seen.rates, seen.connections))
     findings += judge_doubles(state.duplicates, len(seen.stamps))
-    findings.append(judge_repeats(seen.rates, seen.accelerations))
+    findings.append(repeats)
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
@@ -183,12 +187,24 @@ def _changed_rate(changes: str, rates: Sequence[OneRate]) -> Finding:
     )
 
 
-def _judge_evenness(stamps: Values, period: float, rates: Sequence[OneRate]) -> Finding:
-    """Say whether stamps are even, those of the longest time of one rate where there are more."""
-    if not rates:
-        return judge_evenness(stamps, period)
-    longest = max(rates, key=lambda rate: (rate.stop - rate.first) * rate.period)
-    return judge_evenness(Stretch(stamps, longest.first, longest.stop), longest.period)
+def _judge_evenness(
+    seen: Examined, period: float, rates: Sequence[OneRate], *, repeats: bool
+) -> Finding:
+    """Say whether stamps are even, those of the longest time of one rate where there are more.
+
+    Those of `repeats`, which are a fault of their own, are left out if all others are even: a
+    driver may send a sample once more, with its stamp, in place of one that it has lost.
+    """
+    columns: tuple[Values, ...] = (seen.stamps, *seen.rates, *seen.accelerations)
+    if rates:
+        longest = max(rates, key=lambda rate: (rate.stop - rate.first) * rate.period)
+        period = longest.period
+        columns = tuple(Stretch(column, longest.first, longest.stop) for column in columns)
+    found = judge_evenness(columns[0], period)
+    if not repeats or found.name not in ('jitter', 'arrival stamps'):
+        return found
+    of_others = judge_evenness(without_repeats(columns[0], columns[1:]), period)
+    return found if of_others.is_fault else of_others
 
 
 def _seconds(spans: Sequence[Span], rates: Sequence[OneRate], period: float) -> float:

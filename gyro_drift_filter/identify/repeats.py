@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
+from gyro_drift_filter.identify.series import LARGEST_PART, Floats, Values, stacked
 
 # Chance gives a count its root; beyond so many of them, and so many, it was not chance.
 _DEVIATIONS, _LEAST = 5.0, 5.0
@@ -71,3 +71,16 @@ def count_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) 
         runs += int((same & ~before)[ahead:].sum())
         chance += int((between & ~same & ~before)[ahead:].sum())
     return Repeats(n, repeated, runs, chance)
+
+
+def without_repeats(stamps: Values, values: tuple[Values, ...]) -> Floats:
+    """Return the stamps (m,) of samples (n,) that have other values than the one before."""
+    kept = [stamps[:0]]
+    for first in range(0, len(stamps), _TOGETHER):
+        ahead = min(first, 1)
+        part = slice(first - ahead, first + _TOGETHER)
+        rows = np.nan_to_num(stacked(values, part))
+        other = np.ones(len(rows), np.bool_)
+        other[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+        kept.append(stamps[part][ahead:][other[ahead:]])
+    return np.concatenate(kept)
