@@ -514,6 +514,7 @@ def test_a_bus_that_hangs_now_and_then_repeats_all_values(found, random):
     assert 10 <= findings[0].values['times'] <= 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('jitter', 'expected'), [(0.0, 'gaps'), (3e6, 'jitter')])
 def test_a_sample_that_takes_the_place_of_a_lost_one_is_no_jitter(found, random, jitter, expected):
     """It comes once more, with its stamp."""
@@ -675,6 +676,7 @@ def slow_noise_until(simulation, sample):
     return rates_of(simulation, simulation.truth + noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('share', 'expected'), [(0.5, set()), (1.0, {'low-pass'})])
 def test_a_low_pass_of_one_rest_and_not_of_the_next_is_none_of_the_sensor(share, expected, found):
     """As a motor that runs, or the wind, shakes what stands still."""
@@ -683,6 +685,7 @@ def test_a_low_pass_of_one_rest_and_not_of_the_next_is_none_of_the_sensor(share,
     assert faults(found(slow_noise_until(simulation, sample))) == expected
 
 
+@pytest.mark.slow
 def test_a_low_pass_is_not_withdrawn_where_the_filter_starts_anew(found):
     simulation = handled()
     stamps = simulation.stamps.copy()
