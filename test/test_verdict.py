@@ -268,6 +268,45 @@ def test_noise_is_that_of_each_rest_without_its_last_second(tmp_path, random):
     assert 13.0 < verdict.rests.seconds < 18.0
 
 
+@pytest.mark.slow
+def test_a_sensor_that_is_picked_up_at_the_end_is_as_quiet_as_before(tmp_path, random):
+    """Of its own motion 80 ms come before the recording ends, too few to end the rest."""
+    rates, accelerations = at_rest(random, 60)
+    lifted = rates.copy(), accelerations.copy()
+    lifted[0][-8:, 0] += np.radians(60) * np.arange(1, 9) / 8
+    lifted[1][-8:, 1] += 0.3 * np.arange(1, 9)
+    expected = of_samples(tmp_path / 'still', rates, accelerations).rests
+    rests = of_samples(tmp_path / 'lifted', *lifted).rests
+    np.testing.assert_allclose(rests.raw_deviation, expected.raw_deviation, rtol=0.01)
+    np.testing.assert_allclose(rests.ratio, expected.ratio, rtol=0.01)
+
+
+@pytest.mark.slow
+def test_a_rest_of_a_moment_tells_no_noise(tmp_path, random):
+    """Half of it may be motion already, so nothing is said of noise: not that there is none."""
+    verdict = of_samples(tmp_path, *at_rest(random, 4))
+    assert verdict.rests.count == 1
+    assert np.isnan(verdict.rests.ratio).all()
+    assert 'too short to tell the noise' in as_text(verdict)
+    assert verdict.outcome == 'useless'
+    assert 'there is hardly any noise' not in headline(verdict)
+    assert 'the rest was too short to tell the noise' in headline(verdict)
+
+
+@pytest.mark.slow
+def test_a_rest_without_any_noise_is_not_called_short(tmp_path, random):
+    """Where the counts are so coarse that they never change at rest."""
+    turn, push = by_hand(random, 6)
+    rates, accelerations = at_rest(random, 20)
+    rates[:] = 0.0
+    rates[1400:] += turn
+    accelerations[1400:] += push
+    verdict = of_samples(tmp_path, rates, accelerations)
+    assert verdict.rests.seconds > 5.0
+    assert 'there is no noise' in as_text(verdict)
+    assert 'there is hardly any noise at rest to take away' in ' '.join(headline(verdict).split())
+
+
 def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batches(
     tmp_path, random
 ):
@@ -348,10 +387,10 @@ def test_the_sums_are_those_of_plain_arrays_however_they_are_cut(random):
     squares, block = np.zeros(3), round(REST_BLOCK_SECONDS / 0.01)
     edges = np.flatnonzero(np.diff(np.r_[0, resting, 0]))
     for first, stop in edges.reshape(-1, 2):
-        # What is kept of a rest: whole blocks but the last one; the last rest all of it.
-        kept = stop if stop == len(rates) else first + max((stop - first) // block - 1, 0) * block
         # What was flagged is no noise.
-        of_rest = rates[first:kept][~(results['outlier'][first:kept] > 0.0).any(axis=1)]
+        of_rest = rates[first:stop][~(results['outlier'][first:stop] > 0.0).any(axis=1)]
+        # What is kept of a rest: whole blocks but the last one.
+        of_rest = of_rest[: max(len(of_rest) // block - 1, 0) * block]
         squares += of_rest.var(axis=0) * len(of_rest) if len(of_rest) else 0.0
     np.testing.assert_allclose(got['noise']['raw_squares'], squares, rtol=1e-6)
 

@@ -160,13 +160,8 @@ class Drawer:
         return named | {'outlier': 'outliers', 'rest': 'at rest'}
 
     def _without_end(self, rest: tuple[int, int], period: float) -> tuple[int, int]:
-        """Return a rest without what may be motion already, as the noise is counted without it.
-
-        Of the last rest nothing is: the recording ends before anybody moves the sensor.
-        """
+        """Return a rest without what may be motion already, as the noise is counted without it."""
         first, stop = rest
-        if stop == len(self.times):
-            return first, stop
         block = max(round(REST_BLOCK_SECONDS / period), 1)
         return first, first + max((stop - first) // block - 1, 0) * block
 

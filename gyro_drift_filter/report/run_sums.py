@@ -35,7 +35,8 @@ from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
 # Less than this, in m/s^2, is no gravity: the sensor falls, or has no accelerometer.
 LEAST_ACCELERATION = 1.0
-# The end of a rest counts by blocks of so many s, as the start of a motion is in the last ones.
+# The end of a rest counts by blocks of so many s, as the start of a motion is in the last ones: at
+# the end of a recording, too, as somebody picks the sensor up to stop it.
 REST_BLOCK_SECONDS = 1.0
 # Outliers are counted for each such stretch of log time, in ns.
 OUTLIER_STRETCH = 10_000_000_000
@@ -222,11 +223,8 @@ def close_rest(sums: RunSums) -> None:
 
 @entry_kernel(RUN_SUMS)
 def end_run(all_sums: Sequence[RunSums]) -> None:
-    """End the rest that the recording ends with; nobody has moved the sensor yet."""
-    sums = all_sums[0]
-    _merge(sums['pending'], sums['rest'])
-    _merge(sums['block'], sums['rest'])
-    close_rest(sums)
+    """End the rest that the recording ends with."""
+    close_rest(all_sums[0])
 
 
 @kernel

@@ -47,6 +47,7 @@ _SCALE = 0.01
 _USUAL_REST = 10
 # s without samples that are worth a word.
 _PAUSE_SECONDS = 1.0
+_TOO_SHORT = 'too short to tell the noise'
 _NOT_LOOKED_FOR = 'not looked for: outlier.enabled is false'
 
 
@@ -150,7 +151,9 @@ def _why_useless(verdict: Verdict) -> str:
     elif 'bias' not in verdict.gains:
         why.append('the bias is too small to be told from 0')
     if verdict.rests.count and 'noise' not in verdict.gains:
-        why.append('there is hardly any noise at rest to take away')
+        known = np.isfinite(verdict.rests.raw_deviation).all()
+        short = f'{"the rests were" if verdict.rests.count > 1 else "the rest was"} {_TOO_SHORT}'
+        why.append('there is hardly any noise at rest to take away' if known else short)
     if 'outliers' not in verdict.gains:
         why.append(_why_no_outliers(verdict.outliers))
     return f'{_listed(why)}{_advice(verdict)}'
@@ -231,7 +234,8 @@ def _about_rest(verdict: Verdict) -> str:
         rate = f'{1.0 / verdict.period:.2g} Hz'
         passed_over = f'. At {rate} rests of less than {rests.needed} s may be passed over'
     if not np.isfinite(rests.ratio).any():
-        return f'{text}; too short to tell the noise{passed_over}'
+        known = np.isfinite(rests.raw_deviation).all()
+        return f'{text}; {"there is no noise" if known else _TOO_SHORT}{passed_over}'
     shares = by_axis(
         f'{100.0 * ratio:.0f} %' if np.isfinite(ratio) else '-' for ratio in rests.ratio
     )
