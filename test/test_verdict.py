@@ -307,6 +307,24 @@ def test_a_rest_without_any_noise_is_not_called_short(tmp_path, random):
     assert 'there is hardly any noise at rest to take away' in ' '.join(headline(verdict).split())
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('rate', [50, 100, 1000])
+def test_noise_falls_by_as_much_in_short_rests_as_in_a_long_one(rate, tmp_path, random):
+    """What a smoothed rate is off by for longer than a rest is in the mean of that rest."""
+    stamps = START + 10**9 // rate * np.arange(60 * rate)
+    rates, accelerations = at_rest(random, 60, rate=rate)
+    expected = of_samples(tmp_path / 'long', rates, accelerations, stamps).rests.ratio
+    turn, push = by_hand(random, 2, rate)
+    for k in range(5 * rate, 60 * rate, 7 * rate):
+        moved = slice(k, k + 2 * rate)
+        rates[moved] += turn[: len(rates[moved])]
+        accelerations[moved] += push[: len(rates[moved])]
+    rests = of_samples(tmp_path / 'short', rates, accelerations, stamps).rests
+    assert rests.count >= 8
+    assert rests.samples < 20 * rate
+    np.testing.assert_allclose(rests.ratio, expected, rtol=0.4)
+
+
 def test_it_stands_still_no_longer_than_it_is_recorded_where_stamps_come_in_batches(
     tmp_path, random
 ):

@@ -92,6 +92,7 @@ class RunSums(TypedDict):
     pending: Noise  # the block before, which counts when the next one is whole
     rest: Noise  # of the rest under way
     noise: Noise  # of all rests, each about its own mean, which is not kept
+    noise_rests: int  # that `noise` is of
     moving: int  # samples in motion without an outlier
     changed: PerAxis  # sum of squares of what the method makes of them but the bias, (rad/s)^2
     outliers: Outliers
@@ -211,6 +212,7 @@ def _add_rest(imu: Imu, matrix: NDArray[np.float64], step: float, sums: RunSums)
 def close_rest(sums: RunSums) -> None:
     """End the rest under way; what came last is left out, as it may be motion already."""
     rest, noise = sums['rest'], sums['noise']
+    sums['noise_rests'] += 1 if rest['count'] > 0 else 0
     noise['count'] += rest['count']
     noise['seconds'] += rest['seconds']
     for axis in range(3):

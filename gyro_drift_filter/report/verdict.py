@@ -86,7 +86,8 @@ class Rests:
         samples: At rest that the deviations are of: without the last second of each.
         raw_deviation: Standard deviation of the rates as they came, each rest about its own mean,
             (3,) in rad/s; NaN where it is not known.
-        filtered_deviation: Standard deviation of the filtered rates, likewise.
+        filtered_deviation: Standard deviation of the filtered rates, likewise, with what the mean
+            of a rest is off by.
         ratio: The filtered one over the raw one, (3,).
     """
 
@@ -456,17 +457,21 @@ def in_degrees(findings: Sequence[Finding]) -> bool:
 def _rests(total: Any, needed: float) -> Rests:
     noise, unknown = total['noise'], np.full(3, np.nan)
     raw, filtered = unknown, unknown
-    if noise['count'] >= _FEWEST:
-        raw, filtered = (
-            np.sqrt(noise[name] / noise['count']) for name in ('raw_squares', 'filtered_squares')
-        )
+    samples, means = int(noise['count']), int(total['noise_rests'])
+    if samples >= _FEWEST and samples > means:
+        variance = noise['raw_squares'] / (samples - means)
+        # A smoothed rate wanders so slowly that much of its noise may be in the mean of a rest. As
+        # smoothing leaves means as they are, the error of this mean is that of n raw samples: n
+        # squares of it sum up to one variance of these.
+        filtered = np.sqrt((noise['filtered_squares'] + means * variance) / samples)
+        raw = np.sqrt(variance)
     ratio = np.divide(filtered, raw, out=unknown.copy(), where=raw > 0.0)
     return Rests(
         int(total['rests']),
         float(total['rest_seconds']),
         math.ceil(needed),
         needed,
-        int(noise['count']),
+        samples,
         raw,
         filtered,
         ratio,
