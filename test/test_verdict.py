@@ -16,6 +16,7 @@
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -34,6 +35,7 @@ from gyro_drift_filter.doctor.live_rules import RuleLog
 from gyro_drift_filter.messages.health import Health
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.messages.message_filter import MessageFilter
+from gyro_drift_filter.report.flagged import FlaggedLog
 from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS, add_run, end_run, no_sums
 from gyro_drift_filter.report.verdict import RunWatch
@@ -766,6 +768,53 @@ def test_outliers_are_counted_where_they_are(tmp_path, random):
     assert outliers.in_busiest == 3
     assert outliers.at_rest + outliers.in_motion == 5
     assert 'outliers' in verdict.gains
+
+
+@pytest.mark.slow
+def test_motion_that_was_flagged_is_no_outlier_that_was_taken_out(tmp_path, random):
+    """A jump that lasts is followed as soon as no outliers are as long."""
+    turn, push = by_hand(random, 12)
+    rates, accelerations = at_rest(random, 12)
+    for k in range(200, 1200, 200):
+        turn[k : k + 100, 2] += 15.0
+    source = bag(tmp_path / 'in', rates + turn, accelerations + push)
+    verdict = judged(source, tmp_path)
+    assert verdict.outliers.samples >= 10
+    assert (verdict.outliers.confirmed, verdict.outliers.knocks) == (0, 0)
+    assert verdict.outliers.motion == verdict.outliers.samples
+    assert (verdict.outcome, verdict.gains) == ('useless', [])
+    text = ' '.join(as_text(verdict).split())
+    assert 'nothing that it flagged turned out to be an outlier. Let it' in text
+    assert '0 of them at rest; all turned out to be motion; from 2.0 to' in text
+    # One spike more is an outlier.
+    turn[350, 1] += 15.0
+    verdict = judged(bag(tmp_path / 'spike', rates + turn, accelerations + push), tmp_path)
+    assert (verdict.outliers.confirmed, verdict.gains) == (1, ['outliers'])
+    assert headline(verdict) == 'It helped: 1 outlier was taken out.'
+    motion = verdict.outliers.motion
+    assert f'; {motion} turned out to be motion; from 2.0 to' in ' '.join(as_text(verdict).split())
+
+
+def test_a_sample_that_was_flagged_is_what_explain_says_of_it(random):
+    """A spike, a knock that the accelerometer feels, motion, and one that nothing follows."""
+    rates, accelerations = at_rest(random, 10)
+    rates[[500, 501, 999], 1] += 3.0
+    rates[700, 2] += 3.0
+    accelerations[700:704] += 60.0 * random.standard_normal((4, 3))
+    rates[900:, 0] += 15.0
+    stamps = START + 3_500_000 * np.arange(len(rates))
+    imus = filtered_imus(Filter(), stamps, rates, accelerations)
+    log, sums = FlaggedLog(Filter()), no_sums()
+    log.take(imus, stamps)
+    add_run(imus, stamps, np.eye(3).ravel(), sums)
+    explained = Counter()
+    for sequence in log.sequences:
+        explained[sequence.outcome_name] += sequence.samples
+    assert explained['RETURNED'] == 2
+    assert explained['KNOCKED'] == explained[None] == 1
+    found = sums[0]['outliers']
+    assert (found['were_outliers'], found['were_knocks']) == (2, 1)
+    assert found['were_motion'] == explained.total() - 4
 
 
 def test_what_is_no_number_is_no_outlier(tmp_path, random):

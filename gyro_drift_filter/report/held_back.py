@@ -23,7 +23,8 @@ from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.messages.imu import are_filtered
 
 # A bad read, a burst on the bus or a knock is over within so many s, and within so few samples at a
-# low rate. What stays away from its prediction for longer is motion.
+# low rate. What stays away from its prediction for longer is motion. `adaptive` follows it after at
+# most `2 * outlier.run + 2` samples, so above 40 Hz nothing is counted of it by default.
 _LONGEST_SPIKE, _SPIKE_SAMPLES = 0.2, 3
 
 

@@ -15,6 +15,7 @@
 """Sums over a run of the filter, sample by sample, so that a run of any length takes no memory."""
 
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any, TypedDict
 
 import numpy as np
@@ -29,7 +30,9 @@ from gyro_drift_filter.accelerate import (
     record,
 )
 from gyro_drift_filter.core.matrices import vector_length
-from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, SampleStatus, is_usable
+from gyro_drift_filter.core.methods import WITHIN_LIMITS
+from gyro_drift_filter.core.methods.reasons import Decision, Reason, decision_of
+from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, SampleStatus, is_usable, is_zero
 from gyro_drift_filter.messages.imu import IMU, Imu, ImuKind
 from gyro_drift_filter.report.sample_times import SampleTimes, sample_seconds
 
@@ -53,6 +56,18 @@ class Noise(TypedDict):
     filtered_squares: PerAxis
 
 
+class Shown(IntEnum):
+    """What those samples were that were flagged in a row, as far as the one behind them shows it.
+
+    Where axes differ, the largest one counts.
+    """
+
+    NOTHING = 0
+    MOTION = 1
+    KNOCK = 2
+    OUTLIER = 3
+
+
 class Outliers(TypedDict):
     """Where samples were flagged as outliers. Times are log times in ns, 0 before there was one."""
 
@@ -65,6 +80,12 @@ class Outliers(TypedDict):
     in_stretch: int
     busiest: int  # the stretch with most of them
     in_busiest: int
+    in_a_row: int  # samples that the next ones have not judged yet
+    is_open: PerAxis  # 0 or 1: whether some of these are of this axis
+    shown: int  # `Shown`: what is known of them already
+    were_outliers: int  # by what the samples behind them showed
+    were_knocks: int
+    were_motion: int
 
 
 class RunSums(TypedDict):
@@ -121,7 +142,7 @@ def add_run(
         imu = imus[i]
         if imu['kind'] != ImuKind.GOOD or imu['result']['status'] != SampleStatus.FILTERED:
             continue
-        _note_outlier(imu, log_times[i], sums)
+        _note_outlier(imu, log_times[i], sums['outliers'])
         sample, raw = imu['sample'], imu['sample']['angular_velocity']
         if not (is_usable(raw[0]) and is_usable(raw[1]) and is_usable(raw[2])):
             continue
@@ -261,15 +282,26 @@ def _clear(noise: Noise) -> None:
 
 
 @kernel
-def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
+def _note_outlier(imu: Imu, log_time: int, found: Outliers) -> None:
     """Count a sample that was flagged; what is no usable number is none."""
-    result, found, flagged = imu['result'], sums['outliers'], False
+    result, flagged = imu['result'], False
     for axis in range(3):
-        if result['outlier'][axis] > 0.0 and is_usable(imu['sample']['angular_velocity'][axis]):
+        if not is_usable(imu['sample']['angular_velocity'][axis]):
+            continue
+        if result['outlier'][axis] > 0.0:
             found['axes'][axis] += 1
+            found['is_open'][axis] = 1.0
             flagged = True
+        elif found['is_open'][axis] > 0.0 and result['reason'][axis] != Reason.REPEATED:
+            found['is_open'][axis] = 0.0
+            shown = _shown_by(result['reason'][axis])
+            if shown > found['shown']:
+                found['shown'] = shown
     if not flagged:
+        if found['in_a_row'] > 0 and is_zero(found['is_open']):
+            _close_row(found)
         return
+    found['in_a_row'] += 1
     if result['at_rest'] > 0.0:
         found['at_rest'] += 1
     else:
@@ -285,6 +317,34 @@ def _note_outlier(imu: Imu, log_time: int, sums: RunSums) -> None:
     if found['in_stretch'] > found['in_busiest']:
         found['in_busiest'] = found['in_stretch']
         found['busiest'] = stretch
+
+
+@kernel
+def _shown_by(reason: int) -> int:
+    """Return what a sample shows of those of its axis that were flagged just before it.
+
+    The paper's methods never take such a sample for anything else than an outlier.
+    """
+    if reason == WITHIN_LIMITS or reason == Reason.RETURNED:
+        return Shown.OUTLIER
+    if reason == Reason.KNOCKED:
+        return Shown.KNOCK
+    # Reads that failed are no motion, if they went on for too long to be held back.
+    is_motion = decision_of(reason) == Decision.START_ANEW and reason != Reason.DROPOUT_GOES_ON
+    return Shown.MOTION if is_motion else Shown.NOTHING
+
+
+@kernel
+def _close_row(found: Outliers) -> None:
+    """Count samples that were flagged in a row by what they turned out to be."""
+    if found['shown'] == Shown.OUTLIER:
+        found['were_outliers'] += found['in_a_row']
+    elif found['shown'] == Shown.KNOCK:
+        found['were_knocks'] += found['in_a_row']
+    elif found['shown'] == Shown.MOTION:
+        found['were_motion'] += found['in_a_row']
+    found['in_a_row'] = 0
+    found['shown'] = Shown.NOTHING
 
 
 def no_sums() -> Any:

@@ -161,6 +161,9 @@ class FlaggedOutliers:
         last: When the last one came, likewise.
         busiest: When the ten seconds with most of them began, likewise.
         in_busiest: How many came in these ten seconds.
+        confirmed: How many were outliers, by what the samples behind them showed.
+        knocks: How many were knocks by these, whose angle the filter gives back.
+        motion: How many were motion by these, so that the filter starts anew behind them.
     """
 
     looked_for: bool
@@ -171,6 +174,9 @@ class FlaggedOutliers:
     last: float | None
     busiest: float | None
     in_busiest: int
+    confirmed: int
+    knocks: int
+    motion: int
 
     @property
     def samples(self) -> int:
@@ -487,11 +493,22 @@ def _flagged_outliers(found: Any, summary: Summary, *, looked_for: bool) -> Flag
     axes = found['axes'].copy()
     at_rest, in_motion = int(found['at_rest']), int(found['in_motion'])
     if at_rest + in_motion == 0:
-        return FlaggedOutliers(looked_for, axes, 0, 0, None, None, None, 0)
+        return FlaggedOutliers(looked_for, axes, 0, 0, None, None, None, 0, 0, 0, 0)
     first, last = (_since_start(int(found[name]), summary) for name in ('first', 'last'))
     busiest = None if first is None else first + 1e-9 * OUTLIER_STRETCH * int(found['busiest'])
-    in_busiest = int(found['in_busiest'])
-    return FlaggedOutliers(looked_for, axes, at_rest, in_motion, first, last, busiest, in_busiest)
+    return FlaggedOutliers(
+        looked_for,
+        axes,
+        at_rest,
+        in_motion,
+        first,
+        last,
+        busiest,
+        int(found['in_busiest']),
+        int(found['were_outliers']),
+        int(found['were_knocks']),
+        int(found['were_motion']),
+    )
 
 
 def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, summary: Summary) -> list[str]:
@@ -502,7 +519,7 @@ def _gains(rests: Rests, bias: Bias, outliers: FlaggedOutliers, summary: Summary
     is_found = bias.source != BiasSource.UNKNOWN and bias.taken_off
     if is_found and bool(np.any(np.abs(bias.rates) > SIGNIFICANT * bias.deviations)):
         gains.append('bias')
-    if 0 < int(outliers.axes.max()) < _SPIKES * summary.received:
+    if outliers.confirmed and int(outliers.axes.max()) < _SPIKES * summary.received:
         gains.append('outliers')
     return gains
 

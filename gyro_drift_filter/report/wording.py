@@ -75,7 +75,8 @@ def headline(verdict: Verdict) -> str:
             part = 'what gravity shows of ' if of_motion else ''
             parts.append(f'{part}the bias is subtracted')
     if 'outliers' in verdict.gains:
-        parts.append(_flagged(verdict.outliers.samples))
+        taken_out = 'was taken out' if verdict.outliers.confirmed == 1 else 'were taken out'
+        parts.append(f'{counted(verdict.outliers.confirmed, "outlier")} {taken_out}')
     return f'It helped: {_listed(parts)}.'
 
 
@@ -193,8 +194,10 @@ def _why_unsure(verdict: Verdict) -> str:
 
 
 def _why_no_outliers(outliers: FlaggedOutliers) -> str:
-    if outliers.samples:
+    if outliers.confirmed:
         return 'what it flagged is too much to be outliers'
+    if outliers.samples:
+        return 'nothing that it flagged turned out to be an outlier'
     return 'no outlier came' if outliers.looked_for else f'outliers were {_NOT_LOOKED_FOR}'
 
 
@@ -326,11 +329,12 @@ def _about_outliers(verdict: Verdict) -> str:
     if count == 1:
         where = 'at rest' if outliers.at_rest else 'in motion'
         when = '' if outliers.first is None else f' at {outliers.first:.1f} s'
-        return f'1 sample flagged as an outlier, {where}{when}'
+        return f'1 sample flagged as an outlier, {where}{when}{_turned_out(outliers)}'
     text = (
         f'{counted(count, "sample")} flagged as outliers ({by_axis(outliers.axes.tolist())}), '
         f'{outliers.at_rest} of them at rest'
     )
+    text += _turned_out(outliers)
     if outliers.first is None or outliers.last is None or outliers.busiest is None:
         return text
     text += f'; from {outliers.first:.1f} to {outliers.last:.1f} s'
@@ -341,9 +345,21 @@ def _about_outliers(verdict: Verdict) -> str:
     return text
 
 
-def _flagged(count: int) -> str:
-    flagged = 'was flagged as an outlier' if count == 1 else 'were flagged as outliers'
-    return f'{counted(count, "sample")} {flagged}'
+def _turned_out(outliers: FlaggedOutliers) -> str:
+    """Return what the samples behind them showed of those that were no outliers, if any."""
+    knocks = 'a knock' if outliers.knocks == 1 else 'knocks'
+    undecided = outliers.samples - outliers.confirmed - outliers.motion - outliers.knocks
+    whole = 'it' if outliers.samples == 1 else 'all'
+    parts = [
+        f'{whole if count == outliers.samples else count} {what}'
+        for count, what in (
+            (outliers.motion, 'turned out to be motion'),
+            (outliers.knocks, f'turned out to be {knocks}, whose angle is given back'),
+            (undecided, 'stayed undecided'),
+        )
+        if count
+    ]
+    return f'; {_listed(parts)}' if parts else ''
 
 
 def _listed(parts: list[str]) -> str:
