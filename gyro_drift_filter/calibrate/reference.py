@@ -141,7 +141,7 @@ class ReferenceOfOneRecording:
         kept = order[fresh & usable[order]]
         if len(kept) < LEAST_SIZE:
             raise CalibrationError(f'the reference has only {len(kept)} orientations')
-        self._seconds = (reference.stamps[kept] - track.start) * 1e-9
+        self._seconds = (reference.stamps[kept] - track.start).astype(float) * 1e-9
         quaternions = reference.orientations[kept]
         self._rotations = quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
         self._track, self._density = track, float(density.mean())

@@ -258,7 +258,7 @@ class MessageFilter:
     def _make_room(self, size: int) -> None:
         self._message, self._sample_message = np.empty((2, size), np.uint8)
         # Faster to fill and to read than the array.
-        self._bytes = memoryview(self._message)  # type: ignore[arg-type]
+        self._bytes = self._message.data
 
     def take(self, message: bytes) -> bytes | None:
         """Filter one message; return the message to publish for it, if there is one."""

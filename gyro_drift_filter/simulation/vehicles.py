@@ -198,7 +198,7 @@ def car(random: np.random.Generator, seconds: float, sample_rate: float) -> Driv
     """Return a car: long straight roads, turns, potholes, and lights at which it stops."""
     speeds, bends, at = [(0.0, 0.0), (8.0, 0.0)], [(0.0, 0.0)], 8.0
     while at < seconds - 10.0:
-        cruise, slow = random.uniform(8.0, 25.0), random.choice([0.0, 6.0])
+        cruise, slow = random.uniform(8.0, 25.0), float(random.choice([0.0, 6.0]))
         at += (cruise - speeds[-1][1]) / random.uniform(1.5, 2.5)
         speeds.append((at, cruise))
         curve = random.uniform(-0.004, 0.004)
