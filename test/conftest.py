@@ -16,7 +16,7 @@
 
 import gc
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,7 +26,6 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import numpy as np
 import pytest
 from hypothesis import settings
-from hypothesis.internal.conjecture import providers
 
 from support.paths import NAMES, RECORDINGS, recorded
 
@@ -39,7 +38,9 @@ settings.register_profile('repeatable', derandomize=True, print_blob=True)
 settings.load_profile('repeatable')
 # Hypothesis also draws numbers that it finds in the modules that are loaded, and which those are
 # depends on what ran before in the same process.
-if hasattr(providers, '_get_local_constants'):  # not in every version
+with suppress(ImportError, AttributeError):  # not in every version, as in that of Ubuntu 24.04
+    from hypothesis.internal.conjecture import providers
+
     _NO_CONSTANTS = providers._local_constants
     providers._get_local_constants = lambda: _NO_CONSTANTS
 
@@ -47,9 +48,9 @@ if hasattr(providers, '_get_local_constants'):  # not in every version
 # What ROS 2 from apt does not bring. `make test` installs all of it; `colcon test` on a robot's
 # computer leaves the tests out that need it.
 NOT_FROM_APT = (
-    *('allantools', 'dask', 'distributed', 'filterpy', 'fsspec', 'matplotlib', 'mcap', 'moto'),
-    *('plotly', 'pyarrow', 'rosbags', 'ruptures', 's3fs', 'scipy', 'selenium', 'shtab'),
-    *('statsmodels', 'tsdownsample'),
+    *('allantools', 'apsw', 'backports', 'dask', 'distributed', 'filterpy', 'fsspec', 'lz4'),
+    *('matplotlib', 'mcap', 'moto', 'plotly', 'psutil', 'pyarrow', 'rosbags', 'ruptures', 's3fs'),
+    *('scipy', 'selenium', 'shtab', 'statsmodels', 'tsdownsample'),
 )
 MISSING = [f"No module named '{name}" for name in NOT_FROM_APT if find_spec(name) is None]
 

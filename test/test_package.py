@@ -22,10 +22,12 @@ import subprocess
 import sys
 import threading
 import xml.etree.ElementTree as ElementTree
-from importlib.metadata import version
+from importlib.metadata import packages_distributions, requires, version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from gyro_drift_filter.accelerate import cache
 from gyro_drift_filter.core import Parameters
@@ -56,6 +58,45 @@ def test_package_xml_names_what_is_imported():
                 imported.add(str(node.module).split('.')[0])
     standard = set(sys.stdlib_module_names) | {'gyro_drift_filter'}
     assert imported - standard <= declared
+
+
+COLLECT_WITH_LITTLE = """
+import sys
+from importlib.machinery import PathFinder
+import pytest
+from hypothesis.internal import conjecture
+find, lacking = PathFinder.find_spec, set(sys.argv[1].split(','))
+def find_or_lack(name, *others):
+    return None if name.partition('.')[0] in lacking else find(name, *others)
+PathFinder.find_spec = find_or_lack
+sys.modules['hypothesis.internal.conjecture.providers'] = None
+vars(conjecture).pop('providers', None)
+sys.exit(pytest.main(['--collect-only', '--quiet', '-p', 'no:cacheprovider']))
+"""
+
+
+@pytest.mark.slow
+def test_the_tests_are_collected_with_what_ubuntu_has():
+    """As by `colcon test` on a robot: what comes from PyPI is missing, and hypothesis is old."""
+    required = {Requirement(text) for text in requires('gyro_drift_filter') or ()}
+    of_pypi = {canonicalize_name(r.name) for r in required if 'jazzy' not in str(r.marker)}
+    of_pypi |= {'distributed'}  # which dask brings
+    of_pypi -= {'numpy', 'pyyaml', 'setuptools', 'pytest', 'hypothesis'}
+    lacking = {
+        name
+        for name, owners in packages_distributions().items()
+        if of_pypi & set(map(canonicalize_name, owners))
+    }
+    assert {'apsw', 'backports', 'numba', 'rosbags', 'scipy'} <= lacking
+    arguments = '-c', COLLECT_WITH_LITTLE, ','.join(lacking)
+    done = run_command(
+        sys.executable,
+        *arguments,
+        cwd=REPOSITORY,
+        environment={'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'},
+    )
+    assert done.returncode == 0, done.stdout
+    assert 'test/test_linters.py::test_xml_is_well_formed' in done.stdout
 
 
 def test_the_launch_file_hands_each_argument_to_the_node():
