@@ -34,13 +34,13 @@ def needing(what: str, *packages: str) -> Iterator[None]:
         names = f'packages {", ".join(others)} and {last}' if others else f'package {last}'
         raise GyroDriftFilterError(
             f'{what} needs the Python {names} ({error}): install {"them" if others else "it"} '
-            f"with 'pip install {' '.join(packages)}'"
+            f"with 'pip install {' '.join(packages)}', on Ubuntu within a venv"
         ) from error
 
 
 @contextmanager
 def needing_fleet() -> Iterator[None]:
-    """Import within this what fleets need: pip knows those packages as an extra of this one.
+    """Import within this what fleets need: setup.py has those packages as an extra.
 
     Raises:
         GyroDriftFilterError: One is missing.
@@ -50,5 +50,5 @@ def needing_fleet() -> Iterator[None]:
     except ImportError as error:
         raise GyroDriftFilterError(
             f'fleets need more Python packages ({error}): install them with '
-            '\'pip install "gyro_drift_filter[fleet]"\''
+            '\'pip install ".[fleet]"\' in the folder of this repository, on Ubuntu within a venv'
         ) from error
