@@ -61,21 +61,24 @@ setup(
     # What all commands need. The node needs numpy and PyYAML alone, which package.xml declares;
     # colcon installs nothing of what stands here.
     install_requires=[
-        'setuptools',
+        'setuptools>=68.1',
         'numpy>=1.26',
-        'PyYAML',
+        'PyYAML>=6.0.1',
         # Compiled kernels: the same numbers, some hundred times faster. What numba does not promise
         # to keep is used by accelerate/numba_internals.py alone. To raise the upper bound: install
         # the new version, read that file's head, and run test/test_compiled.py, test_node.py and
         # `make bench`; nothing may fail, nor be skipped that was not before. Where numba has no
         # wheels, kernels run as plain Python.
         'numba>=0.59,<0.69; platform_machine in "x86_64 AMD64 aarch64 arm64"',
-        # Bags.
-        'rosbags>=0.11,<0.12',
+        # Bags. rosbags brings the three below it, which are used here without it, too.
+        'rosbags>=0.11.7,<0.12',
+        'apsw>=3.45',
+        'backports.zstd>=1.0',
+        'lz4>=4.3.3',
         # Identification of the drift model, calibration, doctor and tuning.
         'allantools>=2024.6',
-        'scipy>=1.11',
-        'statsmodels>=0.14',
+        'scipy>=1.11.2',
+        'statsmodels>=0.14.6',
         # Figures, and the page of the report: it needs no network, and has long signals reduced.
         'matplotlib>=3.8',
         'plotly>=6',
@@ -120,8 +123,8 @@ setup(
             's3fs>=2024.6',
             'selenium>=4.20',
             'shtab>=1.7',
-            'types-PyYAML',
-            'types-setuptools',
+            'types-PyYAML>=6.0.12',
+            'types-setuptools>=69',
         ],
     },
     zip_safe=True,

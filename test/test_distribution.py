@@ -32,9 +32,12 @@ from packaging.specifiers import SpecifierSet
 from support.paths import NOT_COPIED, PACKAGE, REPOSITORY
 from support.processes import run_command
 
-DISTRIBUTION_OF = {'yaml': 'pyyaml', 'mpl_toolkits': 'matplotlib', 'distributed': 'dask'}
-# rosbags brings apsw, lz4 and the Zstandard of the standard library to come.
-WITH_ROSBAGS = {'apsw', 'lz4', 'backports', 'compression'}
+DISTRIBUTION_OF = {
+    'backports': 'backports.zstd',
+    'distributed': 'dask',
+    'mpl_toolkits': 'matplotlib',
+    'yaml': 'pyyaml',
+}
 WORKFLOW = REPOSITORY / '.github' / 'workflows' / 'ci.yml'
 
 
@@ -57,7 +60,7 @@ def test_what_the_commands_import_is_installed_with_them():
 
     def needed(paths):
         names = {name for path in paths for name in imported(path)}
-        names -= set(sys.stdlib_module_names) | WITH_ROSBAGS | {'gyro_drift_filter'}
+        names -= set(sys.stdlib_module_names) | {'compression', 'gyro_drift_filter'}  # that of 3.14
         return {DISTRIBUTION_OF.get(name, name).lower() for name in names}
 
     paths = {path for path in PACKAGE.rglob('*.py') if path.parent.name != 'ros'}
@@ -66,6 +69,25 @@ def test_what_the_commands_import_is_installed_with_them():
     assert {'numpy', 'rosbags', 'scipy', 'plotly', 'matplotlib'} <= needed(paths - of_fleets)
     assert needed(paths - of_fleets) <= always
     assert needed(of_fleets) <= always | required('extra == "fleet"')
+
+
+def test_texts_ask_for_the_versions_that_are_required():
+    texts = [path.read_text() for path in REPOSITORY.glob('docs/*.md')]
+    texts += [path.read_text() for path in PACKAGE.rglob('*.py')]
+    asked = {
+        asked
+        for text in texts
+        for asked in re.findall(r'["\']((?:numba|rosbags)[<>][^"\']*)', text)
+    }
+    required = (REPOSITORY / 'setup.py').read_text()
+    assert len(asked) == 2
+    assert all(re.search(f"'{text}[;']", required) for text in asked)
+
+
+def test_what_is_required_has_a_lower_bound():
+    """The job `floors` of the continuous integration tries them."""
+    requirements = [Requirement(text) for text in requires('gyro_drift_filter') or ()]
+    assert [r.name for r in requirements if not re.search('>=|==', str(r.specifier))] == []
 
 
 @pytest.fixture(scope='module')
