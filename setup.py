@@ -77,7 +77,7 @@ setup(
         'lz4>=4.3.3',
         # Identification of the drift model, calibration, doctor and tuning.
         'allantools>=2024.6',
-        'scipy>=1.11.2',
+        'scipy>=1.12',
         'statsmodels>=0.14.6',
         # Figures, and the page of the report: it needs no network, and has long signals reduced.
         'matplotlib>=3.8',
