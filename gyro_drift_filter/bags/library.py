@@ -21,6 +21,7 @@ from gyro_drift_filter.errors import GyroDriftFilterError
 
 try:
     import apsw
+    import backports.zstd  # mcap/records.py's, which rosbags before 0.11.7 does not bring
     from rosbags.interfaces import (
         Connection,
         ConnectionExtRosbag1,
@@ -58,5 +59,5 @@ try:
 except ImportError as error:
     raise GyroDriftFilterError(
         f'bags need the Python package rosbags ({error}): install it with '
-        '\'pip install "rosbags>=0.11,<0.12"\', on Ubuntu within a venv'
+        '\'pip install "rosbags>=0.11.7,<0.12"\', on Ubuntu within a venv'
     ) from error
