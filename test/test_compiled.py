@@ -323,6 +323,26 @@ def test_a_process_with_the_extension_module_does_not_load_numba(extended):
     assert extended.output(without) == '6.0 plain False'
 
 
+@pytest.mark.parametrize(
+    ('change', 'why'),
+    [
+        ('sys.modules["numba"] = None', 'install numba for speed'),
+        ('sys.modules["numba.core"] = None', 'numba fails here (import of numba.core halted'),
+        ('sys.modules["numpy"].__version__ = "99.0"', 'numba fails here (Numba needs NumPy'),
+        (
+            'sys.modules["gyro_drift_filter.accelerate.numba_internals"] = None',
+            'numba fails here (import of gyro_drift_filter.accelerate.numba_internals halted',
+        ),
+    ],
+)
+def test_a_numba_that_fails_is_as_none_and_says_why(small, change, why):
+    """As one that is older than numpy: to install numba would be no advice."""
+    code = f'import sys, numpy\n{change}\n{WAY}\nprint(kernels.why_plain())'
+    way, told = small.output(code).split('\n')
+    assert way == '6.0 plain False'
+    assert told.startswith(why)
+
+
 def test_the_extension_module_is_found_where_nothing_can_be_written(extended):
     code = f'import os; os.access = lambda *_: False\n{WAY}'
     assert extended.output(code) == '6.0 extension False'

@@ -21,7 +21,6 @@ module with kernels compiles nothing and writes nothing.
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from importlib import import_module
 from typing import Any, NamedTuple, TypeVar
 
@@ -51,10 +50,16 @@ _extension = (
     cache.load_extension() if os.environ.get('NUMBA_DISABLE_JIT', '0') in ('', '0') else None
 )
 numba: Any = None
+_why_plain = 'NUMBA_DISABLE_JIT is set'
 if _extension is None:
-    with suppress(ImportError):  # Slower without, the same results.
+    try:
         numba = import_module('numba')
         from gyro_drift_filter.accelerate import numba_internals
+    except Exception as error:  # whatever it raises beside a numpy that it was not made for
+        numba = None  # slower without, the same results
+        is_absent = isinstance(error, ModuleNotFoundError) and error.name == 'numba'
+        reason = ' '.join(str(error).split())
+        _why_plain = 'install numba for speed' if is_absent else f'numba fails here ({reason})'
 
 
 def is_extension() -> bool:
@@ -76,6 +81,11 @@ def use_extension() -> bool:
 def is_compiled() -> bool:
     """Tell whether kernels are compiled in this process."""
     return is_extension() or (numba is not None and not numba.config.DISABLE_JIT)
+
+
+def why_plain() -> str:
+    """Return why kernels run as plain Python in this process, empty where they do not."""
+    return '' if is_compiled() else _why_plain
 
 
 def kernel(function: Function) -> Function:

@@ -17,7 +17,7 @@
 import argparse
 import time
 
-from gyro_drift_filter.accelerate.kernels import is_compiled, is_extension
+from gyro_drift_filter.accelerate.kernels import is_extension, why_plain
 from gyro_drift_filter.cli.printing import say
 from gyro_drift_filter.cli.progress import compile_kernels
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -33,10 +33,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
-    if not is_compiled():
+    if why := why_plain():
         raise GyroDriftFilterError(
-            'numba is not installed, so there is nothing to compile: docs/installation.md says how '
-            'to install it'
+            f'there is nothing to compile, as the filter runs as plain Python: {why}, see '
+            'docs/installation.md'
         )
     if is_extension():
         say('compiled already', after_files=False)

@@ -39,7 +39,7 @@ from sensor_msgs.msg import Imu, Temperature
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from gyro_drift_filter.accelerate.kernels import is_cache_cold, is_compiled
+from gyro_drift_filter.accelerate.kernels import is_cache_cold, why_plain
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError, ParameterError
 from gyro_drift_filter.messages import diagnostics
@@ -165,7 +165,7 @@ class GyroDriftFilterNode(Node):
         self.get_logger().info(
             f'filtering {self._input.topic_name} into {self._output.topic_name} by '
             f'{parameters.current.method}'
-            + ('' if is_compiled() else ', in plain Python: install numba for speed')
+            + (f', in plain Python: {why}' if (why := why_plain()) else '')
         )
 
     def _refuse_shared_topics(self) -> None:
