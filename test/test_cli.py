@@ -530,6 +530,21 @@ def test_a_missing_library_is_named_in_one_sentence(tmp_path, module, hint):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ('module', 'command', 'packages'),
+    [('pyarrow', 'fleet', '".[fleet]"'), ('scipy', 'doctor', 'scipy')],
+)
+def test_packages_are_named_as_pip_takes_them_in_a_clone_on_ubuntu(
+    tmp_path, module, command, packages
+):
+    options = ['-o', tmp_path / 'out'] if command == 'fleet' else []
+    done = run_without(module, command, tmp_path, *options)
+    assert done.returncode == 1
+    assert f"with 'pip install {packages}'" in done.stderr
+    assert done.stderr.endswith(', on Ubuntu within a venv\n')
+
+
+@pytest.mark.slow
 def test_the_offline_tools_run_without_ros(tmp_path):
     bag = write(tmp_path / 'in', {(TOPIC, IMU_TYPE): simulated(50)})
     ros = 'rclpy,sensor_msgs,std_msgs,geometry_msgs,diagnostic_msgs'
