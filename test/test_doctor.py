@@ -234,6 +234,17 @@ def test_a_wrong_measuring_range_is_found_by_gravity(found):
 
 
 @pytest.mark.slow
+def test_a_wrong_scale_beside_zero_stamps_asks_for_the_log_times(found):
+    simulation = handled()
+    log_times = simulation.stamps + 200_000
+    half = rates_of(simulation, 0.5 * simulation.angular_velocity)
+    unstamped = found(replace(half, stamps=0 * simulation.stamps), log_times=log_times)
+    (scale,) = (finding for finding in unstamped if finding.name == 'scale')
+    assert scale.advice.startswith('are the log times right? Time that runs too fast or too slowly')
+    assert 'Hz' not in scale.advice
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('pace', [1.5, 0.5])
 def test_a_wrong_pace_of_the_stamps_looks_like_a_scale_and_is_named_first(found, pace):
     """As where numbers of packets, or a rate from a data sheet, were taken for the time."""
@@ -528,6 +539,16 @@ def test_a_sample_that_takes_the_place_of_a_lost_one_is_no_jitter(found, random,
     assert told == {'repeats', expected}
 
 
+def test_the_stamps_of_a_sensor_that_is_stuck_are_judged_with_its_repeats(found, random):
+    """Without these there are none left to judge."""
+    simulation = handled()
+    off = (3e6 * random.standard_normal(len(simulation.stamps))).astype(np.int64)
+    stuck = again(simulation, np.zeros(len(simulation.stamps), int))
+    told = faults(found(replace(stuck, stamps=simulation.stamps + off)))
+    assert 'jitter' in told
+    assert 'wrong order' not in told
+
+
 def test_a_share_of_all_has_no_exponent(found):
     simulation = handled()
     findings = found(again(simulation, np.zeros(len(simulation.stamps), int)))
@@ -556,19 +577,23 @@ def test_counts_that_turn_less_than_the_bias_are_no_fault(tmp_path):
     bag = write(tmp_path / 'bag', rates_of(simulation, rates))
     _, seen = read_recording(bag, None, (0.0, math.inf), lambda done, total: None)
 
-    def told(**changes):
+    def told(known=True, **changes):
         last = seen.rules.last
         telemetry = last.now.telemetry._replace(**changes)
         rules = replace(seen.rules, last=last._replace(now=last.now._replace(telemetry=telemetry)))
+        if not known:
+            rules.bias_deviation = np.full(3, np.inf)
         return rules.findings(set(), truncation_refuted=False)
 
-    deviation = seen.telemetry.bias_deviation[0]
+    deviation = seen.rules.bias_deviation.min()
     half_as_large, twice_as_large = ([share * 2.0 * deviation] * 3 for share in (0.5, 2.0))
     (sound,) = (f for f in told(count_size=half_as_large) if f.name == 'truncation')
     assert sound.verdict == FindingVerdict.SOUND
     assert 'turns less than the error of the bias' in sound.text
     assert 'truncated' in faults(told(count_size=twice_as_large))
-    assert 'truncated' in faults(told(count_size=half_as_large, bias_known=False))
+    assert 'truncated' in faults(told(count_size=half_as_large, known=False))
+    # A recording may end in motion, long after the last rest.
+    assert 'truncated' in faults(told(count_size=twice_as_large, bias_deviation=[1.0] * 3))
 
 
 @pytest.mark.slow

@@ -127,7 +127,7 @@ class Carried:
     Attributes:
         turns: (w,) by how much gravity turns in the axes of the sensor, in rad.
         errors: (m, w) by how much it seems to turn in the world, for each way.
-        period: Of the samples in s by which the rates were integrated, NaN where it is not known.
+        period: Of the samples by their stamps in s, NaN where these tell none.
     """
 
     turns: Floats
@@ -294,8 +294,7 @@ def _otherwise(way: Way, period: float, name: str, match: str, values: dict[str,
         return fault(
             'scale',
             f'the rates {match} only if multiplied by about {way.factor:.2g}',
-            'are the stamps right? Time that runs too fast or too slowly looks the same'
-            f'{_fitting_rate(period, way.factor)}. If they are, a factor of 2 or 4 is another '
+            f'{_question_of_time(period, way.factor)} If they are, a factor near 2 or 4 is another '
             'measuring range than the driver converts by; any other one is the scale of the '
             'sensor: find it for each axis with `gyro_drift calibrate`',
             values,
@@ -316,12 +315,16 @@ def _otherwise(way: Way, period: float, name: str, match: str, values: dict[str,
     )
 
 
-def _fitting_rate(period: float, factor: float) -> str:
-    """Return the rate that would do what the factor does: an angle is a rate times a time."""
+def _question_of_time(period: float, factor: float) -> str:
+    """Ask for the times, and name the rate that would do what the factor does.
+
+    An angle is a rate times a time. The period is that of `Carried`.
+    """
+    looks = 'right? Time that runs too fast or too slowly looks the same'
     if math.isnan(period):
-        return ''
+        return f'are the log times {looks}.'
     stamped, fitting = (float(f'{rate:.2g}') for rate in (1.0 / period, 1.0 / period / factor))
-    return f' (they say {stamped:g} Hz, and {fitting:g} Hz would fit)'
+    return f'are the stamps {looks} (they say {stamped:g} Hz, and about {fitting:g} Hz would fit).'
 
 
 def _times(count: int) -> str:

@@ -17,7 +17,7 @@
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,8 +129,9 @@ def examine(seen: Examined) -> list[Finding]:
     period = state.message_period if has_stamps or timing is None else timing.period
     rates = timing.stretches if timing else ()
     rests = look_at_rests(seen.resting, seen.rates, seen.accelerations, period)
+    carried = carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)
     findings = [
-        judge_axes(carry_gravity(stamps, seen.rates, seen.accelerations, period, state.bias)),
+        judge_axes(carried if has_stamps else replace(carried, period=math.nan)),
         judge_accelerometer(rests, seen.accelerations),
     ]
     for reference in seen.references if has_stamps else ():
@@ -204,7 +205,9 @@ def _judge_evenness(
     if not repeats or found.name not in ('jitter', 'arrival stamps'):
         return found
     of_others = judge_evenness(without_repeats(columns[0], columns[1:]), period)
-    return found if of_others.is_fault else of_others
+    if of_others.verdict != FindingVerdict.SOUND:
+        return found
+    return replace(of_others, text=f'{of_others.text}, but for those of repeated samples')
 
 
 def _seconds(spans: Sequence[Span], rates: Sequence[OneRate], period: float) -> float:

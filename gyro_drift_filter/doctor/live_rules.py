@@ -61,12 +61,6 @@ def is_truncation_refuted(filter_: Filter) -> bool:
     return float(filter_.state['quantisation']['wide_zero']) < -0.5 * SURE
 
 
-def _turns_by_counts(state: Telemetry) -> bool:
-    """Return whether half a count, if it is cut off, turns more than the bias that is left in."""
-    pairs = zip(state.count_size, state.bias_deviation, strict=True)
-    return not state.bias_known or any(0.5 * count > deviation for count, deviation in pairs)
-
-
 @dataclass
 class Applied:
     """When a rule first applied, and for how long, in s; text and span are the last ones."""
@@ -88,6 +82,7 @@ class RuleLog:
         seconds: From the start to the last report.
         judged_seconds: The same without pauses, in which nothing was recorded.
         rates: At the reports to which a rule of `_RATED` applied.
+        bias_deviation: (3,) the least of a bias that was known, in rad/s; infinite without one.
     """
 
     applied: dict[str, Applied] = field(default_factory=dict)
@@ -95,6 +90,7 @@ class RuleLog:
     seconds: float = 0.0
     judged_seconds: float = 0.0
     rates: SteadyRates = field(default_factory=SteadyRates)
+    bias_deviation: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
 
     def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
         """See messages (n,) IMU that were filtered."""
@@ -114,6 +110,9 @@ class RuleLog:
             entry.text, entry.span = text, span
             if rule.name in _RATED:
                 self.rates.note(rule.name, span.before.received, span.now.received)
+        state = span.now.telemetry
+        if state.bias_known:
+            self.bias_deviation = np.minimum(self.bias_deviation, state.bias_deviation)
         self.seconds += seconds
         self.judged_seconds += judged
         self.last = span
@@ -148,7 +147,7 @@ class RuleLog:
         # runs, or wind that sways the body, looks like one in one rest only.
         if min(state.noise_blocks) > 0 and not span.low_pass < SLOW_LOW_PASS:
             refuted.add('low-pass')
-        if not _turns_by_counts(state):
+        if not self._turns_by_counts(state):
             refuted.add('truncated')
         if 'slow sensor' in self.applied:
             refuted |= {'always restarted', 'restarted', 'gaps'}
@@ -172,12 +171,36 @@ class RuleLog:
                 )
             )
         faults = {finding.name for finding in found}
+        truncation = self._about_truncation(span, refuted=truncation_refuted)
         found += [
-            finding
-            for names, finding in _sound(span, truncation_refuted=truncation_refuted)
-            if not faults.intersection(names)
+            finding for names, finding in _sound(span, truncation) if not faults.intersection(names)
         ]
         return found
+
+    def _turns_by_counts(self, state: Telemetry) -> bool:
+        """Return whether half a count, if it is cut off, turns more than the bias that is left in.
+
+        The bias is less and less certain from one rest to the next: its best deviation counts.
+        """
+        known = bool(np.isfinite(self.bias_deviation).all())
+        return not known or bool((0.5 * np.array(state.count_size) > self.bias_deviation).any())
+
+    def _about_truncation(self, span: Span, *, refuted: bool) -> Finding:
+        state = span.now.telemetry
+        if not any(state.count_size):
+            return sound('truncation', 'no counts are seen that could be cut towards zero')
+        if state.truncated and not self._turns_by_counts(state):
+            error = math.degrees(float(self.bias_deviation.max()))
+            return sound(
+                'truncation',
+                f'counts of {_count(state)} are cut towards zero, which turns less than the error '
+                f'of the bias, {error:.2g} deg/s',
+            )
+        if refuted:
+            return sound('truncation', 'counts are not cut towards zero')
+        return unknown(
+            'truncation', 'too little motion to tell whether counts are cut towards zero'
+        )
 
     def _fault(self, entry: Applied, span: Span) -> Finding:
         """Return the line of a rule that applied."""
@@ -283,7 +306,7 @@ def _rate(span: Span) -> str:
     return f'{span.expected_rate:.4g} Hz' if known else 'too short to know the rate'
 
 
-def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Finding]]:
+def _sound(span: Span, truncation: Finding) -> list[tuple[set[str], Finding]]:
     """Return for each question the rules that would answer it, and the line where none does."""
     now, state = span.now, span.now.telemetry
     without = f', {now.not_reported} of them without angular velocity' if now.not_reported else ''
@@ -304,7 +327,7 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             {'clipped', 'degrees', 'noise in degrees'},
             sound('range', 'no rate is at the end of the range'),
         ),
-        ({'truncated'}, _about_truncation(span, refuted=truncation_refuted)),
+        ({'truncated'}, truncation),
         ({'low-pass'}, _about_low_pass(span)),
         (
             {'outliers', 'diverged'},
@@ -322,21 +345,6 @@ def _sound(span: Span, *, truncation_refuted: bool) -> list[tuple[set[str], Find
             ),
         ),
     ]
-
-
-def _about_truncation(span: Span, *, refuted: bool) -> Finding:
-    state = span.now.telemetry
-    if not any(state.count_size):
-        return sound('truncation', 'no counts are seen that could be cut towards zero')
-    if state.truncated and not _turns_by_counts(state):
-        return sound(
-            'truncation',
-            f'counts of {_count(state)} are cut towards zero, which turns less than the error of '
-            f'the bias, {math.degrees(max(state.bias_deviation)):.2g} deg/s',
-        )
-    if refuted:
-        return sound('truncation', 'counts are not cut towards zero')
-    return unknown('truncation', 'too little motion to tell whether counts are cut towards zero')
 
 
 def _about_low_pass(span: Span) -> Finding:
