@@ -118,6 +118,7 @@ TOGETHER = {
     'test_robustness.py': 'node',
     'test_compiled.py': 'kernels',
     'test_identify_cli.py': 'identify',
+    'test_layers.py': 'layers',
 }
 
 
